@@ -653,6 +653,30 @@ def _rate_limits(
             yield from stated(f"output beyond, {name}", each.clipped, at(sign * 1.1 * low))
 
 
+def electrical(seed: int, where: str) -> Iterator[Stated]:
+    """Resistances of the lines, PCB, meter and leads drawn: the meter within its limits, leads up to 0.2 ohm."""
+    draw = np.random.default_rng([20261130, seed])
+    rails, output, pull_down = (float(size * draw.uniform(0.6, 1.6)) for size in (1000.0, 100.0, 1e6))
+    more = {
+        "supply": {"input_ohm": rails},
+        "source": {"output_ohm": output},
+        "virtual_path": {"pull_down_ohm": pull_down},
+    }
+    bench = drawn_bench(seed, more=more)
+    simulation = bench.simulation
+    assert simulation is not None  # noqa: S101 - as above
+    ohms = {f"{name}_share": float(draw.standard_normal()) / SIGMAS for name in ("reading", "range")}
+    ohms["lead_ohm"] = float(draw.uniform(0.0, 0.2))
+    meter: Any = simulation.errors.multimeter
+    errors = structs.replace(simulation.errors, multimeter={**meter, "ohms": ohms})
+    bench = structs.replace(bench, simulation=structs.replace(simulation, errors=errors))
+    wide = {"output_ohm": [10.0, 1000.0], "v_vc_ohm": [1e5, 1e7]}
+    found = run("electrical", bench, seed, where, **wide).results
+    truths = {"rail_positive": rails, "rail_negative": rails, "v_vc": pull_down, "output": output}
+    for each in found.lines:
+        yield from stated(each.of, each.resistance, truths[each.of])
+
+
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
@@ -668,6 +692,7 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "temperature": temperature,
     "temperature-by-table": temperature_by_table,
     "power": power,
+    "electrical": electrical,
     "rate-limits": rate_limits,
     "rate-limits-by-table": rate_limits_by_table,
 }

@@ -61,6 +61,7 @@ from vcfbench.interfaces import Oscilloscope as Oscilloscope
 from vcfbench.interfaces import PowersRails as PowersRails
 from vcfbench.interfaces import PowerSupply as PowerSupply
 from vcfbench.interfaces import RateTable as RateTable
+from vcfbench.interfaces import ReadsResistance as ReadsResistance
 from vcfbench.interfaces import ReadsVoltage as ReadsVoltage
 from vcfbench.interfaces import Regulation as Regulation
 from vcfbench.interfaces import Rotates as Rotates

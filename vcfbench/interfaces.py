@@ -212,6 +212,17 @@ class ReadsVoltage(Protocol):
 
 
 @runtime_checkable
+class ReadsResistance(Protocol):
+    """Reads the resistance between its terminals when it is asked, of something that has no voltage of its own."""
+
+    def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
+        """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
+
+    def read_resistance_ohm(self) -> float:
+        """Trigger one reading and return it, ohm; inf where it is beyond the range."""
+
+
+@runtime_checkable
 class BeginsReadings(ReadsVoltage, Protocol):
     """Reads while another instrument is asked: a reading is begun, and fetched when it is over."""
 

@@ -38,6 +38,8 @@ class VoltmeterSpecification(Struct, frozen=True):
             instruments are drawn from the same.
         added_noise: power-line cycles to the largest noise that they add to a reading, as a part of the range and in
             V; the scatter of readings has it, so no uncertainty takes it from here.
+        ohms: a year after calibration by range of resistance, ohm: by four wires, or by two without their leads.
+        lead_ohm: what leads and input add by two wires at most.
     """
 
     model: str
@@ -47,6 +49,8 @@ class VoltmeterSpecification(Struct, frozen=True):
     resolution_source: str
     limit_sigmas: float | None = None
     added_noise: Mapping[float, tuple[float, float]] = field(default_factory=lambda: MappingProxyType({}))
+    ohms: Mapping[float, Accuracy] = field(default_factory=lambda: MappingProxyType({}))
+    lead_ohm: float = 0.2
 
     def accuracy_of(self, range_v: float, age_days: float) -> Accuracy:
         """Return the limit of error on a range so long after a calibration.
@@ -146,6 +150,14 @@ HP_34401A: Final = VoltmeterSpecification(
     accuracy_source="User's Guide 34401-90004 p. 216; the sums agree with the test limits of the Service Guide, p. 69",
     resolution_source="User's Guide 34401-90004 p. 54-57",
     limit_sigmas=4.0,  # "better than 4 sigma", User's Guide p. 227
+    ohms=MappingProxyType(  # p. 216; 0.2 ohm more by two wires
+        {
+            1e2: Accuracy(1e-4, 4e-5),
+            **dict.fromkeys((1e3, 1e4, 1e5, 1e6), Accuracy(1e-4, 1e-5)),
+            1e7: Accuracy(4e-4, 1e-5),
+            1e8: Accuracy(8e-3, 1e-4),
+        }
+    ),
     added_noise=MappingProxyType({0.02: (1e-4, 20e-6), 0.2: (1e-5, 20e-6), 1.0: (1e-5, 0.0)}),  # p. 217
 )
 

@@ -42,6 +42,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "phase": {},
     "temperature": {},
     "self-calibration": {"k_vc": "150"},
+    "electrical": {},
     "polarity": {},
     "vibration": {},
     "online": {"k_vc": "150"},

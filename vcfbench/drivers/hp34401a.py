@@ -1,5 +1,6 @@
 """HP (Agilent, Keysight) 34401A multimeter, after its user's guide 34401-90004."""
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -48,6 +49,9 @@ class Hp34401A(ScpiInstrument):
     )
     """Commands that select direct voltage, one reading a trigger, autozero on; `header` asks for the settings."""
     header: ClassVar[str] = "VOLT:DC"
+    ranges_ohm: ClassVar[tuple[float, ...]] = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
+    ohms_words: ClassVar[tuple[str, ...]] = ("CONF:{ohms} {range}", "{ohms}:NPLC {nplc}", "TRIG:SOUR IMM")
+    """Commands that select resistance, RES by two wires and FRES by four, one reading a trigger."""
     begin_words: ClassVar[str] = "INIT"
     """Command that takes one reading."""
     sampling_words: ClassVar[tuple[str, ...]] = ("ZERO:AUTO ONCE", "SAMP:COUN {samples}", "TRIG:DEL {pause}")
@@ -116,6 +120,33 @@ class Hp34401A(ScpiInstrument):
         with self._session.exclusive():
             self._session.send(self.begin_words, deadline=deadline)
             return self._begun_reading_v(deadline)
+
+    def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
+        """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
+        self._require_one_of("range", range_ohm, self.ranges_ohm)
+        self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
+        self._require_one_of("number of wires", wires, (2, 4))
+        ohms = "RES" if wires == 2 else "FRES"
+        words = (each.format(ohms=ohms, range=decimal(range_ohm), nplc=decimal(nplc)) for each in self.ohms_words)
+        self._session.write(*words, deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s))
+        for question, wanted in ((f"{ohms}:RANG?", range_ohm), (f"{ohms}:NPLC?", nplc)):
+            self._read_back(question, wanted, 1e-6 * wanted)
+        self._nplc, self._range_v = nplc, None
+
+    def read_resistance_ohm(self) -> float:
+        """Take one reading and return it, ohm, fetched twice as a voltage is; inf where it is beyond the range.
+
+        FramingError: the answers differ or are not in form.
+        """
+        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        with self._session.exclusive():
+            self._session.send(self.begin_words, deadline=deadline)
+            if self.waits_for_readings:
+                self._session.query_int("*OPC?", deadline)
+            first, again = (self._session.query_number("FETC?", deadline, self.reading_form) for _ in range(2))
+        if first != again:
+            raise self._unbelievable(f"one reading was answered as {first:.9g} ohm and as {again:.9g} ohm")
+        return first if abs(first) < replies.OVERLOAD else math.inf
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""

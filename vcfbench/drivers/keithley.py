@@ -49,6 +49,15 @@ class Keithley2000(_Keithley):
         "FORM ASC;:FORM:ELEM READ",
         "TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1",
     )
+    ohms_words: ClassVar[tuple[str, ...]] = (
+        "INIT:CONT OFF;:ABOR",
+        "CONF:{ohms}",
+        "{ohms}:RANG {range}",
+        "{ohms}:NPLC {nplc}",
+        "{ohms}:AVER:STAT OFF;:{ohms}:REF:STAT OFF;:{ohms}:DIG 7",
+        "FORM ASC;:FORM:ELEM READ",
+        "TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1",
+    )
     sampling_words: ClassVar[tuple[str, ...]] = (
         "SYST:AZER:STAT OFF",
         "TRAC:CLE;:TRAC:POIN {samples};:TRAC:FEED SENS;:TRAC:FEED:CONT NEXT",
@@ -77,6 +86,15 @@ class KeithleyDMM6500(_Keithley):
         "VOLT:NPLC {nplc}",
         "VOLT:AVER:STAT OFF;:VOLT:REL:STAT OFF",
         "VOLT:AZER ON",
+        "FORM ASC",
+        "COUN 1",
+    )
+    ohms_words: ClassVar[tuple[str, ...]] = (
+        "ABOR",
+        'FUNC "{ohms}"',
+        "{ohms}:RANG {range}",
+        "{ohms}:NPLC {nplc}",
+        "{ohms}:AVER:STAT OFF;:{ohms}:REL:STAT OFF",
         "FORM ASC",
         "COUN 1",
     )

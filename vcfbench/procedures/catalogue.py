@@ -46,6 +46,7 @@ BUILT_IN = {
     "self-calibration": (
         "Recalibrate without a table: scale factor, bias and linearity from V_Vc, by the device's certificate."
     ),
+    "electrical": "Before power: the resistance of each line by the multimeter, against limits.",
     "polarity": "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
     "vibration": "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
     "online": "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",

@@ -190,6 +190,7 @@ class Supply(_Group, frozen=True):
     start_v: Annotated[float, "V", "weaker rail at which the drive loop starts", POSITIVE] = 8.0
     brown_out_v: Annotated[float, "V", "weaker rail below which the drive loop stops", POSITIVE] = 7.0
     dead_v: Annotated[float, "V", "weaker rail below which every node is 0 V", NOT_NEGATIVE] = 4.0
+    input_ohm: Annotated[float, "ohm", "of each rail's input without power", POSITIVE, UNVERIFIED] = 1000.0
     quiescent_a: Annotated[float, "A", "current of each rail while running", NOT_NEGATIVE] = 0.028
     start_up_a: Annotated[float, "A", "additional current while the drive starts", NOT_NEGATIVE] = 0.012
     ripple_feedthrough: Annotated[

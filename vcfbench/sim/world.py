@@ -162,8 +162,13 @@ class World(Observed):
         self._regulate()
 
     def source_ohm(self, node: str) -> float:
-        """Return the resistance behind a node now, ohm; a PCB without power counts as one with it."""
+        """Return the resistance behind a node now, ohm; a PCB without power counts as one with it, its rails apart."""
         self._require(node, NODES)
+        rail = node.removeprefix("rail_")
+        if rail in RAILS and not self._rails[rail].at(self.clock.now()):  # no supply holds it
+            return self._node_loads.presented_ohm(
+                node, 1.0 / (1.0 / self.parameters.supply.input_ohm + 1.0 / self._loads_ohm[rail])
+            )
         if node != "v_vc":
             return self._node_loads.presented_ohm(node)
         pull_down, source = self.parameters.virtual_path.pull_down_ohm, self._v_vc_source

@@ -17,6 +17,8 @@ from vcfbench.steps.meter import ZeroWindow as ZeroWindow
 from vcfbench.steps.operator import AskOperator as AskOperator
 from vcfbench.steps.operator import OperatorAnswer as OperatorAnswer
 from vcfbench.steps.operator import move_leads as move_leads
+from vcfbench.steps.resistance import MeasureResistance as MeasureResistance
+from vcfbench.steps.resistance import ResistanceSeen as ResistanceSeen
 from vcfbench.steps.sampling import ModulatedRecord as ModulatedRecord
 from vcfbench.steps.sampling import SampleModulated as SampleModulated
 from vcfbench.steps.sampling import SampleSine as SampleSine

@@ -1,0 +1,220 @@
+"""Electrical check before power: the resistance of each line by the multimeter, against limits.
+
+IEEE 1431, 12.2, as far as a multimeter goes: no insulation at high voltage. Nothing is switched on; a line that is
+outside its limits ends the run, and what comes after it gets no power. Supply currents are those of `power`.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean, stdev
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from vcfbench import steps
+from vcfbench.errors import MeasurementError
+from vcfbench.interfaces import ReadsResistance
+from vcfbench.models import data_sheet_of
+from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
+from vcfbench.records.schema import Point
+from vcfbench.reports.document import Report, Table, Text, heads
+from vcfbench.specifications import HP_34401A, VoltmeterSpecification
+from vcfbench.station.bounds import ranged, said
+from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.measured import Measured
+from vcfbench.steps.step import Routine, answer
+
+_Ohm = Annotated[float, Meta(ge=0.0, le=1e8)]
+_Window = tuple[_Ohm, _Ohm] | None
+_LINES: Mapping[str, tuple[str, str]] = {
+    "positive_rail_ohm": ("rail_positive", "the positive rail, the supply's lead off it"),
+    "negative_rail_ohm": ("rail_negative", "the negative rail, the supply's lead off it"),
+    "v_vc_ohm": ("v_vc", "the V_Vc input, the generator's lead off it"),
+    "output_ohm": ("output", "the output"),
+}
+"""Lines by their setting: node of the PCB, words for who puts the leads there; the rails first."""
+_SHORT_OHM, _OPEN_OHM = 10.0, 1e6
+"""Below and beyond, what is out of its limits is called shorted, or open."""
+_RANGES_OHM = tuple(HP_34401A.ohms)
+"""Ranges that all meters have."""
+_OVER_RANGE = 1.2
+_YEAR_DAYS = 365.0
+
+
+class ElectricalSettings(ProcedureSettings, frozen=True, kw_only=True):
+    """Settings of the electrical check; each line has the least and the largest resistance, null leaves it out."""
+
+    positive_rail_ohm: Annotated[_Window, said("of the positive rail without power")] = (100.0, 10_000.0)
+    negative_rail_ohm: Annotated[_Window, said("of the negative rail without power")] = (100.0, 10_000.0)
+    v_vc_ohm: Annotated[_Window, said("of the V_Vc input")] = (0.8e6, 1.2e6)
+    output_ohm: Annotated[_Window, said("of the output without power")] = (50.0, 200.0)
+    wires: Annotated[Literal[2, 4], said("by two wires, whose leads count, or by four", option=True)] = 2
+    lead_ohm: Annotated[float, ranged(0.0, 10.0, "two leads and the meter's input have 0 to so much")] = 0.2
+    ohm_readings: Annotated[int, ranged(2, 100, "readings a line")] = 5
+
+    @property
+    def windows(self) -> Mapping[str, tuple[float, float]]:
+        """Limits of the lines that are measured, by setting."""
+        return {key: window for key in _LINES if (window := getattr(self, key)) is not None}
+
+    @property
+    def leads_ohm(self) -> float:
+        """Resistance that leads may have."""
+        return self.lead_ohm if self.wires == 2 else 0.0
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        for key, (low, high) in self.windows.items():
+            if not low < high:
+                yield InvalidValue(key, "least and largest resistance, in this order", [low, high])
+        if not self.windows:
+            yield InvalidValue("output_ohm", "limits of at least one line", None)
+
+
+class LineResistance(Struct, frozen=True):
+    """Resistance of one line with its limits, ohm; `of` is the node of the PCB."""
+
+    of: str
+    resistance: Measurand
+    low_ohm: float
+    high_ohm: float
+
+
+class ElectricalResult(Struct, frozen=True):
+    """Result of the electrical check: all lines are within their limits."""
+
+    lines: tuple[LineResistance, ...]
+    wires: int
+
+    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+        for each in self.lines:
+            yield f"resistance, {each.of}", each.resistance
+
+
+def electrical(settings: ElectricalSettings) -> steps.Plan:
+    """Have the leads put on each line in turn, all outputs off; refuse to go on where one is out of its limits."""
+    placed = settings.station.instruments
+    if "rate_source" in placed:
+        yield steps.DisableVvc()
+    if "power" in placed:
+        yield steps.DisableSupply()
+    seen: dict[str, float] = {}
+    for key, (low, high) in settings.windows.items():
+        node, words = _LINES[key]
+        asked = f"move the leads of the multimeter to {words}"
+        yield steps.AskOperator(asked, adjustments=(("multimeter.input.node", node),))
+        seen[key] = yield from _measured(settings, node, _range_ohm(high), 0.5 * (low + high))
+        if math.isinf(seen[key]):  # another line may be there, of which the limits know nothing
+            seen[key] = yield from _measured(settings, node, _RANGES_OHM[-1], 0.5 * (low + high))
+    yield steps.move_leads("multimeter", "output")
+    if wrong := list(findings(settings, seen)):
+        raise MeasurementError(
+            "; ".join(wrong),
+            instrument="multimeter",
+            step="resistance of the lines",
+            hint="nothing was switched on; look at the connector and the leads before anything gets power",
+        )
+    return steps.Outcome(f"{len(seen)} lines within their limits")
+
+
+def _measured(settings: ElectricalSettings, node: str, range_ohm: float, expected_ohm: float) -> Routine[float]:
+    how = float(settings.nplc), settings.ohm_readings, settings.wires, expected_ohm
+    seen = yield steps.MeasureResistance(node, range_ohm, *how)
+    return answer(seen, steps.ResistanceSeen).mean_ohm
+
+
+def _range_ohm(high_ohm: float) -> float:
+    """Return the smallest range of a multimeter that shows all resistances up to the limit."""
+    return next(each for each in _RANGES_OHM if each >= high_ohm)
+
+
+def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Iterator[str]:
+    """Yield what is wrong with the lines, each in words; two that have each other's resistance are swapped."""
+    windows = settings.windows
+
+    def fits(ohm: float, key: str) -> bool:
+        low, high = windows[key]
+        return low <= ohm <= high + settings.leads_ohm
+
+    out = [key for key in windows if not fits(seen_ohm[key], key)]
+    if len(out) > 1 and all(map(math.isinf, seen_ohm.values())):
+        yield "all lines are open: are the multimeter's leads on its ohm terminals, with four wires those of sense too?"
+        return
+    swapped = {one: other for one in out for other in out if fits(seen_ohm[one], other) and fits(seen_ohm[other], one)}
+    for key in out:
+        low, high = windows[key]
+        ohm, name = seen_ohm[key], _LINES[key][0].replace("_", " ")
+        limits = f"limits {low:g} to {high:g} ohm ({key})"
+        if key in swapped:
+            other = _LINES[swapped[key]][0].replace("_", " ")
+            yield f"{name} has {ohm:.4g} ohm, {limits}: swapped with {other}"
+        else:
+            much = "open" if ohm > max(_OPEN_OHM, high) else "too much"
+            what = much if ohm > high else "shorted" if ohm < min(_SHORT_OHM, low) else "too little"
+            size = f"more than {_OVER_RANGE * _RANGES_OHM[-1]:.4g}" if math.isinf(ohm) else f"{ohm:.4g}"
+            yield f"{name} has {size} ohm, {limits}: {what}"
+
+
+def results(settings: ElectricalSettings, measured: Measured) -> ElectricalResult:
+    """Return the resistances; what leads add is taken off as its mean."""
+    found = [(step, seen) for step, seen in measured.found(steps.ResistanceSeen)]
+    lines = []
+    for (low, high), (step, seen) in zip(settings.windows.values(), found, strict=True):
+        assert isinstance(step, steps.MeasureResistance)  # noqa: S101  # no other has such results
+        lines.append(LineResistance(step.line, _resistance(settings, step.range_ohm, seen.readings_ohm), low, high))
+    return ElectricalResult(tuple(lines), settings.wires)
+
+
+def _resistance(settings: ElectricalSettings, range_ohm: float, readings_ohm: Sequence[float]) -> Measurand:
+    """Return it with the data sheet's limits of a year; older, they grow on with time, as those of voltages."""
+    placed = settings.station.instruments.get("multimeter")
+    own = None if placed is None else data_sheet_of(placed.model)
+    known = isinstance(own, VoltmeterSpecification) and range_ohm in own.ohms
+    sheet = own if isinstance(own, VoltmeterSpecification) and known else HP_34401A  # the worst of these meters
+    ohm, limit = fmean(readings_ohm), sheet.ohms[range_ohm]
+    older = max(1.0, settings.station.sources.meter_age_days / _YEAR_DAYS)
+    sigmas = sheet.limit_sigmas if known and sheet.limit_sigmas is not None else math.sqrt(3.0)
+    of = None if placed is None else placed.owner
+    scatter = stdev(readings_ohm) / math.sqrt(len(readings_ohm))
+    digit, half = sheet.resolution[float(settings.nplc)] * range_ohm, 0.5 * settings.leads_ohm
+    by_limits = {"of reading": limit.reading * abs(ohm), "of range": limit.range * range_ohm}
+    parts = [
+        *(
+            UncertaintyPart(f"meter, {name}", older * each / sigmas, None, of, rectangular=not known)
+            for name, each in by_limits.items()
+        ),
+        UncertaintyPart("leads", half / math.sqrt(3.0), rectangular=True),
+        UncertaintyPart("readings", scatter, len(readings_ohm) - 1),
+        UncertaintyPart("last digit", digit / math.sqrt(12.0)),
+    ]
+    return measurand(ohm - half, "ohm", parts)
+
+
+def report(settings: ElectricalSettings, _points: Sequence[Point], found: ElectricalResult) -> Report:
+    """Report each line with its limits."""
+    columns = heads("<line | resistance [ohm] | u:.2g | U95:.2g | from:.4g | to:.4g | <u is made of")
+    rows = [
+        (each.of.replace("_", " "), *each.resistance.printed(), each.low_ohm, each.high_ohm, made_of(each.resistance))
+        for each in found.lines
+    ]
+    leads = f"by {found.wires} wires, of which 0 to {settings.leads_ohm:g} ohm are leads"
+    return Report([Table(columns, rows), Text(f"all lines are within their limits, nothing was switched on; {leads}")])
+
+
+ELECTRICAL = Procedure(
+    name="electrical",
+    title=BUILT_IN["electrical"],
+    method=(
+        "All outputs off, the multimeter's leads are put on each line in turn, and its resistance is held against "
+        "limits; a line outside them ends the run before anything gets power."
+    ),
+    settings=ElectricalSettings,
+    plan=electrical,
+    results=results,
+    report=report,
+    needs=roles(multimeter=ReadsResistance),
+    uses=roles("power", "rate_source"),
+)
