@@ -153,6 +153,13 @@ class SensePath(_Group, frozen=True):
     v_vc_feedthrough: Annotated[
         float, "V/V", "part of the modulated V_Vc, on its carrier, that is in V_s without any motion", ANY, OFF
     ] = 0.0
+    dead_band_deg_s: Annotated[
+        float,
+        "deg/s",
+        "half width of the dead band: of rate and virtual rate together, what is within moves nothing",
+        NOT_NEGATIVE,
+        "off; that there is one, and its form, is an assumption",
+    ] = 0.0
 
 
 class VirtualPath(_Group, frozen=True):
@@ -364,6 +371,10 @@ class BenchParameters(Struct, frozen=True, kw_only=True):
         yield "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length", sizes, len({*sizes}) == 1
         rising = [supply.dead_v, supply.brown_out_v, supply.start_v]
         yield "supply.dead_v at most brown_out_v, and that at most start_v", rising, rising == sorted(rising)
+        path, lead_v = self.sense_path, self.pick_up.v_vc_lead_v
+        beside = [path.dead_band_deg_s, path.v_vc_feedthrough, lead_v]
+        rule = "with a sense_path.dead_band_deg_s no sense_path.v_vc_feedthrough and no pick_up.v_vc_lead_v"
+        yield rule, beside, not path.dead_band_deg_s or not (path.v_vc_feedthrough or lead_v)
         for name in ("drive_mode", "sense_in_phase", "sense_anti_phase"):
             mode = getattr(self, name)
             rises = (thermal.ambient_c - thermal.reference_c, thermal.self_heating_k)

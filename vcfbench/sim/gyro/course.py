@@ -11,6 +11,7 @@ from collections import deque
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.chain import Chain, ChainDesign, Forcing, Response
@@ -159,7 +160,8 @@ class Course:
                 if not acting.has_chain_of(before.acting):
                     chain = acting.chain(self._design)
                     modal = before.response.chain.handed_over(modal, turn, chain)
-            self._followed = _Followed(acting, chain.respond(modal, acting.forcing(), turn))
+            forcing = _past_dead_band(acting.forcing(), chain, acting.bench.sense_path.dead_band_deg_s)
+            self._followed = _Followed(acting, chain.respond(modal, forcing, turn))
         if self._followed is None:
             raise RuntimeError("nothing acts on the chain yet")
         return self._followed.response
@@ -200,6 +202,32 @@ class Answer:
 def chain_at(design: ChainDesign, bench: BenchParameters, temperature_c: float, drive: DriveSegment) -> Chain:
     """Return the sense chain at a temperature, under a drive."""
     return design.chain(_resonances(bench, temperature_c), drive.drive_rad_s, drive.displacement_m, drive.velocity_m_s)
+
+
+def _past_dead_band(forcing: Forcing, chain: Chain, half_deg_s: float) -> Forcing:
+    """Return what a forcing leaves of itself beyond the dead band: it is less by its half width, or nothing.
+
+    It acts on the rate that, steady, would move the output as rate and modulator voltage together. Exact while that
+    stays on one side of an edge. What changes within less than a second counts by where it comes to, a ramp by where it
+    begins: meanwhile the rate is off by the width of the band at most. ValueError: it goes to and fro across an edge.
+    """
+    answer = -chain.to_filtered / chain.eigenmodes
+    per_rate, per_v = (float((answer @ each).real) for each in (chain.rate, chain.virtual))
+    if not half_deg_s or not per_rate:  # a drive at rest answers to no rate
+        return forcing
+    half, per_v = math.radians(half_deg_s), per_v / per_rate
+    terms = [*forcing.rate_terms, *((per_v * a, s) for a, s in forcing.virtual_terms)]
+    slow = sum((a for a, s in terms if s.imag == 0.0 and s.real > -1.0), start=0j)
+    acting = (forcing.rate + per_v * forcing.virtual_v + slow).real
+    swing = sum(abs(a) for a, s in terms if s.real == 0.0)
+    if abs(abs(acting) - half) < swing:
+        raise ValueError(
+            f"sense_path.dead_band_deg_s: a sine of {math.degrees(swing):.3g} deg/s goes across the edge of the dead "
+            f"band, at {math.degrees(acting):.3g} deg/s; this simulation has levels and steps alone there"
+        )
+    if abs(acting) <= half:
+        return Forcing(0j, 0j, [], 0j, [])
+    return replace(forcing, rate=forcing.rate - math.copysign(half, acting))
 
 
 def _resonances(bench: BenchParameters, temperature_c: float) -> tuple[Resonance, Resonance]:

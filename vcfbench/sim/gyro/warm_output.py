@@ -36,7 +36,9 @@ def warm_output(
             modulated = (
                 virtual.offset_v + node + virtual.second_order_per_v * node**2 + virtual.third_order_per_v2 * node**3
             )
-        u = stage.gain * (seen.per_deg_s * (rate_deg_s + steady_deg_s) + seen.per_v * modulated + seen.at_rest_v)
+        acting_v = seen.per_deg_s * (rate_deg_s + steady_deg_s) + seen.per_v * modulated
+        past_v = max(abs(acting_v) - abs(seen.per_deg_s) * bench.sense_path.dead_band_deg_s, 0.0)
+        u = stage.gain * (math.copysign(past_v, acting_v) + seen.at_rest_v)
         y = sum(order * u**k for k, order in enumerate(stage.orders))
         return min(max(y, low_v), high_v)
 
