@@ -677,6 +677,31 @@ def electrical(seed: int, where: str) -> Iterator[Stated]:
         yield from stated(each.of, each.resistance, truths[each.of])
 
 
+def threshold(seed: int, where: str) -> Iterator[Stated]:
+    """Dead bands of up to 0.3 deg/s and down to what noise hides, by V_Vc; K_Vc is told and off by its u."""
+    yield from _threshold(seed, where, {})
+
+
+def threshold_by_table(seed: int, where: str) -> Iterator[Stated]:
+    """The same by the table."""
+    yield from _threshold(seed, where, {"by": "table", "rate_tolerance_deg_s": 0.01})
+
+
+def _threshold(seed: int, where: str, settings: Mapping[str, Any]) -> Iterator[Stated]:
+    draw, u_k_vc = np.random.default_rng([20260727, seed]), 0.1
+    half_deg_s = math.exp(float(draw.uniform(math.log(3e-4), math.log(0.3))))
+    told_k_vc = Truth.of(drawn_bench(seed)).k_vc + u_k_vc * float(draw.standard_normal())
+    bench = drawn_bench(seed, more={"sense_path": {"dead_band_deg_s": half_deg_s}, "pick_up": {"v_vc_lead_v": 0.0}})
+    known = {"k_vc_deg_s_per_v": told_k_vc, "k_vc_u_deg_s_per_v": u_k_vc}
+    found = run("threshold", bench, seed, where, **known, **settings).results
+    truths = {"dead_band": half_deg_s, "threshold": 2.0 * half_deg_s, "resolution": 0.0}
+    for name, truth in truths.items():
+        limit = getattr(found, name)
+        yield from stated(name, limit.deg_s, truth)
+        if truth:  # what is at most so much is always more than none
+            yield Stated(f"{name}, below", limit.at_most_deg_s, truth)
+
+
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
@@ -695,6 +720,8 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "electrical": electrical,
     "rate-limits": rate_limits,
     "rate-limits-by-table": rate_limits_by_table,
+    "threshold": threshold,
+    "threshold-by-table": threshold_by_table,
 }
 
 

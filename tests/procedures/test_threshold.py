@@ -1,0 +1,139 @@
+"""Threshold, resolution and dead band: the fit by other code, dead bands at their size, and none."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from scipy.optimize import curve_fit
+
+import vcfbench
+from vcfbench.analysis.dead_band import fit_dead_band
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.threshold import ThresholdResult
+from vcfbench.testing import simulated
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIZES = np.array([2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02])
+BOTH = np.stack([SIZES, -SIZES], axis=1).ravel()
+
+
+def of_band(x: np.ndarray, slope: float, low: float, high: float) -> np.ndarray:
+    return slope * (np.maximum(x - high, 0.0) + np.minimum(x - low, 0.0))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.3, 0.3), (-0.01, 0.15), (0.0, 0.0), (-0.3, 0.0)])
+def test_fit_finds_the_edges_of_exact_steps(low: float, high: float) -> None:
+    y = of_band(BOTH, -0.0125, low, high)
+    found = fit_dead_band(BOTH, y, {"readings": 1e-10 * np.eye(BOTH.size)})
+    assert (found.slope, found.half_width) == pytest.approx((-0.0125, 0.5 * (high - low)), abs=1e-12)
+
+
+def test_fit_and_its_u_are_those_of_scipy() -> None:
+    sigma = 3e-3
+    y = of_band(BOTH, 1.0, -0.3, 0.25) + sigma * np.random.default_rng(5).standard_normal(BOTH.size)
+    found = fit_dead_band(BOTH, y, {"readings": sigma**2 * np.eye(BOTH.size)})
+    best, covariance = curve_fit(
+        of_band, BOTH, y, (1.0, -0.3, 0.3), sigma=np.full(BOTH.size, sigma), absolute_sigma=True
+    )
+    assert found.half_width == pytest.approx(0.5 * (best[2] - best[1]), abs=1e-6)
+    of_half = np.array([0.0, -0.5, 0.5])
+    assert found.u["readings"] == pytest.approx(float(of_half @ covariance @ of_half) ** 0.5, rel=1e-3)
+
+
+def test_none_is_as_often_below_zero_as_above_and_u_is_its_scatter() -> None:
+    draw, sigma = np.random.default_rng(6), 3e-3
+    halves = [
+        (
+            found := fit_dead_band(BOTH, BOTH + sigma * draw.standard_normal(BOTH.size), {"": sigma**2 * np.eye(14)})
+        ).half_width
+        / found.u[""]
+        for _ in range(400)
+    ]
+    assert abs(np.mean(halves)) < 5 / 20
+    assert np.std(halves) == pytest.approx(1.0, abs=5 * 0.7 / 20)
+
+
+def test_steps_within_it_alone_are_refused() -> None:
+    with pytest.raises(ConfigError, match="larger steps are needed"):
+        fit_dead_band(BOTH, of_band(BOTH, 1.0, -1.5, 1.5), {"": np.eye(14)})
+
+
+def found_of(half_deg_s: float, bench: str = "ideal", **settings: Any) -> ThresholdResult:
+    overrides = {"sense_path": {"dead_band_deg_s": half_deg_s}, "pick_up": {"v_vc_lead_v": 0.0}}
+    given = {"samples": 4, "at_most_s": 60.0, **settings}
+    run = vcfbench.run("threshold", simulated(bench, overrides=overrides), seed=3, settings=given, runs=None)
+    results = run.results
+    assert isinstance(results, ThresholdResult)
+    return results
+
+
+@pytest.mark.parametrize("settings", [{}, {"by": "table", "rate_tolerance_deg_s": 0.01}])
+@pytest.mark.parametrize("half_deg_s", [0.03, 0.3])
+def test_dead_band_of_a_gyroscope_without_noise_comes_out_at_its_size(
+    half_deg_s: float, settings: dict[str, Any]
+) -> None:
+    """What is left is the meters' resolution; half of the expected output is that of twice the half width."""
+    found = found_of(half_deg_s, **settings)
+    assert found.dead_band.seen
+    assert found.dead_band.deg_s.value == pytest.approx(half_deg_s, abs=1e-3)
+    assert found.threshold.deg_s.value == pytest.approx(2.0 * found.dead_band.deg_s.value, rel=1e-12)
+    assert abs(found.resolution.deg_s.value) < 2e-3
+    assert (found.dead_band.v_vc_v is None) == bool(settings)
+    shares = {each.step_deg_s: each.plus for each in found.shares if not each.about_deg_s}
+    assert shares[2.0] == pytest.approx(1.0 - half_deg_s / 2.0, abs=2e-3)
+
+
+def test_share_other_than_half_moves_the_threshold_alone() -> None:
+    """At 80 % of the expected output the input is five half widths."""
+    found = found_of(0.03, share=0.8)
+    assert found.threshold.deg_s.value == pytest.approx(5.0 * found.dead_band.deg_s.value, rel=1e-12)
+
+
+def test_a_gyroscope_without_one_has_a_bound_and_not_zero() -> None:
+    found = found_of(0.0, "lab")
+    assert 0.0 < found.dead_band.at_most_deg_s < 6e-3
+    assert found.dead_band.at_most_deg_s > found.dead_band.deg_s.value
+    assert found.dead_band.deg_s.missing == ("K_Vc",)
+    assert found.dead_band.v_vc_v is not None
+    assert not found.dead_band.v_vc_v.missing
+
+
+def test_k_vc_is_that_of_the_certificate(tmp_path: Path) -> None:
+    named = {"dut": "G1", "devices": str(tmp_path / "devices")}
+    quick = {"samples": 3, "cycles": 1, "health": False}
+    kvc = vcfbench.run("kvc", "lab", seed=1, settings={**named, **quick}, runs=tmp_path).results
+    found = vcfbench.run("threshold", "lab", seed=2, settings={**named, "at_most_s": 60.0, "samples": 3}, runs=tmp_path)
+    settings = found.header["settings"]
+    assert settings["k_vc_deg_s_per_v"] == pytest.approx(kvc.k_vc.value, rel=1e-9)
+    assert settings["k_vc_u_deg_s_per_v"] == pytest.approx(kvc.k_vc.u, rel=1e-6)
+    assert not found.results.dead_band.deg_s.missing
+
+
+def test_a_dead_band_wider_than_the_steps_is_told() -> None:
+    with pytest.raises(MeasurementError, match="a dead band that is as wide"):
+        found_of(3.0, "lab")
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"steps_deg_s": [1.0, -1.0, 0.5]}, "three different sizes or more"),
+        ({"at_rate_deg_s": 3.0}, "at least twice the largest step, 2"),
+        ({"by": "table"}, r"at least 0.05 deg/s \(rate_tolerance_deg_s\)"),
+        ({"by": "table", "rate_tolerance_deg_s": 0.01, "at_rate_deg_s": 299.0}, "300 deg/s with the largest step"),
+        ({"at_rate_deg_s": 250.0}, "a range for 1.68 V"),
+        ({"k_vc_deg_s_per_v": 0.0}, "a number that is not 0"),
+    ],
+)
+def test_settings_that_cannot_be(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run("threshold", "lab", settings=settings)
+
+
+def test_noisier_output_is_taken_more_often_within_the_time() -> None:
+    assert found_of(0.0, "lab").blocks == 2
+    assert 3 <= found_of(0.0, "lab", at_most_s=3000.0).blocks <= 6
