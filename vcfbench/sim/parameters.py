@@ -160,6 +160,13 @@ class SensePath(_Group, frozen=True):
         NOT_NEGATIVE,
         "off; that there is one, and its form, is an assumption",
     ] = 0.0
+    g_sensitivity_deg_s_g: Annotated[
+        tuple[float, ...],
+        "(deg/s)/g",
+        "bias by what supports the case, 9.80665 m/s^2 up its x, y, z axis",
+        ANY,
+        "off; data sheets of MEMS gyroscopes have 0.01 to 0.1 (unverified)",
+    ] = (0.0, 0.0, 0.0)
 
 
 class VirtualPath(_Group, frozen=True):
@@ -303,6 +310,12 @@ class Site(_Group, frozen=True):
         _Range(least=-90.0, most=90.0),
         "Taiyuan, unverified",
     ] = 0.0
+    up: Annotated[
+        tuple[float, ...],
+        "1",
+        "where up is, by the axes of the case; z is the input axis, and points east while it is level",
+        _Range(least=-1.0, most=1.0),
+    ] = (0.0, 0.0, 1.0)
 
 
 class SourceResistance(_Group, frozen=True):
@@ -371,6 +384,9 @@ class BenchParameters(Struct, frozen=True, kw_only=True):
         yield "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length", sizes, len({*sizes}) == 1
         rising = [supply.dead_v, supply.brown_out_v, supply.start_v]
         yield "supply.dead_v at most brown_out_v, and that at most start_v", rising, rising == sorted(rising)
+        up, per_g = self.site.up, self.sense_path.g_sensitivity_deg_s_g
+        yield "three figures of length 1 in site.up", up, len(up) == 3 and math.isclose(math.hypot(*up), 1.0)
+        yield "three figures in sense_path.g_sensitivity_deg_s_g", per_g, len(per_g) == 3
         path, lead_v = self.sense_path, self.pick_up.v_vc_lead_v
         beside = [path.dead_band_deg_s, path.v_vc_feedthrough, lead_v]
         rule = "with a sense_path.dead_band_deg_s no sense_path.v_vc_feedthrough and no pick_up.v_vc_lead_v"

@@ -29,6 +29,10 @@ from vcfbench.sim.parameters import BenchParameters
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
+UP_AXES = {
+    sign + axis: tuple(float(f"{sign}1") if each == axis else 0.0 for each in "xyz") for axis in "xyz" for sign in "+-"
+}
+"""Directions of the case's axes, by name."""
 INPUTS = ("v_vc", "vibration")
 """Where generators are connected: what is put on the second is added to what is on the first."""
 
@@ -201,6 +205,17 @@ class World(Observed):
         self.advance()
         return self._gyro.temperature_c()
 
+    def up_axis(self) -> str:
+        """Return the axis of the case that points up, the nearest one."""
+        return max(UP_AXES, key=lambda name: sum(a * b for a, b in zip(UP_AXES[name], self._gyro.up, strict=True)))
+
+    def set_up_axis(self, name: str) -> None:
+        """Turn the case at once so that an axis points up; ValueError: it has none of that name."""
+        if name not in UP_AXES:
+            raise ValueError(f"up is one of {', '.join(UP_AXES)}, not {name!r}")
+        self.advance()
+        self._gyro.set_up(UP_AXES[name])
+
     def drive(self, node: str, source: Drive | Played | None) -> None:
         """Connect a generator to the V_Vc input ("v_vc") from now on, or None; a second one to "vibration".
 
@@ -255,6 +270,8 @@ class World(Observed):
         return gyro
 
     def adjustments(self) -> Iterator[Adjustment]:
-        """Yield the physical parameters, for looks from outside the bench; none can be changed."""
+        """Yield what points up, which can be changed, and the physical parameters, which cannot."""
+        meaning = "axis of the case that points up, +x to -z; z is the input axis, and points east while it is level"
+        yield Adjustment("up_axis", "", meaning, self.up_axis, self.set_up_axis)
         for row in self.parameters.rows():
             yield Adjustment(f"parameter.{row.path}", row.unit, row.meaning, partial(copy, row.value))

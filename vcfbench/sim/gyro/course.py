@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.chain import Chain, ChainDesign, Forcing, Response
-from vcfbench.sim.gyro.design import earth_rate_deg_s
+from vcfbench.sim.gyro.design import earth_rate_deg_s, g_rate_deg_s
 from vcfbench.sim.gyro.drive import DriveSegment
 from vcfbench.sim.gyro.electronics import Passage
 from vcfbench.sim.gyro.modes import Resonance
@@ -83,7 +83,7 @@ class Acting(Struct, frozen=True):
         left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
         warm, drift = (goal, [(complex(left), complex(-1 / warm_up.time_constant_s))])
         scale *= self.switched_on.gain
-        bias = earth + warm + self.switched_on.bias_deg_s
+        bias = earth + warm + self.switched_on.bias_deg_s + g_rate_deg_s(bench)
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + bias)
         terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])

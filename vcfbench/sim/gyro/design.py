@@ -63,13 +63,21 @@ def _linear_gains(bench: BenchParameters) -> tuple[float, float, float]:
 
 
 def seen_share(bench: BenchParameters) -> float:
-    """Return the share of a rate about the table's axis that the gyroscope's axis sees."""
-    return math.cos(math.radians(bench.table.misalignment_deg))
+    """Return the share of a rate about the vertical, the table's axis, that the gyroscope's axis sees."""
+    return math.cos(math.radians(bench.table.misalignment_deg)) * bench.site.up[2]
 
 
 def earth_rate_deg_s(bench: BenchParameters) -> float:
     """Return the Earth's rate that the gyroscope sees of the vertical, the table's axis, deg/s."""
     return EARTH_RATE_DEG_S * math.sin(math.radians(bench.site.latitude_deg)) * seen_share(bench)
+
+
+def g_rate_deg_s(bench: BenchParameters) -> float:
+    """Return the bias by gravity, deg/s, that of the latitude at sea level (GRS 1967, rounded)."""
+    squared = math.sin(math.radians(bench.site.latitude_deg)) ** 2
+    gravity = 9.780318 * (1.0 + 0.0053024 * squared - 0.0000235 * squared * (1.0 - squared)) / 9.80665
+    parts = zip(bench.sense_path.g_sensitivity_deg_s_g, bench.site.up, strict=True)
+    return gravity * sum(per_g * up for per_g, up in parts)
 
 
 def design(bench: BenchParameters, targets: Targets) -> BenchParameters:

@@ -206,6 +206,17 @@ class Gyro:
         self._heat()
         self._settle()
 
+    @property
+    def up(self) -> tuple[float, ...]:
+        """Where up is, by the axes of the case."""
+        return self._bench.site.up
+
+    def set_up(self, up: tuple[float, ...]) -> None:
+        """Turn the case: its direction `up` points up from now on."""
+        self._bench = replace(self._bench, site=replace(self._bench.site, up=up))
+        self._seen_share, self._rate = seen_share(self._bench), None
+        self._end_acting()
+
     def temperature_c(self) -> float:
         """Return its temperature, degC."""
         return self._warm_up.at(self.now_s)

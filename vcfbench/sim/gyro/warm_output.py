@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from vcfbench.sim.gyro.design import earth_rate_deg_s
+from vcfbench.sim.gyro.design import earth_rate_deg_s, g_rate_deg_s
 from vcfbench.sim.parameters import BenchParameters
 
 
@@ -27,7 +27,7 @@ def warm_output(
     low_v, high_v = min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
     rise_k = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
     seen = _demodulated(bench, min(positive_v, -negative_v))
-    steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise_k
+    steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise_k + g_rate_deg_s(bench)
 
     def output(rate_deg_s: float, v_vc_v: float | None) -> float:
         modulated = 0.0
