@@ -25,6 +25,7 @@ import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from unittest.mock import patch
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -32,6 +33,7 @@ import numpy as np
 from msgspec import structs
 
 import vcfbench
+from vcfbench.sim import world
 from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.studies.truth import turntable_truth
@@ -702,6 +704,22 @@ def _threshold(seed: int, where: str, settings: Mapping[str, Any]) -> Iterator[S
             yield Stated(f"{name}, below", limit.at_most_deg_s, truth)
 
 
+def g_sensitivity(seed: int, where: str) -> Iterator[Stated]:
+    """Sensitivities of some 0.05 (deg/s)/g, each position up to a degree askew either way; its heading is right."""
+    draw, limit = np.random.default_rng([20260728, seed]), math.radians(1.0)
+    per_g = 0.05 * draw.standard_normal(3)
+    bench = drawn_bench(seed, more={"sense_path": {"g_sensitivity_deg_s_g": per_g.tolist()}})
+    askew = {}
+    for name, up in world.UP_AXES.items():
+        leaning = np.where(np.array(up) == 0.0, draw.uniform(-limit, limit, 3), up)
+        askew[name] = tuple((leaning / np.linalg.norm(leaning)).tolist())
+    told = {"scale_factor_v_per_deg_s": Truth.of(bench).scale_factor, "scale_factor_u_v_per_deg_s": 0.0}
+    with patch.dict(world.UP_AXES, askew):
+        found = run("g-sensitivity", bench, seed, where, **told, heading_deg=0.0).results
+    for axis, truth in zip("xyz", per_g.tolist(), strict=True):
+        yield from stated(f"{axis} axis", found.per_g[axis], truth)
+
+
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
@@ -722,6 +740,7 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "rate-limits-by-table": rate_limits_by_table,
     "threshold": threshold,
     "threshold-by-table": threshold_by_table,
+    "g-sensitivity": g_sensitivity,
 }
 
 

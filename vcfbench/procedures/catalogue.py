@@ -49,6 +49,7 @@ BUILT_IN = {
     "electrical": "Before power: the resistance of each line by the multimeter, against limits.",
     "polarity": "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
     "threshold": "Step V_Vc or the table by less and less: threshold, resolution and dead band.",
+    "g-sensitivity": "Have the case turned, each axis up and down: bias against acceleration.",
     "vibration": "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
     "online": "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
     "characterize": "Do all of it in the right order, in one session: one data sheet.",
