@@ -39,6 +39,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "repeatability": {"power_cycles": 3, "off_s": 600.0},
     "rate-limits": {"warm_up_s": 60.0, "samples": 4},
     "threshold": {"at_most_s": 60.0},
+    "g-sensitivity": {},
     "resonance": {},
     "phase": {},
     "temperature": {},
