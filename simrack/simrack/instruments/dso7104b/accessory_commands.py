@@ -8,7 +8,7 @@ that need one say so with an error. The user calibration changes nothing.
 from __future__ import annotations
 
 from simrack import scpi
-from simrack.instruments.dso7104b.declarations import nothing
+from simrack.instruments.dso7104b.declarations import learned, nothing
 from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 
 ROWS = scpi.Rows()
@@ -69,45 +69,34 @@ _CALIBRATION = (
 # --- files
 
 
-@ROWS.query("SAVE")
-def _saving_learned(model: SimulatedDso7104B) -> str:
-    state = model.state
-    return f':SAVE:FIL "{state.save.name}";PWD "{state.save.folder}"'
-
-
+_IMAGES = scpi.Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE"))
+_TRACES = scpi.Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE"))
+_POINTS = scpi.Integer(limits=scpi.Limits(100, 8_000_000))
 _PATH, _NAME = scpi.Text(limit=254), scpi.Text(limit=254, required=False)
 
 _FILES = (
-    scpi.attribute("SAVE:FILename", _PATH, "state.save.name", scpi.quoted),
-    scpi.attribute("SAVE:PWD", _PATH, "state.save.folder", scpi.quoted),
-    scpi.attribute("SAVE:IMAGe:AREA", scpi.Choice(("GRATicule", "SCReen")), "state.save.image_area"),
-    scpi.attribute("SAVE:IMAGe:FACTors", scpi.Boolean(), "state.save.image_factors", scpi.boolean),
-    scpi.attribute(
-        "SAVE:IMAGe:FORMat",
-        scpi.Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE")),
-        "state.save.image_format",
+    learned("SAVE", ':SAVE:FIL "{0.save.name}";PWD "{0.save.folder}"'),
+    learned("RECall", ':REC:FIL "{0.recall.name}";PWD "{0.recall.folder}"'),
+    *(
+        scpi.attribute(*row)
+        for row in (
+            ("SAVE:FILename", _PATH, "state.save.name", scpi.quoted),
+            ("SAVE:PWD", _PATH, "state.save.folder", scpi.quoted),
+            ("SAVE:IMAGe:AREA", scpi.Choice(("GRATicule", "SCReen")), "state.save.image_area"),
+            ("SAVE:IMAGe:FACTors", scpi.Boolean(), "state.save.image_factors", scpi.boolean),
+            ("SAVE:IMAGe:FORMat", _IMAGES, "state.save.image_format"),
+            ("SAVE:IMAGe:INKSaver", scpi.Boolean(), "state.save.image_ink_saver", scpi.boolean),
+            ("SAVE:IMAGe:PALette", scpi.Choice(("COLor", "GRAYscale", "MONochrome")), "state.save.image_palette"),
+            ("SAVE:WAVeform:FORMat", _TRACES, "state.save.waveform_format"),
+            ("SAVE:WAVeform:LENGth", _POINTS, "state.save.waveform_points", scpi.signed_integer),
+            ("RECall:FILename", _PATH, "state.recall.name", scpi.quoted),
+            ("RECall:PWD", _PATH, "state.recall.folder", scpi.quoted),
+        )
     ),
-    scpi.attribute("SAVE:IMAGe:INKSaver", scpi.Boolean(), "state.save.image_ink_saver", scpi.boolean),
-    scpi.attribute("SAVE:IMAGe:PALette", scpi.Choice(("COLor", "GRAYscale", "MONochrome")), "state.save.image_palette"),
-    scpi.attribute(
-        "SAVE:WAVeform:FORMat", scpi.Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE")), "state.save.waveform_format"
+    *(
+        scpi.Command(f"{each}[:STARt]", (_NAME,), do=_no_medium)
+        for each in ("SAVE:IMAGe", "SAVE:SETup", "SAVE:WAVeform", "RECall:IMAGe", "RECall:SETup")
     ),
-    scpi.attribute(
-        "SAVE:WAVeform:LENGth",
-        scpi.Integer(limits=scpi.Limits(100, 8_000_000)),
-        "state.save.waveform_points",
-        scpi.signed_integer,
-    ),
-    scpi.Command("SAVE:IMAGe[:STARt]", (_NAME,), do=_no_medium),
-    scpi.Command("SAVE:SETup[:STARt]", (_NAME,), do=_no_medium),
-    scpi.Command("SAVE:WAVeform[:STARt]", (_NAME,), do=_no_medium),
-    scpi.Command(
-        "RECall", query=lambda model: f':REC:FIL "{model.state.recall.name}";PWD "{model.state.recall.folder}"'
-    ),
-    scpi.attribute("RECall:FILename", _PATH, "state.recall.name", scpi.quoted),
-    scpi.attribute("RECall:PWD", _PATH, "state.recall.folder", scpi.quoted),
-    scpi.Command("RECall:IMAGe[:STARt]", (_NAME,), do=_no_medium),
-    scpi.Command("RECall:SETup[:STARt]", (_NAME,), do=_no_medium),
 )
 """Setups are kept by *SAV and :SYSTem:SETup?; of files there are only the names."""
 

@@ -46,6 +46,11 @@ def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], R
     )
 
 
+def learned(pattern: str, shape: str) -> Command:
+    """Declare the query of a subsystem's settings, `shape` with fields of :class:`.settings.ScopeSettings`."""
+    return Command(pattern, query=lambda model: shape.format(model.state))
+
+
 def clipped(model: SimulatedDso7104B, value: float, low: float, high: float) -> float:
     """Clip to the limits, with -222."""
     if low <= value <= high:

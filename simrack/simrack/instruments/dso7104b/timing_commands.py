@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from simrack.instruments.dso7104b.declarations import clipped
+from simrack.instruments.dso7104b.declarations import clipped, learned
 from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
 from simrack.instruments.dso7104b.sampling import memory_points, sample_rate_hz
 from simrack.scpi import (
@@ -37,15 +37,6 @@ def _scale(pattern: str, name: str) -> Command:
     )
 
 
-@ROWS.query("TIMebase")
-def _learned(model: SimulatedDso7104B) -> str:
-    state = model.state
-    return (
-        f":TIM:MODE {state.timebase.mode};REF {state.timebase.reference};"
-        f"MAIN:RANG {state.timebase.range_s:+.2E};POS {state.timebase.position_s:+.1E}"
-    )
-
-
 @ROWS.attribute("ACQuire:SEGMented:INDex", Integer(), "state.acquire.segment", signed_integer)
 def _set_index(model: SimulatedDso7104B, index: float) -> None:
     """Show another segment: one of those that were acquired."""
@@ -60,18 +51,18 @@ def _analyze(model: SimulatedDso7104B) -> None:
     model.shown.analysed = True
 
 
-@ROWS.query("ACQuire")
-def _acquire_learned(model: SimulatedDso7104B) -> str:
-    """Return how it acquires, in the shape of the siblings' guides (unverified for this model)."""
-    state = model.state
-    return (
-        f":ACQ:MODE {state.acquire.mode};TYPE {state.acquire.type};COMP {state.acquire.complete_percent};"
-        f"COUN {state.acquire.count};SEGM:COUN {state.acquire.segments}"
-    )
-
-
 TIMING_COMMANDS = (
     *ROWS,
+    learned(
+        "TIMebase",
+        ":TIM:MODE {0.timebase.mode};REF {0.timebase.reference};"
+        "MAIN:RANG {0.timebase.range_s:+.2E};POS {0.timebase.position_s:+.1E}",
+    ),
+    learned(  # in the shape of the siblings' guides (unverified for this model)
+        "ACQuire",
+        ":ACQ:MODE {0.acquire.mode};TYPE {0.acquire.type};COMP {0.acquire.complete_percent};"
+        "COUN {0.acquire.count};SEGM:COUN {0.acquire.segments}",
+    ),
     attribute("TIMebase:MODE", Choice(("MAIN", "WINDow", "XY", "ROLL")), "state.timebase.mode"),
     attribute("TIMebase[:MAIN]:RANGe", _RANGE, "state.timebase.range_s", "nr3"),
     _scale("TIMebase:SCALe", "range_s"),

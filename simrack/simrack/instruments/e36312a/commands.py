@@ -5,45 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from simrack import scpi
 from simrack.instruments.e3631a.kinds import KINDS
 from simrack.instruments.e3631a.system_commands import STATUS_COMMANDS
 from simrack.instruments.e36312a.instrument import SimulatedE36312A
-from simrack.scpi import (
-    COMMON_COMMANDS,
-    Boolean,
-    Choice,
-    Command,
-    CommandTable,
-    Integer,
-    Limits,
-    Number,
-    Parameter,
-    Rows,
-    ScpiError,
-    Special,
-    Text,
-    attribute,
-    boolean,
-    next_error,
-    quoted,
-    real,
-    remembered,
-    signed_integer,
-    status_commands,
-)
 from simrack.scpi.lexer import Token, TokenKind
 
-ROWS = Rows()
+ROWS = scpi.Rows()
 
 _NAMES = tuple(kind.name for kind in KINDS)
 _PROGRAMMING_S, _READBACK_S = 0.01, 0.02
 """Command processing is below 10 ms (EDU36311A data sheet, as quoted); a read-back is unverified."""
-_NR3 = real(8)
+_NR3 = scpi.real(8)
 
 Names = tuple[str, ...]
 
 
-class _Channels(Parameter, frozen=True, kw_only=True):
+class _Channels(scpi.Parameter, frozen=True, kw_only=True):
     """A channel list, ``(@1,3)`` or ``(@1:3)``, or ``CH1``; the selected output where there is none."""
 
     def parse(self, token: Token) -> Any:
@@ -61,22 +39,22 @@ class _ChannelsOrWord(_Channels, frozen=True, kw_only=True):
     def parse(self, token: Token) -> Any:
         """Return names, or the special number of a word."""
         if token.kind is TokenKind.WORD and token.text[:2] != "CH":
-            return Special[Choice(tuple(each.value for each in Special)).parse(token)]
+            return scpi.Special[scpi.Choice(tuple(each.value for each in scpi.Special)).parse(token)]
         return super().parse(token)
 
 
 def _range(text: str) -> range:
     first, colon, last = (piece.strip() for piece in text.partition(":"))
     if not first.isdecimal() or (colon and not last.isdecimal()):
-        raise ScpiError(-171)
+        raise scpi.ScpiError(-171)
     low, high = int(first), int(last) if colon else int(first)
     if not 1 <= low <= high <= len(_NAMES):
-        raise ScpiError(-224)
+        raise scpi.ScpiError(-224)
     return range(low, high + 1)
 
 
 _LIST = _Channels(required=False)
-_ON_OFF = Boolean()
+_ON_OFF = scpi.Boolean()
 
 
 def _of(supply: SimulatedE36312A, names: Names | None) -> Names:
@@ -95,19 +73,19 @@ def _terminal(name: str, value: float) -> float:
 # --- levels ---------------------------------------------------------------------------------------------------------
 
 
-def _limits(supply: SimulatedE36312A, name: str, what: str) -> Limits:
+def _limits(supply: SimulatedE36312A, name: str, what: str) -> scpi.Limits:
     kind = supply.outputs[name].kind
     if what == "VOLT":
-        return Limits(0.0, abs(kind.volts.maximum), 0.0)
-    return Limits(2e-3 if name == "P6V" else 1e-3, kind.amps.maximum, kind.rated_a)
+        return scpi.Limits(0.0, abs(kind.volts.maximum), 0.0)
+    return scpi.Limits(2e-3 if name == "P6V" else 1e-3, kind.amps.maximum, kind.rated_a)
 
 
-def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> Command:
+def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> scpi.Command:
     immediate = "volts" if what == "VOLT" else "amps"
     waiting = f"triggered_{immediate}"
 
-    def parameter(supply: SimulatedE36312A, name: str) -> Number:
-        return Number(unit=unit, limits=_limits(supply, name, what))
+    def parameter(supply: SimulatedE36312A, name: str) -> scpi.Number:
+        return scpi.Number(unit=unit, limits=_limits(supply, name, what))
 
     def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
         levels = {name: parameter(supply, name).settle(value, supply) for name in _of(supply, names)}
@@ -120,7 +98,7 @@ def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> Com
                 supply.program(name, amps=level)
 
     def read(supply: SimulatedE36312A, which: Any, names: Names | None) -> list[float]:
-        if isinstance(which, Special):
+        if isinstance(which, scpi.Special):
             return [parameter(supply, name).special(which, supply) for name in _of(supply, names)]
         outputs = [(name, supply.outputs[name]) for name in _of(supply, which)]
         levels = [(name, getattr(each, immediate)) for name, each in outputs]
@@ -129,9 +107,9 @@ def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> Com
             levels = [(name, now if then is None else then) for (name, now), then in zip(levels, coming, strict=True)]
         return [_terminal(name, level) if what == "VOLT" else level for name, level in levels]
 
-    return Command(
+    return scpi.Command(
         header,
-        (Number(unit=unit, deferred=True), _LIST),
+        (scpi.Number(unit=unit, deferred=True), _LIST),
         do=write,
         query=read,
         query_parameters=(_ChannelsOrWord(required=False), _LIST),
@@ -140,7 +118,7 @@ def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> Com
     )
 
 
-_IDENTIFIER = Choice((*_NAMES, "CH<1-3>"))
+_IDENTIFIER = scpi.Choice((*_NAMES, "CH<1-3>"))
 
 
 def _named(identifier: str) -> str:
@@ -155,9 +133,9 @@ def _applied(supply: SimulatedE36312A, identifier: str | None) -> str:
 
 @ROWS.attribute(
     "INSTrument:NSELect",
-    Integer(limits=Limits(1, 3), named=False),
+    scpi.Integer(limits=scpi.Limits(1, 3), named=False),
     "output.kind.number",
-    signed_integer,
+    scpi.signed_integer,
     query_parameters=(),
 )
 def _select_number(supply: SimulatedE36312A, number: int) -> None:
@@ -167,24 +145,29 @@ def _select_number(supply: SimulatedE36312A, number: int) -> None:
 # --- switches, protection, measurements -----------------------------------------------------------------------------
 
 
-def _kept(attribute: str, header: str, parameter: Parameter, reply: Callable[[Any], str]) -> Command:
+_OVER = scpi.Number(unit="V", limits=scpi.Limits(0.0, 27.5))
+
+
+def _kept(name: str, header: str, parameter: scpi.Parameter, reply: Callable[[Any], str]) -> scpi.Command:
     def write(supply: SimulatedE36312A, value: Any, names: Names | None) -> None:
-        kept = getattr(supply, attribute)
-        kept.update({name: bool(value) if isinstance(parameter, Boolean) else value for name in _of(supply, names)})
+        kept = bool(value) if isinstance(parameter, scpi.Boolean) else value
+        getattr(supply, name).update(dict.fromkeys(_of(supply, names), kept))
         supply.regulate()
 
     def read(supply: SimulatedE36312A, names: Names | None) -> list[Any]:
-        return [getattr(supply, attribute)[name] for name in _of(supply, names)]
+        return [getattr(supply, name)[each] for each in _of(supply, names)]
 
-    return Command(header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply))
+    return scpi.Command(
+        header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply)
+    )
 
 
-def _tripped(cause: str) -> Callable[..., list[bool]]:
+def _tripped(header: str, cause: str) -> scpi.Command:
     def read(supply: SimulatedE36312A, names: Names | None) -> list[bool]:
         supply.observe()
         return [supply.tripped[name] == cause for name in _of(supply, names)]
 
-    return read
+    return scpi.Command(header, query=read, query_parameters=(_LIST,), reply=_listed(scpi.boolean))
 
 
 def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
@@ -201,27 +184,31 @@ def _measure_amps(supply: SimulatedE36312A, names: Names | None) -> list[float]:
     return [supply.outputs[name].current_reading() for name in _of(supply, names)]
 
 
-def _measurement(header: str, read: Callable[..., list[float]]) -> Command:
-    return Command(header, query=read, query_parameters=(_LIST,), reply=_listed(_NR3), query_takes_s=_READBACK_S)
+def _measurement(header: str, read: Callable[..., list[float]]) -> scpi.Command:
+    return scpi.Command(header, query=read, query_parameters=(_LIST,), reply=_listed(_NR3), query_takes_s=_READBACK_S)
 
 
-_SLOT = (Integer(limits=Limits(0, 9), named=False),)
+_SLOT = (scpi.Integer(limits=scpi.Limits(0, 9), named=False),)
 
 
 @ROWS.do(
     "APPLy",
-    (_IDENTIFIER, Number(unit="V", deferred=True, required=False), Number(unit="A", deferred=True, required=False)),
+    (
+        _IDENTIFIER,
+        scpi.Number(unit="V", deferred=True, required=False),
+        scpi.Number(unit="A", deferred=True, required=False),
+    ),
     query=_applied,
-    query_parameters=(Choice((*_NAMES, "CH<1-3>"), required=False),),
-    reply=quoted,
+    query_parameters=(scpi.Choice((*_NAMES, "CH<1-3>"), required=False),),
+    reply=scpi.quoted,
     takes_s=_PROGRAMMING_S,
 )
 def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
     name = _named(identifier)
     if volts is not None:
-        volts = _terminal(name, Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
+        volts = _terminal(name, scpi.Number(unit="V", limits=_limits(supply, name, "VOLT")).settle(volts, supply))
     if amps is not None:
-        amps = Number(unit="A", limits=_limits(supply, name, "CURR")).settle(amps, supply)
+        amps = scpi.Number(unit="A", limits=_limits(supply, name, "CURR")).settle(amps, supply)
     supply.program(name, volts=volts, amps=amps)
 
 
@@ -238,7 +225,7 @@ def _initiate(supply: SimulatedE36312A, names: Names | None) -> None:
 @ROWS.do("*TRG")
 def _trigger(supply: SimulatedE36312A) -> None:
     if not supply.awaiting:
-        raise ScpiError(-211)
+        raise scpi.ScpiError(-211)
     for name in sorted(supply.awaiting):
         supply.transfer_of(name)
 
@@ -249,58 +236,56 @@ def _preset_status(supply: SimulatedE36312A) -> None:
         register.enable = 0
 
 
-TABLE = CommandTable(
+TABLE = scpi.CommandTable(
     *ROWS,
-    *COMMON_COMMANDS,
+    *scpi.COMMON_COMMANDS,
     *STATUS_COMMANDS,
     _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel][:IMMediate][:AMPLitude]"),
     _level("CURR", "A", "[SOURce:]CURRent[:LEVel][:IMMediate][:AMPLitude]"),
     _level("VOLT", "V", "[SOURce:]VOLTage[:LEVel]:TRIGgered[:AMPLitude]", triggered=True),
     _level("CURR", "A", "[SOURce:]CURRent[:LEVel]:TRIGgered[:AMPLitude]", triggered=True),
-    _kept("trigger_sources", "TRIGger[:SEQuence]:SOURce", Choice(("BUS", "IMMediate")), str),
-    Command("ABORt", (_LIST,), do=lambda supply, names: supply.awaiting.difference_update(_of(supply, names))),
-    _kept("sense", "[SOURce:]VOLTage:SENSe[:SOURce]", Choice(("INTernal", "EXTernal")), str),
-    _kept("rise_delay_s", "OUTPut:DELay:RISE", Number(unit="S", limits=Limits(0.0, 3600.0)), _NR3),
-    _kept("fall_delay_s", "OUTPut:DELay:FALL", Number(unit="S", limits=Limits(0.0, 3600.0)), _NR3),
-    remembered("SYSTem:COMMunicate:RLSTate", Choice(("LOCal", "REMote", "RWLock")), "REM"),
-    Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=signed_integer),
-    *status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
-    *status_commands("OPERation", "operation"),
-    attribute(
+    _kept("trigger_sources", "TRIGger[:SEQuence]:SOURce", scpi.Choice(("BUS", "IMMediate")), str),
+    scpi.Command("ABORt", (_LIST,), do=lambda supply, names: supply.awaiting.difference_update(_of(supply, names))),
+    _kept("sense", "[SOURce:]VOLTage:SENSe[:SOURce]", scpi.Choice(("INTernal", "EXTernal")), str),
+    _kept("rise_delay_s", "OUTPut[:STATe]:DELay:RISE", scpi.Number(unit="S", limits=scpi.Limits(0.0, 3600.0)), _NR3),
+    _kept("fall_delay_s", "OUTPut[:STATe]:DELay:FALL", scpi.Number(unit="S", limits=scpi.Limits(0.0, 3600.0)), _NR3),
+    scpi.remembered("SYSTem:COMMunicate:RLSTate", scpi.Choice(("LOCal", "REMote", "RWLock")), "REM"),
+    scpi.Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=scpi.signed_integer),
+    *scpi.status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
+    *scpi.status_commands("OPERation", "operation"),
+    scpi.attribute(
         "INSTrument[:SELect]", _IDENTIFIER, "selected", lambda name: f"CH{_NAMES.index(name) + 1}", convert=_named
     ),
-    Command(
+    scpi.Command(
         "OUTPut[:STATe]",
         (_ON_OFF, _LIST),
         do=lambda supply, state, names: supply.switch(_of(supply, names), on=bool(state)),
         query=lambda supply, names: [supply.switched[name] for name in _of(supply, names)],
         query_parameters=(_LIST,),
-        reply=_listed(boolean),
+        reply=_listed(scpi.boolean),
         takes_s=_PROGRAMMING_S,
     ),
-    remembered("OUTPut:PAIR", Choice(("OFF",)), "OFF"),
-    Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
-    _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel]", Number(unit="V", limits=Limits(0.0, 27.5)), _NR3),
-    _kept("over_v_on", "[SOURce:]VOLTage:PROTection:STATe", _ON_OFF, boolean),
-    _kept("over_a_on", "[SOURce:]CURRent:PROTection:STATe", _ON_OFF, boolean),
-    Command(
-        "[SOURce:]VOLTage:PROTection:TRIPped", query=_tripped("OV"), query_parameters=(_LIST,), reply=_listed(boolean)
-    ),
-    Command(
-        "[SOURce:]CURRent:PROTection:TRIPped", query=_tripped("OC"), query_parameters=(_LIST,), reply=_listed(boolean)
-    ),
-    Command("[SOURce:]VOLTage:PROTection:CLEar", (_LIST,), do=_clear),
-    Command("[SOURce:]CURRent:PROTection:CLEar", (_LIST,), do=_clear),
+    scpi.remembered("OUTPut:PAIR", scpi.Choice(("OFF",)), "OFF"),
+    scpi.Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
+    _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel][:AMPLitude]", _OVER, _NR3),
+    _kept("over_v_on", "[SOURce:]VOLTage:PROTection:STATe", _ON_OFF, scpi.boolean),
+    _kept("over_a_on", "[SOURce:]CURRent:PROTection:STATe", _ON_OFF, scpi.boolean),
+    _tripped("[SOURce:]VOLTage:PROTection:TRIPped", "OV"),
+    _tripped("[SOURce:]CURRent:PROTection:TRIPped", "OC"),
+    scpi.Command("[SOURce:]VOLTage:PROTection:CLEar", (_LIST,), do=_clear),
+    scpi.Command("[SOURce:]CURRent:PROTection:CLEar", (_LIST,), do=_clear),
     _measurement("MEASure[:SCALar][:VOLTage][:DC]", _measure_volts),
     _measurement("MEASure[:SCALar]:CURRent[:DC]", _measure_amps),
-    attribute("DISPlay[:WINDow]:TEXT[:DATA]", Text(), "display_text", quoted, convert=lambda text: text[:12]),
-    Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
-    Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
-    Command("SYSTem:ERRor:NEXT", query=next_error),
-    Command("SYSTem:VERSion", query=lambda _: "1999.0"),
-    *(Command(f"SYSTem:{word}", do=lambda _: None) for word in ("LOCal", "REMote", "RWLock")),
-    Command("*OPT", query=lambda _: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the model)
-    Command("*TST", query=lambda _: 0, reply=signed_integer, query_takes_s=1.0),
-    Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
-    Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),
+    scpi.attribute(
+        "DISPlay[:WINDow]:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:12]
+    ),
+    scpi.Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
+    scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
+    scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    *(scpi.Command(f"SYSTem:{word}", do=lambda _: None) for word in ("LOCal", "REMote", "RWLock")),
+    scpi.Command("*OPT", query=lambda _: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the model)
+    scpi.Command("*TST", query=lambda _: 0, reply=scpi.signed_integer, query_takes_s=1.0),
+    scpi.Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
+    scpi.Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),
 )

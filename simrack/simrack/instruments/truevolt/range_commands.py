@@ -7,17 +7,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from simrack.instruments.hp34401a import range_commands as classic
 from simrack.instruments.hp34401a.functions import Function
-from simrack.instruments.hp34401a.range_commands import (
-    RANGED,
-    bandwidth_command,
-    gate_command,
-    impedance_command,
-    nplc_command,
-    range_commands,
-    resolution_command,
-    zero_command,
-)
+from simrack.instruments.hp34401a.range_commands import RANGED
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import forgetting
@@ -63,7 +55,7 @@ _ZEROED = ("VOLT", "CURR", "RES")
 
 def _range_commands(function: Function, header: str) -> tuple[Command, ...]:
     """Declare RANGe as the 34401A has it, and RANGe:AUTO, which here knows ONCE too."""
-    fixed, automatic = range_commands(function, header)
+    fixed, automatic = classic.range_commands(function, header)
     name = function.name
 
     def write(meter: SimulatedTruevolt, state: object) -> None:
@@ -133,18 +125,18 @@ def commands(kind: MeterKind) -> tuple[Command, ...]:
     settings = (
         *(each for name, header in RANGED.items() for each in _range_commands(functions[name], header)),
         *(each for name, head in _GATED.items() for each in _range_commands(functions[name], f"{head}:VOLTage")),
-        *(gate_command(name, header) for name, header in _GATED.items()),
+        *(classic.gate_command(name, header) for name, header in _GATED.items()),
         *(
             remembered(f"[SENSe:]{head}:TIMeout:AUTO", Boolean(), default=False, reply=boolean)
             for head in _GATED.values()
         ),
-        *(_ending_aperture(name, resolution_command(functions[name], RANGED[name])) for name in _INTEGRATING),
-        *(_ending_aperture(name, nplc_command(functions[name], RANGED[name])) for name in _INTEGRATING),
+        *(_ending_aperture(name, classic.resolution_command(functions[name], RANGED[name])) for name in _INTEGRATING),
+        *(_ending_aperture(name, classic.nplc_command(functions[name], RANGED[name])) for name in _INTEGRATING),
         *(each for name in _INTEGRATING if apertures for each in _aperture_commands(name, apertures)),
-        *(zero_command(name, f"{RANGED[name]}:ZERO:AUTO", _ONCE) for name in _ZEROED),
-        bandwidth_command("[SENSe:]VOLTage:AC:BANDwidth"),
-        impedance_command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO"),
-        bandwidth_command("[SENSe:]CURRent:AC:BANDwidth"),
+        *(classic.zero_command(name, f"{RANGED[name]}:ZERO:AUTO", _ONCE) for name in _ZEROED),
+        classic.bandwidth_command("[SENSe:]VOLTage:AC:BANDwidth"),
+        classic.impedance_command("[SENSe:]VOLTage[:DC]:IMPedance:AUTO"),
+        classic.bandwidth_command("[SENSe:]CURRent:AC:BANDwidth"),
         *(each for name, header in (RANGED | _GATED | _NOTHING_THERE).items() for each in _null_commands(name, header)),
         remembered("[SENSe:]CAPacitance:RANGe", Number(limits=Limits(1e-9, 1e-4)), 1e-6, _NR3),
         remembered("[SENSe:]CAPacitance:RANGe:AUTO", _ONCE, default=True, reply=boolean),
