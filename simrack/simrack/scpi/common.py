@@ -23,7 +23,8 @@ _FLAG = Integer(limits=Limits(-32767, 32767), named=False)
 """Parameter of *PSC: a number, not ON or OFF; anything but 0 is on (IEEE 488.2, 10.25)."""
 
 
-def _reset(model: ScpiModel) -> None:
+def reset(model: ScpiModel) -> None:
+    """*RST, and what a model presets with other words."""
     model.engine.remembered.clear()
     model.reset()
 
@@ -45,7 +46,7 @@ COMMON_COMMANDS = (
         query=lambda model: model.engine.when_operations_end(lambda: "1"),
     ),
     attribute("*PSC", _FLAG, "engine.clears_masks_at_power_on", boolean, convert=bool, query_parameters=()),
-    Command("*RST", do=_reset),
+    Command("*RST", do=reset),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command(
         "*STB", query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now()))

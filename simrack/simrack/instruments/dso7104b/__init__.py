@@ -17,22 +17,17 @@ from simrack.instruments.dso7104b.trigger_commands import TRIGGER_COMMANDS
 from simrack.instruments.dso7104b.waveform_commands import WAVEFORM_COMMANDS
 from simrack.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
+__all__ = ["COMMANDS", "Dso7104BTwin", "ScopeErrors", "ScopeWorld"]
+
+
+COMMANDS = (
+    *(*COMMON_COMMANDS, *ROOT_COMMANDS, *VERTICAL_COMMANDS, *TIMING_COMMANDS, *TRIGGER_COMMANDS),
+    *(*MEASURE_COMMANDS, *WAVEFORM_COMMANDS, *FUNCTION_COMMANDS, *SYSTEM_COMMANDS, *ACCESSORY_COMMANDS),
+)
+"""All its commands."""
 
 
 class Dso7104BTwin(SimulatedDso7104B):
     """The DSO7104B with its commands; arguments as of the oscilloscope."""
 
-    table: ClassVar[CommandTable] = CommandTable(
-        *COMMON_COMMANDS,
-        *ROOT_COMMANDS,
-        *VERTICAL_COMMANDS,
-        *TIMING_COMMANDS,
-        *TRIGGER_COMMANDS,
-        *MEASURE_COMMANDS,
-        *WAVEFORM_COMMANDS,
-        *FUNCTION_COMMANDS,
-        *SYSTEM_COMMANDS,
-        *ACCESSORY_COMMANDS,
-        limit_queries=False,
-    )
+    table: ClassVar[CommandTable] = CommandTable(*COMMANDS, limit_queries=False)

@@ -16,7 +16,7 @@ from simrack.scpi.lexer import Token, TokenKind
 ROWS = scpi.Rows()
 
 _INSTALLED_MOST = 4
-_EDGES = MeasuredTrace.finding_edges
+EDGES = MeasuredTrace.finding_edges
 
 
 class _Definition(scpi.Parameter, frozen=True):
@@ -43,12 +43,13 @@ class _Averaging(scpi.Choice, frozen=True):
 # --- values
 
 
-def _measured(
+def measured(
     model: SimulatedDso7104B,
     source: str | None,
     of: Callable[[MeasuredTrace], float | None],
     prepare: Preparation | None = None,
 ) -> Any:
+    """Return the value of a source, or of the one that :MEASure:SOURce names, once there is a record."""
     return _measured_of(model, (source or model.state.measure.sources[0],), of, prepare)
 
 
@@ -148,7 +149,7 @@ def _measurement(
         f"MEASure:{name}",
         (declarations.OPTIONAL_SOURCE,),
         do=lambda model, source: _install(model, name, (source,), of, prepare),
-        query=lambda model, source: _measured(model, source, of, prepare),
+        query=lambda model, source: measured(model, source, of, prepare),
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     )
 
@@ -159,11 +160,11 @@ def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None])
     def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str], Preparation | None]:
         given = {word for word in words if word is not None}
         source = next((word for word in given if word.startswith(("CHAN", "FUNC"))), None)
-        return source, given, None if "DISP" in given and "CYCL" not in given else _EDGES
+        return source, given, None if "DISP" in given and "CYCL" not in given else EDGES
 
     def read(model: SimulatedDso7104B, *words: str | None) -> Any:
         source, given, prepare = sorted_out(words)
-        return _measured(model, source, lambda trace: of(trace, given), prepare)
+        return measured(model, source, lambda trace: of(trace, given), prepare)
 
     def install(model: SimulatedDso7104B, *words: str | None) -> None:
         source, given, prepare = sorted_out(words)
@@ -192,7 +193,7 @@ def _pair_measurement(
 
 def _delay(model: SimulatedDso7104B, first: str | None, second: str | None) -> Any:
     edges = model.state.measure.delay_edges
-    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges), _EDGES)
+    return _measured_pair(model, first, second, lambda one, two: one.delay_to(two, *edges), EDGES)
 
 
 def _ratio_db(one: MeasuredTrace, two: MeasuredTrace) -> float | None:
@@ -226,7 +227,7 @@ def _threshold_definition(model: SimulatedDso7104B, values: tuple[Any, ...]) -> 
     return kind, upper, middle, lower
 
 
-def _counter(model: SimulatedDso7104B, source: str | None) -> Any:
+def counted(model: SimulatedDso7104B, source: str | None) -> Any:
     """Return the count of the hardware counter at the end of its gate; it looks at channels alone."""
     name = source or model.state.measure.sources[0]
     if name == "FUNC" or not model.state.is_shown(name):
@@ -242,17 +243,17 @@ def _edge_number(value: float) -> int:
 
 @ROWS.query("MEASure:TEDGe", query_parameters=(scpi.Number(), declarations.OPTIONAL_SOURCE))
 def _edge_time(model: SimulatedDso7104B, number: float, source: str | None) -> Any:
-    return _measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)), _EDGES)
+    return measured(model, source, lambda trace: trace.time_of_edge(_edge_number(number)), EDGES)
 
 
 @ROWS.query("MEASure:TVALue", query_parameters=(declarations.VOLTS, scpi.Number(), declarations.OPTIONAL_SOURCE))
 def _value_time(model: SimulatedDso7104B, level: float, number: float, source: str | None) -> Any:
-    return _measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
+    return measured(model, source, lambda trace: trace.time_of_value(level, _edge_number(number)))
 
 
 @ROWS.query("MEASure:VTIMe", query_parameters=(declarations.SECONDS, declarations.OPTIONAL_SOURCE))
 def _value_at(model: SimulatedDso7104B, seconds: float, source: str | None) -> Any:
-    return _measured(model, source, lambda trace: trace.voltage_at(seconds))
+    return measured(model, source, lambda trace: trace.voltage_at(seconds))
 
 
 def _sources(model: SimulatedDso7104B) -> str:
@@ -290,7 +291,7 @@ def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
     query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
 )
 def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
-    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges), _EDGES)
+    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges), EDGES)
 
 
 MEASURE_COMMANDS = (
@@ -313,23 +314,23 @@ MEASURE_COMMANDS = (
     _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
     _measurement("OVERshoot", MeasuredTrace.overshoot, MeasuredTrace.leveling),
     _measurement("PREShoot", MeasuredTrace.preshoot, MeasuredTrace.leveling),
-    _measurement("FREQuency", MeasuredTrace.frequency, _EDGES),
-    _measurement("PERiod", MeasuredTrace.period, _EDGES),
+    _measurement("FREQuency", MeasuredTrace.frequency, EDGES),
+    _measurement("PERiod", MeasuredTrace.period, EDGES),
     scpi.Command(
         "MEASure:COUNter",
         (declarations.OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency, _EDGES),
-        query=_counter,
+        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency, EDGES),
+        query=counted,
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     ),
-    _measurement("RISetime", MeasuredTrace.rise_time, _EDGES),
-    _measurement("FALLtime", MeasuredTrace.fall_time, _EDGES),
-    _measurement("PWIDth", MeasuredTrace.positive_width, _EDGES),
-    _measurement("NWIDth", MeasuredTrace.negative_width, _EDGES),
-    _measurement("DUTYcycle", MeasuredTrace.duty_cycle, _EDGES),
+    _measurement("RISetime", MeasuredTrace.rise_time, EDGES),
+    _measurement("FALLtime", MeasuredTrace.fall_time, EDGES),
+    _measurement("PWIDth", MeasuredTrace.positive_width, EDGES),
+    _measurement("NWIDth", MeasuredTrace.negative_width, EDGES),
+    _measurement("DUTYcycle", MeasuredTrace.duty_cycle, EDGES),
     _measurement("XMAX", MeasuredTrace.time_of_maximum),
     _measurement("XMIN", MeasuredTrace.time_of_minimum),
-    _pair_measurement("PHASe", lambda one, two: one.phase_to(two), _EDGES),
+    _pair_measurement("PHASe", lambda one, two: one.phase_to(two), EDGES),
     _pair_measurement("VRATio", _ratio_db),
 )
 """What is said to :MEASure."""

@@ -22,6 +22,7 @@ _PLACES = scpi.Integer(limits=scpi.Limits(0, 9))
 _POINTS = 1000
 _OPTIONS = "0,0,0,0,MEMUP,0,0,0,0,0,0,0"
 """A field an option, 0 where it is not fitted: memory alone (how many follow is unverified)."""
+_MENU = scpi.Choice(("MASK", "MEASure", "SEGMented", "LISTer", "POWer"))
 _MATH = len(CHANNELS) + 1
 
 
@@ -143,17 +144,6 @@ def _traces(model: SimulatedDso7104B) -> Generator[None, None, dict[int, NDArray
     return traces
 
 
-@ROWS.query("HARDcopy")
-def _hard_copy_learned(model: SimulatedDso7104B) -> str:
-    """Return the settings in the shape of a sibling's sample (from memory, unverified)."""
-    state = model.state
-    return (
-        f':HARD:APR "";AREA {state.hardcopy.area};FACT {scpi.boolean(state.hardcopy.factors)};'
-        f"FFE {scpi.boolean(state.hardcopy.form_feed)};INKS {scpi.boolean(state.hardcopy.ink_saver)};"
-        f"PAL {state.hardcopy.palette};LAY {state.hardcopy.layout}"
-    )
-
-
 # --- system
 
 
@@ -186,23 +176,20 @@ def _moment(name: str, *limits: tuple[int, int]) -> scpi.Command:
     )
 
 
-@ROWS.query("DISPlay")
-def _display_learned(model: SimulatedDso7104B) -> str:
-    """Return the settings in the shape of the siblings' sample (from memory, unverified)."""
-    own = model.state.display
-    connected = scpi.boolean(own.vectors)
-    return f":DISP:LAB {scpi.boolean(own.labels)};CONN {connected};PERS {own.persistence};SOUR {own.memory}"
-
-
-@ROWS.query("SYSTem")
-def _system_learned(model: SimulatedDso7104B) -> str:
-    """Return the settings; the reply of a real one is not known."""
-    state = model.state
-    return f":SYST:LOCK {scpi.boolean(state.locked)};PROT:LOCK {scpi.boolean(state.protection_locked)}"
-
-
 SYSTEM_COMMANDS = (
     *ROWS,
+    # the shapes of the siblings' samples, from memory; the system's is not known
+    declarations.learned(
+        "HARDcopy",
+        ':HARD:APR "";AREA {0.hardcopy.area};FACT {0.hardcopy.factors:d};FFE {0.hardcopy.form_feed:d};'
+        "INKS {0.hardcopy.ink_saver:d};PAL {0.hardcopy.palette};LAY {0.hardcopy.layout}",
+    ),
+    declarations.learned(
+        "DISPlay",
+        ":DISP:LAB {0.display.labels:d};CONN {0.display.vectors:d};"
+        "PERS {0.display.persistence};SOUR {0.display.memory}",
+    ),
+    declarations.learned("SYSTem", ":SYST:LOCK {0.locked:d};PROT:LOCK {0.protection_locked:d}"),
     scpi.attribute("DISPlay:CONNect", scpi.Boolean(), "state.display.vectors", scpi.boolean),
     scpi.attribute("DISPlay:SOURce", scpi.Choice(("PMEMory<0-9>",)), "state.display.memory"),
     scpi.attribute("DISPlay:VECTors", scpi.Boolean(), "state.display.vectors", scpi.boolean),
@@ -219,6 +206,8 @@ SYSTEM_COMMANDS = (
     scpi.attribute("HARDcopy:LAYout", scpi.Choice(("LANDscape", "PORTrait")), "state.hardcopy.layout"),
     scpi.attribute("HARDcopy:PALette", scpi.Choice(("COLor", "GRAYscale", "NONE")), "state.hardcopy.palette"),
     scpi.Command("HARDcopy[:STARt]", do=declarations.nothing),
+    scpi.Command("SYSTem:MENU", (_MENU,), do=declarations.nothing),
+    scpi.Command("SYSTem:PRESet", do=scpi.reset),
     scpi.attribute("SYSTem:DSP", scpi.Text(limit=254), "message", scpi.quoted),
     _moment("date", (1980, 2099), (1, 12), (1, 31)),
     _moment("time", (0, 23), (0, 59), (0, 59)),

@@ -5,19 +5,26 @@ PyMeasure's driver of the DSOX1102G with its tests on a real one, the smallest o
 measurement record, two digits of exponent, twelve decimals. That the larger ones answer like it is unverified; memory
 and sample rates are general knowledge of the data sheets.
 
-Not simulated beside what a DSO7104B's twin leaves out: the X series' own measurements, digital channels, the generator
-inside, reference waveforms, the second math trace.
+Beside a DSO7104B it has the voltmeter (from the record on the screen, three digits; its frequency from the counter),
+annotation, and an MSO the settings of digital channels: headers of the maker's SCPI description of the 2000 X-Series
+and of the 3000T guide. All but the voltmeter is kept and told; defaults, and that the voltmeter switched off answers
+9.9E+37, are unverified. Not simulated beside what a DSO7104B's twin leaves out: the X series' own measurements, what is
+on digital channels, the generator inside, reference waveforms, the second math trace.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from msgspec.structs import replace
 
-from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
+from simrack import scpi
+from simrack.instruments.dso7104b import COMMANDS, Dso7104BTwin, ScopeErrors
+from simrack.instruments.dso7104b.installed import INVALID
 from simrack.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
+from simrack.instruments.dso7104b.measurements import MeasuredTrace
+from simrack.instruments.dso7104b.measuring_commands import EDGES, counted, measured
 
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 
@@ -66,7 +73,54 @@ _KINDS = {
         _kind("DSOX4104A", "KEYSIGHT TECHNOLOGIES,{},MY54100123,04.08.2016071800", 4, 5e9),
     )
 }
-"""200 MHz, 1 GHz and 1 GHz, four channels each; the digital ones of the MSOX3104T are not simulated."""
+"""200 MHz, 1 GHz and 1 GHz, four channels each; the digital ones of the MSOX3104T are settings only."""
+
+
+_ENABLED, _SOURCE, _MODE, _NOTE = "DVM:ENABle", "DVM:SOURce", "DVM:MODE", "DISPlay:ANNotation<1-1>"
+_LOGIC = scpi.Number(unit="V", limits=scpi.Limits(-8.0, 8.0), words={"CMOS": 2.5, "ECL": -1.3, "TTL": 1.4})
+_GROUPS = ("DIGital<0-15>", "POD<1-2>")
+
+
+def _voltmeter(model: Dso7104BTwin) -> Any:
+    kept = model.engine.remembered
+    source, mode = kept.get((_SOURCE,), "CHAN1"), kept.get((_MODE,), "DC")
+    if not kept.get((_ENABLED,)):
+        return model.nr3(INVALID)
+    if mode == "FREQ":
+        return counted(model, source)
+
+    def volts(trace: MeasuredTrace) -> float | None:
+        cycle = trace.period() is not None
+        value = trace.average(cycle=cycle) if mode == "DC" else trace.rms(cycle=cycle, ac=mode == "ACRM")
+        return None if value is None else float(f"{value:.2e}")
+
+    return measured(model, source, volts, EDGES)
+
+
+def _switch(header: str, *, on: bool = False) -> scpi.Command:
+    return scpi.remembered(header, scpi.Boolean(), default=on, reply=scpi.boolean)
+
+
+_OWN = (
+    *(_switch(each) for each in (_ENABLED, _NOTE, "MEASure:STATistics:DISPlay")),
+    _switch("DVM:ARANge", on=True),
+    scpi.remembered(_SOURCE, scpi.Choice(("CHANnel<1-4>",)), "CHAN1"),
+    scpi.remembered(_MODE, scpi.Choice(("ACRMs", "DC", "DCRMs", "FREQuency")), "DC"),
+    scpi.Command("DVM:CURRent", query=_voltmeter),
+    scpi.Command("DVM:FREQuency", query=lambda model: counted(model, model.engine.remembered.get((_SOURCE,), "CHAN1"))),
+    scpi.remembered(f"{_NOTE}:BACKground", scpi.Choice(("OPAQue", "INVerted", "TRANsparent")), "OPAQ"),
+    scpi.remembered(f"{_NOTE}:COLor", scpi.Choice(("CH<1-4>", "DIG", "MATH", "REF", "MARKer", "WHITe", "RED")), "WHIT"),
+    scpi.remembered(f"{_NOTE}:TEXT", scpi.Text(limit=254), "", scpi.quoted),
+)
+
+_DIGITAL = (
+    *(_switch(f"{each}:DISPlay") for each in _GROUPS),
+    *(scpi.remembered(f"{each}:SIZE", scpi.Choice(("SMALl", "MEDium", "LARGe")), "SMAL") for each in _GROUPS),
+    *(scpi.remembered(f"{each}:THReshold", _LOGIC, 1.4, scpi.real(12)) for each in _GROUPS),
+    scpi.remembered("DIGital<0-15>:LABel", scpi.Text(limit=10), "", scpi.quoted),
+    scpi.remembered("DIGital<0-15>:POSition", scpi.Integer(limits=scpi.Limits(0, 15)), 0, scpi.signed_integer),
+)
+"""Of an MSO: each digital channel keeps a threshold of its own, which the pod's does not change."""
 
 
 class InfiniiVisionXTwin(Dso7104BTwin):
@@ -77,7 +131,9 @@ class InfiniiVisionXTwin(Dso7104BTwin):
     @classmethod
     def of_model(cls, model: str) -> type[Self]:
         """Return the simulated model of the series."""
-        return type(cls.__name__, (cls,), {"kind": _KINDS[model], "__doc__": cls.__doc__})
+        digital = _DIGITAL if model.startswith("MSO") else ()
+        table = scpi.CommandTable(*COMMANDS, *_OWN, *digital, limit_queries=False)
+        return type(cls.__name__, (cls,), {"kind": _KINDS[model], "table": table, "__doc__": cls.__doc__})
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' records), which writes DSO-X 3024A, but for the model."""

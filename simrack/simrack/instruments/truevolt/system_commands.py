@@ -60,7 +60,7 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}"),
         scpi.Command("SYSTem:LICense:CATalog", query=lambda _meter: '""'),
         scpi.Command("SYSTem:LOCal", do=lambda _: None),
-        scpi.Command("SYSTem:PRESet", do=lambda meter: meter.reset()),
+        scpi.Command("SYSTem:PRESet", do=scpi.reset),
         scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
         scpi.Command("*SAV", (_STATES,), do=lambda meter, place: meter.save(place)),
         scpi.Command("*RCL", (_STATES,), do=lambda meter, place: meter.recall(place)),

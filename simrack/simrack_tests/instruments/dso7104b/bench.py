@@ -70,7 +70,7 @@ class AnalyticHistory:
 class Bench:
     """A world of analytic nodes, and a host that reads as a transport does."""
 
-    def __init__(self, errors: ScopeErrors | None = None) -> None:
+    def __init__(self, errors: ScopeErrors | None = None, twin: type[Dso7104BTwin] = Dso7104BTwin) -> None:
         self.clock = VirtualClock()
         self.finest_s: dict[str, float] = {}
         self.recording: set[int] = set()
@@ -84,7 +84,7 @@ class Bench:
             "pulse": lambda t: np.where((t * 1000.0) % 1.0 < 0.3, 1.0, -1.0),
         }
         wired = {1: "drive", 2: "carrier", 3: "flat", 4: "pulse"}
-        self.scope = Dso7104BTwin(self, wired, errors or ScopeErrors.none())
+        self.scope = twin(self, wired, errors or ScopeErrors.none())
 
     def capture(self, start_s: float, stop_s: float) -> SineCapture:
         assert start_s >= self.clock.now()
