@@ -77,6 +77,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
     dialect: ClassVar[Dialect] = _DIALECT
     interfaces: ClassVar[Mapping[str, Interface]] = MappingProxyType({"usb": USB, "gpib": GPIB, "lan": LAN})
     identifies_as = "DEF"
+    before_mathematics = math.nan
 
     def data_sheet(self) -> VoltmeterSpecification:
         """Return the data sheet of the model's direct voltages."""
@@ -185,6 +186,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.statistics, self.limit_test = Statistics(), LimitTest()
 
     def _finish_reading(self, value: float) -> float:
+        self.before_mathematics = value
         if abs(value) >= OVERLOAD:
             self._show_overload()
             return value

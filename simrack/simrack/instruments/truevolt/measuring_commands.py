@@ -16,13 +16,14 @@ from msgspec.structs import replace
 from simrack import scpi
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.measuring_commands import CONFIGURATION, FUNCTION, measurement_commands
+from simrack.instruments.hp34401a.range_commands import RANGED
 from simrack.instruments.hp34401a.trigger_commands import BUS_TRIGGER, trigger_settings
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
+from simrack.scpi.formats import NOT_A_NUMBER
 
 _NR3 = scpi.real(8)
 _READINGS = scpi.comma_list(_NR3)
-_NOT_A_NUMBER = 9.91e37
 AUTO = math.nan
 """What the word AUTO in place of a range is handed over as; no number that can be typed is."""
 _UNITS = {"V": "VDC", "A": "ADC", "OHM": "OHM", "HZ": "HZ", "S": "SEC", "C": "C", "F": "F"}
@@ -34,7 +35,7 @@ _PROBE = (
 )
 """After CONFigure:TEMPerature: probe, its type, 1, resolution (command quick reference)."""
 
-_TIMER = (
+_OF_34465A = (
     scpi.attribute("SAMPle:SOURce", scpi.Choice(("IMMediate", "TIMer")), "ring.paced_by"),
     scpi.attribute(
         "SAMPle:TIMer",
@@ -42,8 +43,10 @@ _TIMER = (
         "ring.interval_s",
         _NR3,
     ),
+    scpi.remembered("SAMPle:COUNt:PRETrigger", scpi.Integer(limits=scpi.Limits(0, 49_999, 0)), 0, scpi.signed_integer),
+    scpi.remembered("TRIGger:LEVel", scpi.Number(unit=("V", "A"), limits=scpi.Limits(-1e9, 1e9, 0.0)), 0.0, _NR3),
 )
-"""Of a 34465A; the guide as QCoDeS' driver quotes it. Where a reading takes longer, the next begins at once."""
+"""The guide as QCoDeS' driver quotes it. A reading may outlast the timer. Level and pretrigger are kept only."""
 
 
 def forgetting(command: scpi.Command) -> scpi.Command:
@@ -105,7 +108,15 @@ def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
 def _last(meter: SimulatedTruevolt) -> str:
     last = meter.ring.last
     unit = {"VOLT:AC": "VAC", "CURR:AC": "AAC"}.get(meter.function.name, _UNITS[meter.function.unit])
-    return f"{_NR3(_NOT_A_NUMBER if last is None else last)} {unit}"
+    return f"{_NR3(NOT_A_NUMBER if last is None else last)} {unit}"
+
+
+def _second(meter: SimulatedTruevolt) -> float:
+    """Return the secondary measurement: the reading before mathematics, not a number for what is kept only."""
+    header = RANGED.get(meter.function.name, meter.function.header)
+    second = meter.engine.remembered.get((f"[SENSe:]{header}:SECondary",), "OFF")
+    known = second.upper().startswith("CALC") and meter.ring.last is not None
+    return meter.before_mathematics if known else NOT_A_NUMBER
 
 
 def _temperature_commands(function: Function) -> tuple[scpi.Command, ...]:
@@ -150,9 +161,10 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
             reply=_READINGS,
         ),
         scpi.Command("DATA:LAST", query=_last),
+        scpi.Command("[SENSe:]DATA2", query=_second, reply=_NR3),
         scpi.Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer),
         *(forgetting(each) for each in trigger_settings(scpi.Limits(1, kind.most_readings, 1), 6)),
         forgetting(scpi.attribute("TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "ring.slope")),
-        *(forgetting(each) for each in _TIMER if kind.apertures_s),
+        *(forgetting(each) for each in _OF_34465A if kind.apertures_s),
         BUS_TRIGGER,
     )
