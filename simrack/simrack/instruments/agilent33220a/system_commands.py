@@ -67,6 +67,10 @@ COMMANDS = (
     scpi.attribute("SYSTem:KLOCk:EXCLude", scpi.Choice(("NONE", "LOCal")), "panel.exclude", str),
     scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0"),
     scpi.attribute("SYSTem:COMMunicate:RLSTate", scpi.Choice(("LOCal", "REMote", "RWLock")), "panel.remote"),
+    *(
+        scpi.Command(f"SYSTem:{word}", do=lambda model, short=word[:3]: setattr(model.panel, "remote", short.upper()))
+        for word in ("LOCal", "REMote", "RWLock")
+    ),
     scpi.attribute(
         "SYSTem:COMMunicate:GPIB:ADDRess", scpi.Integer(limits=scpi.Limits(0, 30)), "panel.gpib", scpi.signed_integer
     ),

@@ -45,6 +45,7 @@ _LEFT_OUT = (
     *("MARKer[:STATe]", "*LRN", "SYSTem:KLOCk", "SYSTem:COMMunicate:RLSTate", "OUTPut:LOAD", "APPLy:USER"),
     *("APPLy:DC", "[SOURce:]FUNCtion[:SHAPe]", "[SOURce:]FUNCtion:SQUare:DCYCle", "[SOURce:]PULSe:PERiod"),
     *("[SOURce:]BURSt:INTernal:PERiod", "[SOURce:]BURSt:NCYCles", "*TRG"),
+    *("SYSTem:LOCal", "SYSTem:REMote", "SYSTem:RWLock"),
 )
 """What the series does not have, or has in another way."""
 
@@ -225,12 +226,26 @@ def _retune(model: _Model) -> None:
     model.settle()
 
 
-def _set_arbitrary_hz(model: _Model, hz: float) -> None:
-    model.state.sample_rate_hz = hz * _points(model)
-    _retune(model)
+def _arbitrary_rate(word: str, unit: str, power: int) -> scpi.Command:
+    def limits(model: _Model) -> scpi.Limits:
+        ends = ((each / _points(model)) ** power for each in (1e-6, model.series.sample_rate_hz))
+        return scpi.Limits(*sorted(ends))
+
+    def write(model: _Model, value: float) -> None:
+        model.state.sample_rate_hz = value**power * _points(model)
+        _retune(model)
+
+    return scpi.Command(
+        f"[SOURce:]FUNCtion:ARBitrary:{word}",
+        (scpi.Number(unit=unit, limits=limits),),
+        do=write,
+        query=lambda model: (model.state.sample_rate_hz / _points(model)) ** power,
+        reply=_nr3,
+    )
 
 
 _EDGE = next(each for each in pulse_commands.COMMANDS if each.pattern.endswith("TRANsition"))
+_AMPLITUDE = next(each for each in level_commands.COMMANDS if each.pattern.endswith("VOLTage"))
 _BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
 
 
@@ -291,13 +306,8 @@ OWN = (
         _nr3,
         then=_retune,
     ),
-    scpi.Command(
-        "[SOURce:]FUNCtion:ARBitrary:FREQuency",
-        (scpi.Number(unit="HZ"),),
-        do=_set_arbitrary_hz,
-        query=lambda model: model.state.sample_rate_hz / _points(model),
-        reply=_nr3,
-    ),
+    *(_arbitrary_rate(*row) for row in (("FREQuency", "HZ", 1), ("PERiod", "S", -1))),
+    replace(_AMPLITUDE, pattern="[SOURce:]FUNCtion:ARBitrary:PTPeak"),
     scpi.attribute(
         "[SOURce:]FUNCtion:PRBS:BRATe",
         scpi.Number(limits=lambda model: scpi.Limits(1e-3, model.series.bits_hz, 1e3)),

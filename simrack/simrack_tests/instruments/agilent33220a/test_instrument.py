@@ -283,8 +283,6 @@ def test_am_halves_the_carrier(box: Socket) -> None:
     ("command", "number"),
     [
         ("BOGUS", -113),
-        ("SYST:REM", -113),
-        ("SYST:LOC", -113),
         ("PULS:WIDT 1e-5", -113),
         ("VOL 3", -113),
         ("FUNC TRI", -224),
