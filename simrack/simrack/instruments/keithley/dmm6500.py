@@ -285,12 +285,20 @@ _COMMANDS = (
             ("TRACe:FILL:MODE", scpi.Choice(("CONTinuous", "ONCE")), "CONT"),
             ("DISPlay:BUFFer:ACTive", scpi.Text(), "defbuffer1"),
             ("[SENSe:]FRESistance:OCOMpensated", scpi.Choice(("ON", "OFF", "AUTO")), "AUTO"),
+            ("SYSTem:PCARd<1-1>", scpi.Integer(limits=scpi.Limits(0, 2001)), 0, scpi.bare_integer),
             ("ROUTe:SCAN:COUNt:SCAN", scpi.Integer(limits=scpi.Limits(1, 100_000_000, 1)), 1, scpi.bare_integer),
             ("ROUTe:SCAN:INTerval", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 0.0, _NR3),
             ("TRIGger:TIMer<1-4>:DELay", scpi.Number(unit="S", limits=scpi.Limits(0.0, 1e6)), 1e-5, _NR3),
             ("TRIGger:TIMer<1-4>:STARt:STIMulus", scpi.Choice(_STIMULI), "NONE"),
         )
     ),
+    # no card is in the slot (form of the replies unverified)
+    scpi.Command("SYSTem:CARD1:IDN", query=lambda _: "Empty Slot"),
+    *(
+        scpi.Command(f"SYSTem:CARD1:{each}", query=lambda _: "0")
+        for each in ("VCHannel[:STARt]", "VCHannel:END", "VMAX")
+    ),
+    scpi.Command("ROUTe:SCAN[:CREate]", query=lambda _: "(@)"),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     *scpi.status_commands("OPERation", "operation"),
     *scpi.status_commands("QUEStionable", "questionable"),
@@ -331,6 +339,9 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
         self.made: dict[str, int] = {}
         self.loop: tuple[int, float] | None = None
         super().reset()
+        for name in _INTEGRATING[:-1]:  # a cycle: DEF (manual, p. 13-108; so has PyMeasure's suite the aperture)
+            setup, fraction = self.setups[name], self.functions[name].fraction_of(1.0)
+            setup.nplc, setup.resolution = 1.0, fraction
 
     def forget(self) -> None:
         """A setting changes: the measurement ends."""

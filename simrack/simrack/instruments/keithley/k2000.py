@@ -144,6 +144,7 @@ def _preset(meter: Keithley2000Twin) -> None:
 
 
 _STATISTIC, _LIMIT = "CALCulate<2-2>:FORMat", "CALCulate<3-3>:LIMit<1-2>"
+_SHOWN = "DISPlay[:WINDow<1-1>]:TEXT"
 _STATISTICS: Mapping[str, Any] = {"MEAN": fmean, "SDEV": lambda each: np.std(each, ddof=1), "MAX": max, "MIN": min}
 _SIDES = (("UPPer", 1.0), ("LOWer", -1.0))
 _COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float("inf")})
@@ -190,6 +191,11 @@ _COMMANDS = (
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(2, _BUFFER)), "points", scpi.signed_integer),
     scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
+    # what drivers set of all of the maker's meters (defaults unverified)
+    scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
+    scpi.remembered("SYSTem:POSetup", scpi.Choice(("RST", "PRESet", "SAV0")), "PRES"),
+    scpi.Command("SYSTem:KEY", (scpi.Integer(limits=scpi.Limits(1, 31)),), do=common.ignored),
+    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
     scpi.Command(
         "FORMat:ELEMents",
         (scpi.Choice(("READing", "UNITs", "CHANnel", "RNUMber")),),
@@ -199,28 +205,23 @@ _COMMANDS = (
     ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
+    scpi.remembered(f"{_SHOWN}[:DATA]", scpi.Text(limit=12), "", scpi.quoted),
     *(
-        scpi.remembered(f"DISPlay[:WINDow<1-1>]:TEXT{node}", parameter, default, reply)
-        for node, parameter, default, reply in (
-            ("[:DATA]", scpi.Text(limit=12), "", scpi.quoted),
-            (":STATe", scpi.Boolean(), False, scpi.boolean),
-        )
+        scpi.remembered(f"{each}:STATe", scpi.Boolean(), default=False, reply=scpi.boolean)
+        for each in ("CALCulate<1-1>", "CALCulate<2-2>", _LIMIT, _SHOWN)
     ),
     scpi.remembered("CALCulate<1-1>:FORMat", scpi.Choice(("NONE", "MXB", "PERCent")), "PERC"),
-    scpi.remembered("CALCulate<1-1>:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
     *(
         scpi.remembered(f"CALCulate<1-1>:KMATh:{name}", scpi.Number(limits=scpi.Limits(-1e8, 1e8)), default, _NR3)
         for name, default in (("MMFactor", 1.0), ("MBFactor", 0.0), ("PERCent", 1.0))
     ),
     scpi.remembered("CALCulate<1-1>:KMATh:MUNits", scpi.Text(limit=3), "MXB", scpi.quoted),
     scpi.remembered(_STATISTIC, scpi.Choice(("NONE", "MEAN", "SDEViation", "MAXimum", "MINimum")), "NONE"),
-    scpi.remembered("CALCulate<2-2>:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
     scpi.Command("CALCulate<2-2>:IMMediate", do=common.ignored),
     *(
         scpi.remembered(f"{_LIMIT}:{side}[:DATA]", scpi.Number(limits=scpi.Limits(-1e8, 1e8)), usual, _NR3)
         for side, usual in _SIDES
     ),
-    scpi.remembered(f"{_LIMIT}:STATe", scpi.Boolean(), default=False, reply=scpi.boolean),
     scpi.Command(f"{_LIMIT}:CLEar[:IMMediate]", do=common.ignored),
     scpi.Command("CALCulate<3-3>:IMMediate", do=common.ignored),
     scpi.remembered("[SENSe:]TEMPerature:TCouple:TYPE", scpi.Choice(tuple("JKT")), "J"),
@@ -239,6 +240,7 @@ _COMMANDS = (
     scpi.Command("STATus:PRESet", do=common.ignored),
     scpi.Command("STATus:QUEue[:NEXT]", query=scpi.next_error),
     scpi.Command("STATus:QUEue:CLEar", do=lambda meter: meter.engine.errors.clear()),
+    scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),
 )
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
