@@ -1,7 +1,8 @@
 """Conformance card of a model: which commands it knows of its manual's and of the standards', and where from.
 
-Made of its command table, of the docstring that names its sources, and of the headers of its manual where those were
-at hand (`simrack/manuals`). A header that a model does not know is answered as a real one answers an unknown header.
+Made of its command table, of the docstring that names its sources, and of the headers of its manual or, where that was
+not at hand, of drivers and notes (`simrack/manuals`; the card says which). A header that a model does not know is
+answered as a real one answers an unknown header.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ SCPI_99: Final = (
 )
 """What SCPI-99, volume 1, 4.2.1 demands."""
 _UNKNOWN = -113
+_OTHERS = "this model has not, unknown headers here as there"
 
 
 class Index(Struct, frozen=True):
@@ -42,6 +44,8 @@ class Index(Struct, frozen=True):
     unknown: tuple[str, ...]
     drivers: Mapping[str, str] = {}
     """In how many drivers in public use a header is, where it is in any."""
+    others: Mapping[str, str] = {}
+    """Headers of the list that are of other models, and of which."""
 
     def __str__(self) -> str:
         """Return how many are known."""
@@ -75,16 +79,20 @@ def compared(table: CommandTable, headers: tuple[str, ...], source: str) -> Inde
     return Index(source, known, tuple(each for each in headers if each not in known))
 
 
-def of_manual(model: SimulatedModel) -> Index | None:
-    """Return which headers of its manual a model knows; None where those were not at hand.
+def of_manual(model: SimulatedModel) -> Index:
+    """Return which headers of its list a model knows.
 
-    In a file of `manuals` the number of drivers stands behind a tab.
+    In a file of `manuals` the number of drivers stands behind a tab, and behind another which models have not the
+    header, * for all, and why: `34461A: a 34465A has it`.
     """
-    if not model.index:
-        return None
     source, *lines = (files("simrack") / "manuals" / model.index).read_text(encoding="utf-8").splitlines()
-    drivers = dict(line.partition("\t")[::2] for line in lines)
-    return replace(compared(model.load().table, tuple(drivers), source.removeprefix("# ")), drivers=drivers)
+    rows = [(*line.split("\t"), "", "")[:3] for line in lines]
+    drivers = {header: number for header, number, _ in rows}
+    lacking = ((header, *note.partition(": ")) for header, _, note in rows)
+    others = {header: why for header, models, _, why in lacking if {model.name, "*"} & {*models.split()}}
+    headers = tuple(each for each in drivers if each not in others)
+    found = compared(model.load().table, headers, source.removeprefix("# "))
+    return replace(found, drivers=drivers, others=others)
 
 
 def card(name: str) -> str:
@@ -102,24 +110,26 @@ def _said_of(model: SimulatedModel) -> str:
     for standard in (compared(table, IEEE_488_2, "IEEE 488.2, 4.1.1"), compared(table, SCPI_99, "SCPI-99, 4.2.1")):
         lacking = ", ".join(f"`{each}`" for each in standard.unknown)
         lines.append(f"- {standard.source}: {f'lacks {lacking}' if lacking else 'all there'}")
-    if manual is None:
-        lines.append("- its manual's list of commands was not at hand: which of them are missing is not known")
-    else:
-        lines.append(f"- {manual.source}: {manual} known")
+    lines.append(f"- {manual.source}: {manual} known")
     lines += ["", *model.description().rstrip().splitlines()]
-    if manual is not None and manual.unknown:
-        said = (f"{each} ({manual.drivers[each]})" if manual.drivers[each] else each for each in manual.unknown)
-        lines += ["", "Lines of that list that are not known (and in how many of the drivers they are):"]
-        lines += ["", "```scpi", *said, "```"]
+    for said, headers in (("are not known", manual.unknown), (_OTHERS, manual.others)):
+        if headers:
+            lines += ["", f"Lines of that list that {said} (and in how many of the drivers they are):", "", "```scpi"]
+            lines += [*(_with_drivers(manual, each) for each in headers), "```"]
     return "\n".join(lines)
+
+
+def _with_drivers(manual: Index, header: str) -> str:
+    number, why = manual.drivers[header], manual.others.get(header, "")
+    return header + (number and f" ({number})") + (why and f" # {why}")
 
 
 def overview() -> str:
     """Return a row for each model: how many headers, and how many of those that standards and manual list."""
-    rows = ["| model | served on | headers | IEEE 488.2 | SCPI-99 | its manual |", "|---|---|---:|---:|---:|---:|"]
+    rows = ["| model | served on | headers | IEEE 488.2 | SCPI-99 | its list |", "|---|---|---:|---:|---:|---:|"]
     for name, model in MODELS.items():
         table, manual = model.load().table, of_manual(model)
-        lists = (compared(table, IEEE_488_2, ""), compared(table, SCPI_99, ""), manual or "not at hand")
+        lists = (compared(table, IEEE_488_2, ""), compared(table, SCPI_99, ""), manual)
         rows.append(f"| {name} | {', '.join(model.wires)} | {len(table.commands)} | {' | '.join(map(str, lists))} |")
     return "\n".join(rows)
 

@@ -22,15 +22,15 @@ class SimulatedModel(Struct, frozen=True):
         text: the module whose docstring says from which sources it is written, and what is unverified.
         wires: what it is served on beside PyVISA in one's own process, TCP as labs have it on converters.
         own: what else its class is made with.
-        index: file in `simrack/manuals` with the headers that its manual lists, and how many drivers use one; empty
-            where that was not at hand.
+        index: file in `simrack/manuals` with the headers of its manual or, where that was not at hand, of drivers and
+            notes, as its first line says; and how many drivers use one.
     """
 
     name: str
     twin: str
     text: str
     wires: tuple[str, ...]
-    index: str = ""
+    index: str
     own: Mapping[str, float] = field(default_factory=dict)
 
     def load(self) -> Any:
@@ -48,10 +48,14 @@ MODELS: Final[Mapping[str, SimulatedModel]] = {
     model.name: model
     for model in (
         SimulatedModel("E3631A", "e3631a:E3631ATwin", "e3631a.instrument", _BENCH, "E3631A.txt"),
-        SimulatedModel("E36312A", "e36312a:E36312ATwin", "e36312a.instrument", _LXI),
-        SimulatedModel("33220A", "agilent33220a:Agilent33220ATwin", "agilent33220a.instrument", _OLDER_LXI),
+        SimulatedModel("E36312A", "e36312a:E36312ATwin", "e36312a.instrument", _LXI, "E36312A.txt"),
+        SimulatedModel(
+            "33220A", "agilent33220a:Agilent33220ATwin", "agilent33220a.instrument", _OLDER_LXI, "33220A.txt"
+        ),
         *(
-            SimulatedModel(name, "trueform:TrueformTwin", "trueform.instrument", _LXI, own={"sine_hz": sine_hz})
+            SimulatedModel(
+                name, "trueform:TrueformTwin", "trueform.instrument", _LXI, "Trueform.txt", own={"sine_hz": sine_hz}
+            )
             for sine_hz, names in (
                 *((20e6, ("33509B", "33510B", "33511B", "33512B")), (30e6, ("33521B", "33522B"))),
                 *((80e6, ("33611A", "33612A")), (120e6, ("33621A", "33622A"))),
@@ -63,7 +67,7 @@ MODELS: Final[Mapping[str, SimulatedModel]] = {
             SimulatedModel(name, "truevolt:TruevoltTwin", "truevolt.instrument", _LXI, "Truevolt.txt")
             for name in ("34461A", "34465A")
         ),
-        SimulatedModel("2000", "keithley:Keithley2000Twin", "keithley.k2000", _BENCH),
+        SimulatedModel("2000", "keithley:Keithley2000Twin", "keithley.k2000", _BENCH, "2000.txt"),
         SimulatedModel("DMM6500", "keithley:KeithleyDMM6500Twin", "keithley.dmm6500", _OLDER_LXI, "DMM6500.txt"),
         SimulatedModel("DSO7104B", "dso7104b:Dso7104BTwin", "dso7104b.instrument", _OLDER_LXI, "7000B.txt"),
         *(
