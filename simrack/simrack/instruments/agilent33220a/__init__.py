@@ -19,21 +19,17 @@ from simrack.instruments.agilent33220a.instrument import GeneratorWorld, Simulat
 from simrack.instruments.agilent33220a.settings import GeneratorErrors, OutputRange
 from simrack.scpi import COMMON_COMMANDS, CommandTable
 
-__all__ = ["Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+__all__ = ["COMMANDS", "Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
+
+
+COMMANDS = (
+    *(*output_commands.COMMANDS, *level_commands.COMMANDS, *pulse_commands.COMMANDS, *modulation_commands.COMMANDS),
+    *(*sweep_commands.COMMANDS, *burst_commands.COMMANDS, *state_commands.COMMANDS, *system_commands.COMMANDS),
+)
+"""All but those of waveforms in memory."""
 
 
 class Agilent33220ATwin(SimulatedAgilent33220A):
     """The 33220A with its commands; arguments as of the generator."""
 
-    table: ClassVar[CommandTable] = CommandTable(
-        *COMMON_COMMANDS,
-        *output_commands.COMMANDS,
-        *level_commands.COMMANDS,
-        *pulse_commands.COMMANDS,
-        *modulation_commands.COMMANDS,
-        *sweep_commands.COMMANDS,
-        *burst_commands.COMMANDS,
-        *arbitrary_commands.COMMANDS,
-        *state_commands.COMMANDS,
-        *system_commands.COMMANDS,
-    )
+    table: ClassVar[CommandTable] = CommandTable(*COMMON_COMMANDS, *COMMANDS, *arbitrary_commands.COMMANDS)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import wraps
+from operator import attrgetter
 from typing import Any
 
 from msgspec.structs import replace
@@ -46,6 +47,7 @@ def _summary(supply: SimulatedE3631A, number: int) -> scpi.Register:
     return supply.outputs[KINDS[number - 1].name].register
 
 
+_ISUM, _BARE = "STATus:QUEStionable:INSTrument:ISUMmary<1-3>", scpi.bare_integer
 _SLOT = (scpi.Integer(limits=scpi.Limits(1, 3), named=False),)
 
 SYSTEM_COMMANDS = (
@@ -68,22 +70,16 @@ STATUS_COMMANDS = (
     scpi.enable("STATus:QUEStionable:ENABle", "questionable"),
     scpi.event("STATus:QUEStionable:INSTrument[:EVENt]", lambda supply: supply.instrument_summary),
     scpi.enable("STATus:QUEStionable:INSTrument:ENABle", "instrument_summary"),
-    scpi.Command(
-        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>[:EVENt]",
-        query=lambda supply, number: _summary(supply, number).read_event(),
-        reply=scpi.bare_integer,
+    *(
+        scpi.Command(f"{_ISUM}{node}", query=lambda supply, number, of=of: of(_summary(supply, number)), reply=_BARE)
+        for node, of in (("[:EVENt]", scpi.Register.read_event), (":CONDition", attrgetter("condition")))
     ),
     scpi.Command(
-        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:CONDition",
-        query=lambda supply, number: _summary(supply, number).condition,
-        reply=scpi.bare_integer,
-    ),
-    scpi.Command(
-        "STATus:QUEStionable:INSTrument:ISUMmary<1-3>:ENABle",
+        f"{_ISUM}:ENABle",
         (scpi.MASK_16,),
         do=lambda supply, number, mask: setattr(_summary(supply, number), "enable", mask),
         query=lambda supply, number: _summary(supply, number).enable,
         query_parameters=(),
-        reply=scpi.bare_integer,
+        reply=_BARE,
     ),
 )

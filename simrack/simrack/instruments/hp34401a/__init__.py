@@ -23,10 +23,6 @@ class Hp34401ATwin(SimulatedHp34401A):
 
     table: ClassVar[CommandTable] = CommandTable(
         *COMMON_COMMANDS,
-        *measuring_commands.COMMANDS,
-        *range_commands.COMMANDS,
-        *calculation_commands.COMMANDS,
-        *trigger_commands.COMMANDS,
-        *system_commands.COMMANDS,
-        *calibration_commands.COMMANDS,
+        *(*measuring_commands.COMMANDS, *range_commands.COMMANDS, *calculation_commands.COMMANDS),
+        *(*trigger_commands.COMMANDS, *system_commands.COMMANDS, *calibration_commands.COMMANDS),
     )

@@ -45,9 +45,7 @@ COMMANDS = (
     attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
     Command("SYSTem:VERSion", query=lambda _: "1991.0"),
     *SERIAL_COMMANDS,
-    Command("L1", do=_language(1)),
-    Command("L2", do=_language(2)),
-    Command("L3", do=_language(3)),
+    *(Command(f"L{number}", do=_language(number)) for number in (1, 2, 3)),
     # status
     event("STATus:QUEStionable[:EVENt]", lambda meter: meter.questionable),
     enable("STATus:QUEStionable:ENABle", "questionable"),

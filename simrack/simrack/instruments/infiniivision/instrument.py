@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, Self
 
-import numpy as np
 from msgspec.structs import replace
 
 from simrack import scpi
@@ -47,22 +46,9 @@ def _kind(name: str, identity: str, millions: int, rate_hz: float) -> ScopeKind:
 
 
 class XSeriesErrors(ScopeErrors, frozen=True):
-    """Imperfections of an X series oscilloscope, of a DSO7104B's kinds; its exponents have two digits."""
+    """Imperfections of an X series oscilloscope, drawn within the DSO7104B's data sheet: its own was not at hand."""
 
-    @classmethod
-    def none(cls) -> XSeriesErrors:
-        """Return an oscilloscope without errors."""
-        return _two_digits(cls, ScopeErrors.none())
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> XSeriesErrors:
-        """Return a specimen drawn within the DSO7104B's data sheet; its own was not at hand."""
-        return _two_digits(cls, ScopeErrors.drawn(rng))
-
-
-def _two_digits(kind: type[XSeriesErrors], like: ScopeErrors) -> XSeriesErrors:
-    fields = {name: getattr(like, name) for name in ScopeErrors.__struct_fields__}
-    return kind(**{**fields, "exponent_digits": 2})
+    exponent_digits: int = 2
 
 
 _KINDS = {

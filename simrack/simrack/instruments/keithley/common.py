@@ -10,6 +10,7 @@ import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
+from simrack import scpi
 from simrack.instruments.hp34401a.functions import BY_NAME, Function
 from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.range_commands import RANGED, bandwidth_command, gate_command, range_commands
@@ -17,24 +18,9 @@ from simrack.instruments.hp34401a.setup import Setup
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import NOTHING_THERE
 from simrack.instruments.truevolt.measuring_commands import once_idle
-from simrack.scpi import (
-    Boolean,
-    Choice,
-    Command,
-    Integer,
-    Limits,
-    Number,
-    ScpiError,
-    Text,
-    attribute,
-    boolean,
-    quoted,
-    real,
-    signed_integer,
-)
 from simrack.specifications import VoltmeterSpecification
 
-_NR3 = real(8)
+_NR3 = scpi.real(8)
 _CALLED = (
     *(("VOLT", "VOLT:DC", "VDC"), ("VOLT:AC", "VOLT:AC", "VAC"), ("CURR", "CURR:DC", "ADC")),
     *(("CURR:AC", "CURR:AC", "AAC"), ("RES", "RES", "OHM"), ("FRES", "FRES", "OHM4W"), ("FREQ", "FREQ", "HZ")),
@@ -95,32 +81,37 @@ def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     del meter, values
 
 
-def function_command(pattern: str, reply: Callable[[str], str] = quoted, names: Mapping[str, str] = NAMES) -> Command:
+def function_command(
+    pattern: str, reply: Callable[[str], str] = scpi.quoted, names: Mapping[str, str] = NAMES
+) -> scpi.Command:
     """Declare the choice of a function by name (VOLT:DC, VOLTage, RESistance); `names` are those of replies."""
     by_reply = {shown: name for name, shown in names.items()}
 
     def choose(meter: SimulatedTruevolt, text: str) -> None:
         typed = ":".join(_SHORT.get(word, word) for word in text.strip().upper().split(":"))
         if typed not in names and typed not in by_reply:
-            raise ScpiError(-224)
+            raise scpi.ScpiError(-224)
         meter.choose(meter.functions[by_reply.get(typed, typed)])
 
-    return Command(pattern, (Text(),), do=choose, query=lambda meter: names[meter.function.name], reply=reply)
+    return scpi.Command(pattern, (scpi.Text(),), do=choose, query=lambda meter: names[meter.function.name], reply=reply)
 
 
 def digits_commands(
-    functions: Mapping[str, Function], root: str, limits: Limits, names: Iterable[str] = NAMES
-) -> tuple[Command, ...]:
+    functions: Mapping[str, Function], root: str, limits: scpi.Limits, names: Iterable[str] = NAMES
+) -> tuple[scpi.Command, ...]:
     """Declare the digits of each function, which are only shown."""
     return tuple(
-        attribute(
-            f"{root}{functions[name].header}:DIGits", Integer(limits=limits), f"kept[{name}].digits", signed_integer
+        scpi.attribute(
+            f"{root}{functions[name].header}:DIGits",
+            scpi.Integer(limits=limits),
+            f"kept[{name}].digits",
+            scpi.signed_integer,
         )
         for name in names
     )
 
 
-def with_sense(commands: Iterable[Command]) -> tuple[Command, ...]:
+def with_sense(commands: Iterable[scpi.Command]) -> tuple[scpi.Command, ...]:
     """Return commands whose ``[SENSe:]`` may be written with its 1, as ``:SENS1:``."""
     return tuple(replace(each, pattern=each.pattern.replace("[SENSe:]", "[SENSe<1-1>:]")) for each in commands)
 
@@ -151,8 +142,8 @@ class Words(Struct, frozen=True):
 
     relative: str
     integrating: tuple[str, ...]
-    cycles: Callable[[SimulatedTruevolt], Limits]
-    gates: Limits
+    cycles: Callable[[SimulatedTruevolt], scpi.Limits]
+    gates: scpi.Limits
     threshold: str
     more: tuple[str, ...] = ()
     number: Callable[[Any], str] = _NR3
@@ -162,7 +153,7 @@ def _setup(meter: SimulatedTruevolt, name: str) -> Setup:
     return meter.setups["VOLT" if name == "VOLT:RAT" else name]
 
 
-def integration(name: str, header: str, parameter: Number, reply: Callable[[Any], str], unit: Any) -> Command:
+def integration(name: str, header: str, parameter: scpi.Number, reply: Callable[[Any], str], unit: Any) -> scpi.Command:
     """Declare an integration time, of which a power line cycle has `unit(meter)`; the resolution goes with it."""
 
     def write(meter: SimulatedTruevolt, value: float) -> None:
@@ -170,7 +161,7 @@ def integration(name: str, header: str, parameter: Number, reply: Callable[[Any]
         setup.nplc = value / unit(meter)
         setup.resolution = meter.functions[name].fraction_of(setup.nplc)
 
-    return Command(
+    return scpi.Command(
         f"[SENSe:]{header}",
         (parameter,),
         do=write,
@@ -194,12 +185,12 @@ def _acquire(name: str) -> Callable[[SimulatedTruevolt], Any]:
     return acquire
 
 
-def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tuple[Command, ...]:
+def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tuple[scpi.Command, ...]:
     """Declare ranges, integration, averaging and relative values of every function.
 
     DEF is the top range (PyMeasure's suite for a connected DMM6500).
     """
-    commands: list[Command] = [
+    commands: list[scpi.Command] = [
         bandwidth_command(f"[SENSe:]{RANGED[name]}:DETector:BANDwidth", FILTERS, words.number)
         for name in ("VOLT:AC", "CURR:AC")
     ]
@@ -209,7 +200,7 @@ def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tu
         commands += range_commands(functions[name], f"{header}:{words.threshold}", words.number)
     for name, header in RANGED.items():
         commands += range_commands(functions[name], header, words.number, functions[name].ranges[-1])
-    cycles = Number(limits=words.cycles)
+    cycles = scpi.Number(limits=words.cycles)
     commands += [
         integration(name, f"{functions[name].header}:NPLCycles", cycles, words.number, lambda _meter: 1.0)
         for name in words.integrating
@@ -217,15 +208,19 @@ def settings_of_functions(functions: Mapping[str, Function], words: Words) -> tu
     for name in (*RANGED, "TEMP", *words.more):
         header, path = f"[SENSe:]{functions[name].header}:AVERage", f"kept[{name}]"
         commands += [
-            attribute(f"{header}[:STATe]", Boolean(), f"{path}.average", boolean),
-            attribute(f"{header}:TCONtrol", Choice(("REPeat", "MOVing")), f"{path}.averaging"),
-            attribute(f"{header}:COUNt", Integer(limits=Limits(1, 100)), f"{path}.count", signed_integer),
+            scpi.attribute(f"{header}[:STATe]", scpi.Boolean(), f"{path}.average", scpi.boolean),
+            scpi.attribute(f"{header}:TCONtrol", scpi.Choice(("REPeat", "MOVing")), f"{path}.averaging"),
+            scpi.attribute(
+                f"{header}:COUNt", scpi.Integer(limits=scpi.Limits(1, 100)), f"{path}.count", scpi.signed_integer
+            ),
         ]
     for name in (*RANGED, "TEMP", "FREQ", "PER", *words.more):
         header = f"[SENSe:]{functions[name].header}:{words.relative}"
         commands += [
-            attribute(header, Number(limits=Limits(-1e9, 1e9, 0.0)), f"nulls[{name}].value", words.number),
-            attribute(f"{header}:STATe", Boolean(), f"nulls[{name}].on", boolean),
-            Command(f"{header}:ACQuire", do=_acquire(name)),
+            scpi.attribute(
+                header, scpi.Number(limits=scpi.Limits(-1e9, 1e9, 0.0)), f"nulls[{name}].value", words.number
+            ),
+            scpi.attribute(f"{header}:STATe", scpi.Boolean(), f"nulls[{name}].on", scpi.boolean),
+            scpi.Command(f"{header}:ACQuire", do=_acquire(name)),
         ]
     return tuple(commands)

@@ -15,16 +15,8 @@ from typing import Any
 from msgspec.structs import replace
 
 from simrack import scpi
-from simrack.instruments.agilent33220a import (
-    burst_commands,
-    level_commands,
-    modulation_commands,
-    output_commands,
-    pulse_commands,
-    state_commands,
-    sweep_commands,
-    system_commands,
-)
+from simrack.instruments import agilent33220a
+from simrack.instruments.agilent33220a import level_commands
 from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.instruments.trueform.arbitrary import bare_name, path
@@ -67,14 +59,9 @@ class _Name(scpi.Parameter, frozen=True, kw_only=True):
 
 def _inherited() -> list[scpi.Command]:
     """Return the 33220A's commands as they stand in the series."""
-    modules = (
-        *(output_commands, level_commands, pulse_commands, modulation_commands, sweep_commands, burst_commands),
-        *(state_commands, system_commands),
-    )
     return [
         _as_here(command)
-        for module in modules
-        for command in module.COMMANDS
+        for command in agilent33220a.COMMANDS
         if not command.pattern.startswith(_LEFT_OUT) and command.pattern != "APPLy"
     ]
 
@@ -244,9 +231,11 @@ def _arbitrary_rate(word: str, unit: str, power: int) -> scpi.Command:
     )
 
 
-_EDGE = next(each for each in pulse_commands.COMMANDS if each.pattern.endswith("TRANsition"))
-_AMPLITUDE = next(each for each in level_commands.COMMANDS if each.pattern.endswith("VOLTage"))
-_BURST_COUNT: Any = next(each for each in burst_commands.COMMANDS if each.pattern.endswith("NCYCles"))
+_EDGE, _BURST_COUNT, _AMPLITUDE = (
+    next(each for each in agilent33220a.COMMANDS if each.pattern == f"[SOURce:]{header}")
+    for header in ("FUNCtion:PULSe:TRANsition", "BURSt:NCYCles", "VOLTage")
+)
+_COUNT: Any = _BURST_COUNT.parameters[0]
 
 
 @ROWS.do(
@@ -283,7 +272,7 @@ OWN = (
         reply=_nr3,
         takes_s=TUNE_S,
     ),
-    replace(_BURST_COUNT, parameters=(replace(_BURST_COUNT.parameters[0], limits=scpi.Limits(1, 1e8)),), reply=_nr3),
+    replace(_BURST_COUNT, parameters=(replace(_COUNT, limits=scpi.Limits(1, 1e8)),), reply=_nr3),
     setting(
         "[SOURce:]BURSt:INTernal:PERiod",
         scpi.Number(unit="S", limits=scpi.Limits(1e-6, LONGEST_BURST_S), name="burst period"),

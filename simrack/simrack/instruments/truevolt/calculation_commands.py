@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from operator import attrgetter
 
 from simrack import scpi
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
@@ -12,11 +12,15 @@ ROWS = scpi.Rows()
 
 _NR3 = scpi.real(8)
 _AVERAGE, _LIMIT = "CALCulate:AVERage", "CALCulate:LIMit"
+_STATISTICS = {
+    "AVERage": attrgetter("mean"),
+    "COUNt": attrgetter("count"),
+    "MAXimum": attrgetter("maximum"),
+    "MINimum": attrgetter("minimum"),
+    "PTPeak": Statistics.span,
+    "SDEViation": Statistics.deviation,
+}
 _ANY = scpi.Number(unit=("V", "OHM", "HZ", "S"), limits=scpi.Limits(-1e15, 1e15, 0.0))
-
-
-def _statistic(value: Callable[[Statistics], float]) -> Callable[[SimulatedTruevolt], float]:
-    return lambda meter: float(value(meter.statistics))
 
 
 @ROWS.query(f"{_AVERAGE}:ALL", reply=scpi.comma_list(_NR3))
@@ -35,12 +39,10 @@ COMMANDS = (
         do=lambda meter, on: meter.statistics.switch(on=on),
     ),
     scpi.Command(f"{_AVERAGE}:CLEar[:IMMediate]", do=lambda meter: meter.statistics.clear()),
-    scpi.Command(f"{_AVERAGE}:AVERage", query=_statistic(lambda statistics: statistics.mean), reply=_NR3),
-    scpi.Command(f"{_AVERAGE}:COUNt", query=_statistic(lambda statistics: statistics.count), reply=_NR3),
-    scpi.Command(f"{_AVERAGE}:MAXimum", query=_statistic(lambda statistics: statistics.maximum), reply=_NR3),
-    scpi.Command(f"{_AVERAGE}:MINimum", query=_statistic(lambda statistics: statistics.minimum), reply=_NR3),
-    scpi.Command(f"{_AVERAGE}:PTPeak", query=_statistic(lambda statistics: statistics.span()), reply=_NR3),
-    scpi.Command(f"{_AVERAGE}:SDEViation", query=_statistic(lambda statistics: statistics.deviation()), reply=_NR3),
+    *(
+        scpi.Command(f"{_AVERAGE}:{word}", query=lambda meter, of=of: float(of(meter.statistics)), reply=_NR3)
+        for word, of in _STATISTICS.items()
+    ),
     scpi.remembered("CALCulate:SCALe[:STATe]", scpi.Boolean(), default=False, reply=scpi.boolean),
     scpi.remembered("CALCulate:SCALe:FUNCtion", scpi.Choice(("NULL", "DB", "DBM", "PCT", "SCALe")), "NULL"),
     scpi.remembered("CALCulate:SCALe:GAIN", scpi.Number(limits=scpi.Limits(-1e15, 1e15, 1.0)), 1.0, _NR3),
