@@ -21,7 +21,6 @@ from simrack.scpi import COMMON_COMMANDS, CommandTable
 
 __all__ = ["COMMANDS", "Agilent33220ATwin", "GeneratorErrors", "GeneratorWorld", "OutputRange"]
 
-
 COMMANDS = (
     *(*output_commands.COMMANDS, *level_commands.COMMANDS, *pulse_commands.COMMANDS, *modulation_commands.COMMANDS),
     *(*sweep_commands.COMMANDS, *burst_commands.COMMANDS, *state_commands.COMMANDS, *system_commands.COMMANDS),

@@ -54,7 +54,6 @@ _EXTERNAL = (
 
 # --- user calibration
 
-
 _CALIBRATION = (
     scpi.Command("CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=scpi.comma_list(scpi.signed_integer)),
     scpi.Command("CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=scpi.comma_list(scpi.signed_integer)),
@@ -67,7 +66,6 @@ _CALIBRATION = (
 """A calibration takes nothing off the errors of the specimen."""
 
 # --- files
-
 
 _IMAGES = scpi.Choice(("TIFF", "BMP", "BMP24bit", "BMP8bit", "PNG", "NONE"))
 _TRACES = scpi.Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE"))

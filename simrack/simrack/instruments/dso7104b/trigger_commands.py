@@ -6,6 +6,9 @@ belongs to its channel in every mode is unverified.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from simrack import scpi
 from simrack.instruments.dso7104b.declarations import CHANNEL, clipped
 from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
@@ -82,48 +85,43 @@ def _set_reject(model: SimulatedDso7104B, word: str) -> None:
         model.state.trigger.coupling = "DC"
 
 
+_FIELDS = scpi.Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical"))
+
+
+def _setting(
+    header: str, parameter: scpi.Parameter, path: str, reply: Callable[[Any], str] | str = str
+) -> scpi.Command:
+    return scpi.attribute(f"TRIGger{header}", parameter, f"state.{path}", reply)
+
+
 TRIGGER_COMMANDS = (
     *ROWS,
-    scpi.attribute("TRIGger:MODE", scpi.Choice(("EDGE", "GLITch", "TV")), "state.trigger.mode"),
-    scpi.attribute("TRIGger:SWEep", scpi.Choice(("AUTO", "NORMal")), "state.trigger.sweep"),
-    scpi.attribute("TRIGger[:EDGE]:SOURce", _SOURCE, "state.trigger.source"),
+    _setting(":MODE", scpi.Choice(("EDGE", "GLITch", "TV")), "trigger.mode"),
+    _setting(":SWEep", scpi.Choice(("AUTO", "NORMal")), "trigger.sweep"),
+    _setting("[:EDGE]:SOURce", _SOURCE, "trigger.source"),
     _level("TRIGger[:EDGE]:LEVel", "trigger"),
-    scpi.attribute(
-        "TRIGger[:EDGE]:SLOPe", scpi.Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "state.trigger.slope"
-    ),
-    scpi.attribute("TRIGger[:EDGE]:COUPling", scpi.Choice(("AC", "DC", "LFReject")), "state.trigger.coupling"),
-    scpi.attribute("TRIGger:HFReject", scpi.Boolean(), "state.trigger.reject_hf", scpi.boolean),
-    scpi.attribute("TRIGger:NREJect", scpi.Boolean(), "state.trigger.reject_noise", scpi.boolean),
-    scpi.attribute(
-        "TRIGger:HOLDoff", scpi.Number(unit="S", limits=scpi.Limits(60e-9, 10.0)), "state.trigger.holdoff_s", "nr3"
-    ),
+    _setting("[:EDGE]:SLOPe", scpi.Choice(("POSitive", "NEGative", "EITHer", "ALTernate")), "trigger.slope"),
+    _setting("[:EDGE]:COUPling", scpi.Choice(("AC", "DC", "LFReject")), "trigger.coupling"),
+    _setting(":HFReject", scpi.Boolean(), "trigger.reject_hf", scpi.boolean),
+    _setting(":NREJect", scpi.Boolean(), "trigger.reject_noise", scpi.boolean),
+    _setting(":HOLDoff", scpi.Number(unit="S", limits=scpi.Limits(60e-9, 10.0)), "trigger.holdoff_s", "nr3"),
     scpi.Command("TRIGger:FORCe", do=lambda model: model.force(), urgent=True),
-    scpi.attribute("TRIGger:GLITch:SOURce", _SOURCE, "state.pulse.source"),
+    _setting(":GLITch:SOURce", _SOURCE, "pulse.source"),
     _level("TRIGger:GLITch:LEVel", "pulse"),
-    scpi.attribute(
-        "TRIGger:GLITch:QUALifier", scpi.Choice(("GREaterthan", "LESSthan", "RANGe")), "state.pulse.qualifier"
-    ),
-    scpi.attribute("TRIGger:GLITch:POLarity", scpi.Choice(("POSitive", "NEGative")), "state.pulse.polarity"),
-    scpi.attribute("TRIGger:GLITch:LESSthan", _PULSE_TIME, "state.pulse.less_s", "nr3"),
-    scpi.attribute("TRIGger:GLITch:GREaterthan", _PULSE_TIME, "state.pulse.greater_s", "nr3"),
+    _setting(":GLITch:QUALifier", scpi.Choice(("GREaterthan", "LESSthan", "RANGe")), "pulse.qualifier"),
+    _setting(":GLITch:POLarity", scpi.Choice(("POSitive", "NEGative")), "pulse.polarity"),
+    _setting(":GLITch:LESSthan", _PULSE_TIME, "pulse.less_s", "nr3"),
+    _setting(":GLITch:GREaterthan", _PULSE_TIME, "pulse.greater_s", "nr3"),
     scpi.Command(
         "TRIGger:GLITch:RANGe",
         (scpi.Number(unit="S", limits=scpi.Limits(10e-9, 10.0)),) * 2,
         do=_set_pulse_range,
         query=lambda model: scpi.comma_list(model.nr3)(model.state.pulse.range_s),
     ),
-    scpi.attribute("TRIGger:TV:SOURce", CHANNEL, "state.television.source"),
-    scpi.attribute(
-        "TRIGger:TV:MODE",
-        scpi.Choice(("FIEld<1-2>", "AFIelds", "ALINes", "LINE", "VERTical", "LFIeld<1-2>", "LALTernate", "LVERtical")),
-        "state.television.mode",
-    ),
-    scpi.attribute(
-        "TRIGger:TV:STANdard", scpi.Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam")), "state.television.standard"
-    ),
-    scpi.attribute("TRIGger:TV:POLarity", scpi.Choice(("POSitive", "NEGative")), "state.television.polarity"),
-    scpi.attribute(
-        "TRIGger:TV:LINE", scpi.Integer(limits=scpi.Limits(1, 1125)), "state.television.line", scpi.signed_integer
-    ),
+    _setting(":TV:SOURce", CHANNEL, "television.source"),
+    _setting(":TV:MODE", _FIELDS, "television.mode"),
+    _setting(":TV:STANdard", scpi.Choice(("GENeric", "NTSC", "PALM", "PAL", "SECam")), "television.standard"),
+    _setting(":TV:POLarity", scpi.Choice(("POSitive", "NEGative")), "television.polarity"),
+    _setting(":TV:LINE", scpi.Integer(limits=scpi.Limits(1, 1125)), "television.line", scpi.signed_integer),
 )
 """What is said to :TRIGger."""

@@ -144,7 +144,6 @@ def _select_number(supply: SimulatedE36312A, number: int) -> None:
 
 # --- switches, protection, measurements -----------------------------------------------------------------------------
 
-
 _OVER = scpi.Number(unit="V", limits=scpi.Limits(0.0, 27.5))
 
 

@@ -79,10 +79,7 @@ def _set_text(supply: SimulatedE3631A, text: str) -> None:
 
 
 _CODE = scpi.Word(word_too_long=704)
-
-
 _LEVEL = (scpi.Choice(("MINimum", "MAXimum")),)
-
 
 CALIBRATION_COMMANDS = (
     scpi.Command("CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=scpi.bare_integer),

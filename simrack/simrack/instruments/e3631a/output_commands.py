@@ -22,7 +22,6 @@ _PROGRAMMING_S = 0.05
 _READBACK_S = 0.1
 """MEASure?: the guide gives it as less than this (p. 187)."""
 
-
 _VOLT_LIMITS = {kind.name: kind.volts._replace(default=None) for kind in KINDS}
 _AMP_LIMITS = {kind.name: kind.amps._replace(default=None) for kind in KINDS}
 """Without DEF, which is a word of APPLy only (p. 91)."""

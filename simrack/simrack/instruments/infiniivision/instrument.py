@@ -61,7 +61,6 @@ _KINDS = {
 }
 """200 MHz, 1 GHz and 1 GHz, four channels each; the digital ones of the MSOX3104T are settings only."""
 
-
 _ENABLED, _SOURCE, _MODE, _NOTE = "DVM:ENABle", "DVM:SOURce", "DVM:MODE", "DISPlay:ANNotation<1-1>"
 _LOGIC = scpi.Number(unit="V", limits=scpi.Limits(-8.0, 8.0), words={"CMOS": 2.5, "ECL": -1.3, "TTL": 1.4})
 _GROUPS = ("DIGital<0-15>", "POD<1-2>")

@@ -51,7 +51,6 @@ _BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
 _BEGUN_S = 1_767_225_600
 _PRECISION = ("FORMat:ASCii:PRECision",)
 
-
 Errors6500 = common.errors_of(_SHEET)
 _NAMED = (scpi.Text(required=False),)
 _BUFFERS = ("defbuffer1", "defbuffer2")

@@ -40,7 +40,6 @@ _CYCLES, _GATES_S = scpi.Limits(0.01, 10.0, 1.0), scpi.Limits(0.01, 1.0, 1.0)
 _WORDS = common.Words("REFerence", (*RANGED, "TEMP"), lambda _meter: _CYCLES, _GATES_S, "THReshold:VOLTage")
 """PyMeasure's driver."""
 
-
 Errors2000 = common.errors_of(_SHEET)
 
 

@@ -19,7 +19,6 @@ from simrack.specifications import VoltmeterSpecification
 _DIGITISING = 0.02
 """Power line cycles below this are an option (guide p. 329)."""
 
-
 NOTHING_THERE = {
     "TEMP": Function("TEMP", "TEMPerature", ("TEMPerature",), (), "C", overload_bit=1 << 4),
     "CAP": Function("CAP", "CAPacitance", ("CAPacitance",), (), "F", overload_bit=1 << 10, lowest=1e-9, highest=1e-4),
