@@ -25,7 +25,7 @@ from vcfbench.clock import Clock
 from vcfbench.sim.gyro.gyro import Gyro
 from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.mains import Mains
-from vcfbench.sim.parameters import BenchParameters
+from vcfbench.sim.parameters import BenchParameters, Contradiction
 
 RAILS = ("positive", "negative")
 NODES = ("output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative")
@@ -221,8 +221,14 @@ class World(Observed):
 
         None is a generator whose relay is open: the pull-down holds the node at 0 V and the carrier switch opens, so
         that the modulator's leakage does not reach the combs. What the second puts out is added to the first's.
+
+        Raises:
+            Contradiction: the gyroscope has a dead band, and the source is no level.
         """
         self._require(node, INPUTS)
+        level = source is None or (isinstance(source, Drive) and not (source.amplitude_v or source.overtones))
+        if not level and (half_deg_s := self.parameters.sense_path.dead_band_deg_s):
+            raise Contradiction(f"no sense_path.dead_band_deg_s where {node} gets more than a level", half_deg_s)
         self.advance()
         self._generators[node] = source
         both = added(self._generators["v_vc"], self._generators["vibration"])

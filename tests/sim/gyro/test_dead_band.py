@@ -9,10 +9,12 @@ import pytest
 from msgspec.structs import replace
 from simrack.sources import Drive
 
+import vcfbench
 from tests.sim.gyro.bench import mean_v, powered
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.parameters import Contradiction
+from vcfbench.testing import simulated
 
 IDEAL = ideal_bench()
 HALF_DEG_S = 0.5
@@ -60,17 +62,21 @@ def test_a_step_out_of_it_passes_modes_and_filter_as_a_smaller_one_does() -> Non
     assert abs(seen[1]).max() > 10e-3
 
 
-def test_a_sine_that_stays_beyond_is_whole_and_one_across_an_edge_is_refused() -> None:
-    def sample(level_deg_s: float, bench: object) -> np.ndarray:
-        clock, world = powered(bench)  # type: ignore[arg-type]
-        world.drive("v_vc", Drive(level_deg_s / K_VC, frequency_hz=5.0, amplitude_v=1.0 / K_VC, source_ohm=0.0))
-        capture = world.capture(6.0, 6.2)
-        clock.sleep_until(6.3)
-        return capture.samples("output", np.linspace(6.0, 6.2, 50))
+@pytest.mark.parametrize("node", ["v_vc", "vibration"])
+def test_a_sine_is_refused_before_anything_changes(node: str) -> None:
+    clock, world = powered(BANDED)
+    world.drive("v_vc", Drive(2.0 / K_VC, source_ohm=0.0))
+    with pytest.raises(Contradiction, match=f"no sense_path.dead_band_deg_s where {node} gets more than a level"):
+        world.drive(node, Drive(0.0, frequency_hz=5.0, amplitude_v=1.0 / K_VC, source_ohm=0.0))
+    clock.sleep_until(10.0)
+    assert mean_v(clock, world, 1.0) == pytest.approx(warm_output(IDEAL, 0.0)(1.5, None), abs=1e-7)
+    powered(IDEAL)[1].drive(node, Drive(0.0, frequency_hz=5.0, amplitude_v=1.0 / K_VC, source_ohm=0.0))
 
-    assert sample(2.0, BANDED) == pytest.approx(sample(1.5, IDEAL), abs=1e-8)
-    with pytest.raises(ValueError, match="a sine of 1 deg/s goes across the edge of the dead band, at 1 deg/s"):
-        sample(1.0, BANDED)
+
+def test_a_run_that_vibrates_says_so_and_leaves_the_bench_safe() -> None:
+    overrides = {"sense_path": {"dead_band_deg_s": 0.5}, "pick_up": {"v_vc_lead_v": 0.0}}
+    with pytest.raises(Contradiction, match=r"where v_vc gets more than a level, came 0\.5"):
+        vcfbench.run("bandwidth", simulated("lab", overrides=overrides), seed=1, runs=None)
 
 
 def test_with_what_it_cannot_be_combined() -> None:
