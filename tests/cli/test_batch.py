@@ -67,6 +67,13 @@ def test_each_device_gets_a_record_with_its_serial_number_the_tag_and_the_operat
     assert f"{1e3 * first['scale_factor_v_per_deg_s']:.4f}" in text
 
 
+def test_a_sheet_that_cannot_be_written_is_refused_before_the_first_device(folder: Path) -> None:
+    done = batch(folder, "--sheet", "sheet.docx")
+    assert done.returncode == 2
+    assert "sheet.docx" in done.stderr
+    assert not (folder / "runs").exists()
+
+
 def test_the_sheet_has_eighty_columns_on_a_terminal(folder: Path) -> None:
     done = batch(folder)
     assert "turntable\n---------" in done.stdout

@@ -60,6 +60,28 @@ def test_nobody_but_the_user_knows_the_latitude(tmp_path: Path) -> None:
     assert not (tmp_path / "station.toml").exists()
 
 
+def test_a_table_that_does_not_answer_may_be_turned_by_hand(tmp_path: Path) -> None:
+    done = new("hand.toml", *LATITUDE, typed="\n".join([*[""] * 4, "hand", "40", *[""] * 9]))
+    assert done.exit_code == 0, done.stderr
+    assert "No rate table answers: is there one that a person sets and reads" in " ".join(done.stderr.split())
+    bench = load_bench(tmp_path / "hand.toml")
+    assert bench.by_hand == ("rate_table",)
+    assert bench.limits.max_rate_deg_s == 40.0
+    assert max(bench.procedure.rates_deg_s) < 40.0
+
+
+def test_who_is_named_as_by_hand_is_not_looked_for_on_the_bus(tmp_path: Path) -> None:
+    given = ("--set", "power.by=hand", "--set", "power.model=PL330T")
+    done = new("--yes", *given, *LATITUDE)
+    assert done.exit_code == 0, done.stderr
+    bench = load_bench(tmp_path / "station.toml")
+    assert bench.by_hand == ("power",)
+    assert bench.power is not None
+    assert bench.power.model == "PL330T"
+    assert bench.multimeter is not None
+    assert bench.multimeter.resource == "GPIB0::22::INSTR"
+
+
 def test_any_key_of_the_file_can_be_given(tmp_path: Path) -> None:
     given = {
         "name": "cell-2",
@@ -114,7 +136,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(answer: str, words: st
 
 
 def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
-    typed = "\n".join(["kettle", *[""] * 4, "50000", "2", *[""] * 9])
+    typed = "\n".join(["kettle", *[""] * 5, "50000", "2", *[""] * 9])
     done = new("asked.toml", *LATITUDE, typed=typed)
     assert done.exit_code == 0, done.stderr
     shown = " ".join(done.stderr.split())

@@ -114,6 +114,9 @@ def test_a_default_that_the_station_does_not_bear_is_named_where_it_can_be_set()
     text = embedded_text("ideal").replace("max_rate_deg_s = 300", "max_rate_deg_s = 9")
     said = refusal(lambda: parse_bench(text, "lab.toml"))
     assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")
+    assert said.endswith(
+        "came 200.0, the default; put rates_deg_s into [procedure] of the bench file, with what it bears"
+    )
     lab = parse_bench(text.replace("[procedure.drive]", "[procedure]\nrates_deg_s = [5, 0, -5]\n[procedure.drive]"), "")
     assert settings_of(TURNTABLE, lab).rates_deg_s == (5.0, 0.0, -5.0)
     said = refusal(lambda: settings_of(VIRTUAL_CORIOLIS, lab, source="lab.toml"))

@@ -54,18 +54,21 @@ def batch(
         )
     for serial in asked.devices:
         asked.check(serial, runs)  # before anybody mounts anything
+    if sheet is not None:
+        write_sheet(asked.name, sheet_rows(asked.name, runs), sheet)  # what cannot be written is known now
     worst = 0
     try:
         for serial in asked.devices or _typed(asked, runs):
             worst = max(worst, _mounted(asked, serial, options))
     finally:  # what there is, also when the batch was stopped
         rows = sheet_rows(asked.name, runs)
+        if not json:
+            print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
         written = () if sheet is None else write_sheet(asked.name, rows, sheet)
         if json:
             listed = [to_builtins(each) for each in rows]
             print_json({"batch": asked.name, "rows": listed, "sheet": list(map(str, written))})
         else:
-            print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
             for each in written:
                 typer.echo(f"sheet: {each}")
     if (ending := context.find_object(SignalsWithoutBench)) is not None:

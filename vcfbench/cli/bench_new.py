@@ -33,6 +33,12 @@ _QUESTIONS: Final = {
     LATITUDE: "Latitude, deg, north positive (for the Earth's rate)",
 }
 """What must never be exceeded here, by the instruments that are there, and what nothing tells."""
+_BY_HAND: Final = {
+    "power": ("supply of the PCB", {"by": "hand", "model": "supply"}),
+    "multimeter": ("multimeter", {"by": "hand", "model": "34401A", "resolution_v": 1e-4}),
+    "rate_table": ("rate table", {"by": "hand", "model": "table"}),
+}
+"""What a person may set and read where no such instrument answers, with proposals for its table."""
 
 
 def new(
@@ -61,16 +67,18 @@ def new(
     with options.tracing(trace):
         typer.echo("Looking for instruments ...", err=True)
         found, places = _found(draft, library, tuple(tries or ()), timeout, probe_serial=probe_serial, served=served)
+    _add_named(draft, given, "by")
     for each in found:
         _place(each, draft, given, places.get(each.resource), ask=not yes)
-    for key in given:  # what does not answer today
-        role = key.removesuffix(".resource")
-        if role != key and role not in draft.roles():
-            draft.add_instrument(role, _of(role, given))
+    _add_named(draft, given, "resource")  # what does not answer today
+    for role, (words, keys) in _BY_HAND.items():
+        if not yes and role not in draft.roles():
+            asked = f"No {words} answers: is there one that a person sets and reads"
+            if _answer(asked, _NONE, choices=["hand", _NONE]) != _NONE:
+                draft.add_instrument(role, keys)
     if not draft.roles():
-        raise ConfigError(
-            "no instrument was found or named, so there is no bench", hint="--try RESOURCE, --served PORT"
-        )
+        hint = "--try RESOURCE, --served PORT; --set power.by=hand --set power.model=NAME where a person sets it"
+        raise ConfigError("no instrument was found or named, so there is no bench", hint=hint)
     draft.set(given)
     if not yes:
         for key, words in _QUESTIONS.items():
@@ -122,6 +130,13 @@ def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hin
             role = _answer(f"{found.model} at {found.resource}: its role", role, choices=[*free, _NONE])
         if role != _NONE:
             draft.add_instrument(role, {**discovery.taken_over(role, found), **_of(role, given)})
+
+
+def _add_named(draft: Draft, given: dict[str, Any], last: str) -> None:
+    """Put the instruments on the bench that are named by a key that ends so, with the other keys that are given."""
+    for role in [key.removesuffix(f".{last}") for key in given if key.endswith(f".{last}")]:
+        if role not in draft.roles():
+            draft.add_instrument(role, _of(role, given))
 
 
 def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:

@@ -149,7 +149,11 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     """Return the settings that `layers` come to at `station`, which must bear them."""
     chosen = structs.replace(chosen_settings(kind, layers), station=station)
     for invalid_value in chosen.contradictions():
-        raise refusal(named(layers, keys_of(invalid_value.path)), invalid_value.expected, words(invalid_value.came))
+        keys, came = keys_of(invalid_value.path), words(invalid_value.came)
+        if any(layer.has(keys[:1]) for layer in layers):
+            raise refusal(named(layers, keys), invalid_value.expected, came)
+        said = f"{named(layers, keys)}: expected {invalid_value.expected}, came {came}, the default"
+        raise ConfigError(said, hint=f"put {keys[0]} into [procedure] of the bench file, with what it bears")
     return chosen
 
 
