@@ -101,18 +101,21 @@ def test_the_sheet_of_ieee_2700_has_what_was_measured_and_says_of_the_rest_why_n
     assert said["full scale, positive"] == "not measured: run rate-limits"
     assert said["cross-axis sensitivity"] == "not measured: the bench turns about one axis"
     assert {"bandwidth", "turn-on time", "vibration rectification"} < set(said)
+    assert said["sensitivity to linear acceleration, x"] == "not measured: run g-sensitivity"
     assert "unverified" in vcfbench.text_of(run.report()).split("order of IEEE 2700")[1]
 
 
 def test_the_sheet_of_ieee_2700_says_what_the_bench_lacks_and_takes_the_full_scale_of_its_procedure() -> None:
     rows = [
         SheetRow("positive input rate limit", 687.0, 0.1, 0.2, "deg/s", "", "rate-limits"),
-        SheetRow("E_n", 0.4, None, None, "", "", "rate-limits"),
+        SheetRow("bias by acceleration along y", 0.01, 0.001, 0.002, "(deg/s)/g", "", "g-sensitivity"),
     ]
     report = data_sheet_report(rows, [("temperature", "the bench has no chamber")], "")
     (table,) = (part for part in report.parts if isinstance(part, Table) and "IEEE 2700" in part.title)
     sheet = {each[0]: each[1:] for each in table.printed()}
     assert sheet["full scale, positive"][:4] == ("687.00", "0.10", "0.20", "deg/s")
+    assert sheet["full scale, positive"][-1] == "positive input rate limit (rate-limits)"
+    assert sheet["sensitivity to linear acceleration, y"][:4] == ("0.0100", "0.0010", "0.0020", "(deg/s)/g")
     assert sheet["full scale, negative"][-1] == "not measured: rate-limits did not find it"
     assert sheet["sensitivity error over temperature"][-1] == "not measured: the bench has no chamber"
 

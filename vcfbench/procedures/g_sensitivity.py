@@ -73,6 +73,9 @@ class GSensitivityResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: float
     scale_factor_from: str
 
+    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+        yield from ((f"bias by acceleration along {axis}", each) for axis, each in self.per_g.items())
+
 
 @routines.framed(routines.energised, routines.drive_seen)
 def g_sensitivity(settings: GSensitivitySettings) -> steps.Plan:

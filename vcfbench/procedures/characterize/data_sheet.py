@@ -178,7 +178,10 @@ _SHEET = (
     ("non-linearity", "nonlinearity", "ppm", "turntable", ""),
     ("turn-on time", "time to valid output, both rails together", "s", "power", ""),
     ("bandwidth", "-3 dB", "Hz", "bandwidth", ""),
-    ("sensitivity to linear acceleration", "", "", "", "the bench does not turn the axis in gravity"),
+    *(
+        (f"sensitivity to linear acceleration, {axis}", f"bias by acceleration along {axis}", "/g", "g-sensitivity", "")
+        for axis in "xyz"
+    ),
     ("vibration rectification", "", "", "", "the bench has no shaker"),
 )
 """Parameters of a gyroscope as IEEE 2700 orders them (from memory and public summaries: the text was not at hand).
@@ -193,7 +196,8 @@ def _ieee_2700(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]]
     for name, quantity, unit, procedure, why in _SHEET:
         row = _row_of(rows, quantity, unit) if quantity else None
         if row is not None:
-            table.append((name, *_cells(row), row.unit, f"{row.quantity}, {row.conditions} ({row.procedure})"))
+            what = ", ".join(filter(None, (row.quantity, row.conditions)))
+            table.append((name, *_cells(row), row.unit, f"{what} ({row.procedure})"))
             continue
         done = any(each.procedure == procedure for each in rows)
         by = f"{procedure} did not find it" if done else left_out.get(procedure, f"run {procedure}")
