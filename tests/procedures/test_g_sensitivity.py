@@ -100,6 +100,9 @@ def test_each_position_is_asked_for_once_there_and_back_and_the_case_ends_uprigh
     assert "east" not in asked[4].words
 
 
-def test_an_axis_that_there_is_not_is_refused() -> None:
-    with pytest.raises(ConfigError, match="axes"):
-        vcfbench.dry_run("g-sensitivity", "lab", settings={"axes": ["w"]})
+@pytest.mark.parametrize(
+    ("settings", "said"), [({"axes": ["w"]}, "axes"), ({"samples": 61}, "windows of 60 s and 1000 readings at most")]
+)
+def test_settings_that_cannot_be(settings: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run("g-sensitivity", "lab", settings=settings)

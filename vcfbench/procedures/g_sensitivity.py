@@ -15,20 +15,20 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench import steps
-from vcfbench.analysis.allan import Sampling, Term
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
-from vcfbench.procedures.shared.known.v_vc import METER_GAIN, READINGS, meter_error
+from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
-from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.procedures.shared.window_sum import noise_v
+from vcfbench.records.schema import Point, fits_one_chunk
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
 
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -48,7 +48,7 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
     input_axis: Annotated[Axes, said("axis of the case about which the gyroscope senses")] = "z"
     cycles: Annotated[int, ranged(1, 100, "times there and back")] = 2
     turn_s: Annotated[float, ranged(1.0, 3600.0, "time that turning the case takes, for the estimate")] = 60.0
-    samples: Annotated[int, ranged(2, 100_000, "readings a mean", option=True)] = 60
+    samples: Annotated[int, ranged(2, 1000, "readings a mean", option=True)] = 60
     tilt_deg: Annotated[float, ranged(0.0, 45.0, "of an axis from the vertical, limit")] = 1.0
     heading_deg: Annotated[float, ranged(0.0, 90.0, "of a level input axis from east, limit")] = 5.0
 
@@ -57,6 +57,13 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
         """The axes that point up in turn, there and back."""
         there = [sign + axis for axis in dict.fromkeys(self.axes) for sign in "+-"]
         return (*there, *reversed(there))
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if not fits_one_chunk(self.samples, self.sample_interval_s):
+            yield InvalidValue(
+                "samples", "windows of 60 s and 1000 readings at most; `cycles` takes more", self.samples
+            )
 
 
 class GSensitivityResult(Struct, frozen=True):
@@ -185,19 +192,12 @@ def _earth(settings: GSensitivitySettings, axis: str) -> Iterator[UncertaintyPar
 def _over_time(
     settings: GSensitivitySettings, windows: Sequence[steps.Window], weights: Floats, scale: float
 ) -> Iterator[UncertaintyPart]:
-    """Yield what readings, flicker and the end of the warm-up leave of a sum of windows by `weights`."""
-    points = [each.point for each in windows]
-    std_v = math.hypot(pooled_std_v(points), settings.meter_resolution_v / math.sqrt(12.0))
-    of_readings = std_v / abs(scale) * math.sqrt(float((weights**2).sum()) / settings.samples)
-    yield UncertaintyPart(READINGS, of_readings, sum(each.n - 1 for each in points))
-    known = settings.station.sources
-    b_deg_s = (known.bias_instability_deg_h or 0.0) / 3600.0
-    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s), {}, np.zeros((len(Term), len(Term))))
-    begin = np.array([float(each.readings[0].t_s) for each in windows])
-    end = begin + settings.samples * settings.sample_interval_s
-    sampling = Sampling.without_gaps(settings.sample_interval_s)
-    yield UncertaintyPart("flicker", u_of_combination(flicker, sampling, begin, end, weights).u)
-    left = np.exp(-(settings.start_up_s + 0.5 * (begin + end) - begin[0]) / known.warm_up_time_s)
+    """Yield what readings, flicker and the end of the warm-up leave of a sum of windows by `weights`, as a rate."""
+    of_each = {place: float(weight) for place, weight in enumerate(weights) if weight}
+    for part in noise_v(settings, windows, of_each, [each.point for each in windows]):
+        yield replace(part, u=part.u / abs(scale))
+    known, begins_s = settings.station.sources, np.array([float(each.readings[0].t_s) for each in windows])
+    left = np.exp(-(settings.start_up_s + begins_s - begins_s[0]) / known.warm_up_time_s)
     warm_up_deg_s = (known.warm_up_k or 0.0) * (known.bias_deg_h_k or 0.0) / 3600.0
     yield UncertaintyPart("warm-up", warm_up_deg_s * float(weights @ left) / math.sqrt(3.0))
 
