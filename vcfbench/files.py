@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any, Final
 
-from vcfbench.errors import ConfigError
+from vcfbench.errors import BenchError, ConfigError
 
 MOST_SETTINGS = 1 << 20
 """Bytes of a bench file, a profile or a fault script: the longest that come along have 10 kB."""
@@ -33,6 +33,15 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*\.[ \t]*){{{DEEPEST}}}{_PART
 """A key of more parts; found before it is parsed, which takes a time that grows with the square of the parts."""
 
 Keys = tuple[str | int, ...]
+
+
+@contextmanager
+def failing_as(kind: type[BenchError], words: str) -> Iterator[None]:
+    """Have an OSError end as a `kind`, which says `words` and what the system says."""
+    try:
+        yield
+    except OSError as error:
+        raise kind(f"{words}: {error.strerror}") from error
 
 
 def read_file(path: Path | str, expected: str, most_bytes: int) -> bytes:

@@ -16,7 +16,7 @@ from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.written import write_document
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import shown
+from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text
@@ -219,8 +219,6 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
         book.active.append(list(values.values()))
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula
-    try:
+    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
         book.save(path)
-    except OSError as error:
-        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
     return (path,)

@@ -12,7 +12,7 @@ from vcfbench.archive.reported import full_report, title_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import read_file, shown
+from vcfbench.files import failing_as, read_file, shown
 from vcfbench.reports.document import Figure, Report
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.markdown import markdown_of
@@ -64,10 +64,8 @@ def write_certificate(
     if document is not None and not document[1].startswith(b"%PDF"):
         raise ConfigError(f"{shown(Path(embed or ''))}: expected a report as PDF", hint="vcfbench report -o REPORT.pdf")
     written = dcc_of(run, certificate_words(run, words), document)
-    try:
+    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
         path.write_bytes(written)
-    except OSError as error:
-        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
     return path
 
 
@@ -107,7 +105,7 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
     writer = _WRITERS.get(path.suffix.lower())
     if writer is None:
         raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
-    try:
+    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
         if logo:  # a picture becomes an address that holds it
             kind = _PICTURES.get(Path(logo).suffix.lower())
             if kind is None:
@@ -115,8 +113,6 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
             picture = b64encode(read_file(Path(logo), "a logo", _LARGEST_LOGO)).decode()
             logo = f"data:{kind};base64,{picture}"
         return writer(report, title, name, path, logo)
-    except OSError as error:
-        raise ConfigError(f"{shown(path)}: cannot be written: {error.strerror}") from error
 
 
 def _page(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:

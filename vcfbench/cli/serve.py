@@ -17,6 +17,7 @@ from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, 
 
 from vcfbench.cli.options import Bench_, argument, flag, option, seed_option
 from vcfbench.errors import BenchError, ConfigError
+from vcfbench.files import failing_as
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_script
 from vcfbench.sim.served import build_served, on_wires
@@ -188,10 +189,8 @@ def _write_bench(path: Path, description: BenchDescription, server: BenchServer,
     control = server.as_json()["control"]
     host = f"[{control['host']}]" if ":" in control["host"] else control["host"]
     text = bench_text(on_wires(description, resources, f"{host}:{control['port']}"))
-    try:
+    with failing_as(ConfigError, f"--write-bench {path}"):
         path.write_text(text, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise ConfigError(f"--write-bench {path}: {error.strerror}") from error
 
 
 @contextlib.contextmanager

@@ -19,7 +19,7 @@ import msgspec
 from msgspec import Meta, Struct, structs
 
 from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_SETTINGS, read_text, shown, synchronise_names
+from vcfbench.files import MOST_SETTINGS, failing_as, read_text, shown, synchronise_names
 from vcfbench.typed import typed
 
 FORMAT = 1  # Version of the entries' layout; raised when a reader of the old one would misread the new one
@@ -364,11 +364,9 @@ class DeviceStore(Struct, frozen=True):
             raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
         directory = self.root / record.serial
         self._require_own(record.serial)
-        try:
+        with failing_as(ConfigError, f"{shown(directory)}: no entry can be kept there"):
             directory.mkdir(parents=True, exist_ok=True)
             path = _placed(directory, text + b"\n")
-        except OSError as error:
-            raise ConfigError(f"{shown(directory)}: no entry can be kept there: {error.strerror}") from error
         return Entry(path, record)
 
     def _require_own(self, serial: str) -> None:

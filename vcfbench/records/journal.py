@@ -24,7 +24,7 @@ from msgspec.structs import replace
 
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import opened, shown, synchronise_names, try_lock, unlock
+from vcfbench.files import failing_as, opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.records.damage import first_damage
 from vcfbench.records.schema import FORMAT, Point, Status
 from vcfbench.records.seal import SealChecker, Sealer
@@ -50,10 +50,8 @@ class Journal:
         self.path = path
         self._size = 0
         self._sealer = Sealer()
-        try:
+        with failing_as(BenchError, f"the record {path} cannot be written"):
             self._descriptor = os.open(path, _FLAGS, 0o644)
-        except OSError as error:
-            raise BenchError(f"the record {path} cannot be written: {error.strerror}") from error
         _locked(self._descriptor)  # without locks nobody is kept from anything
 
     def header(self, values: Mapping[str, Any]) -> None:
@@ -88,11 +86,9 @@ class Journal:
 
     def _see_names_to_disk(self) -> None:
         """Have the name of the record on the disk, and those of the directories that it lies in."""
-        try:
+        with failing_as(BenchError, f"the record {self.path} may be lost by a power cut"):
             for directory in self.path.absolute().parents[:3]:
                 synchronise_names(directory)
-        except OSError as error:
-            raise BenchError(f"the record {self.path} may be lost by a power cut: {error.strerror}") from error
 
     def _append(self, line: Mapping[str, Any]) -> None:
         """Write one line with one system call, so that no other can come between, and see it to the disk.
@@ -130,10 +126,8 @@ class SimulatedJournal(Journal):
     def footer(self, values: Mapping[str, Any]) -> None:
         """Write the last line, and see all of them to the disk."""
         super().footer(values)
-        try:
+        with failing_as(BenchError, f"the record {self.path} may be lost by a power cut"):
             _sync(self._descriptor)
-        except OSError as error:
-            raise BenchError(f"the record {self.path} may be lost by a power cut: {error.strerror}") from error
 
     def _see_to_disk(self) -> None:
         """Leave it to the system: steps follow each other faster than a disk takes them."""
@@ -185,7 +179,7 @@ def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = 
     Raises:
         BenchError: a run goes on that writes it, or it cannot be written.
     """
-    try:
+    with failing_as(BenchError, f"the record {shown(path)} cannot be written"):
         descriptor = os.open(path, os.O_RDWR | os.O_APPEND | getattr(os, "O_BINARY", 0))
         try:
             if not _locked(descriptor):
@@ -213,8 +207,6 @@ def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = 
                     os.ftruncate(descriptor, len(kept))
         finally:
             os.close(descriptor)
-    except OSError as error:
-        raise BenchError(f"the record {shown(path)} cannot be written: {error.strerror}") from error
     if written != len(lines):
         raise BenchError(f"the record {shown(path)} cannot be written: the disk took {written} of {len(lines)} bytes")
 

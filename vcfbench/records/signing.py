@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import read_file, shown
+from vcfbench.files import failing_as, read_file, shown
 
 _SAID: Final = b"vcfbench seal "
 _MOST: Final = 10_000
@@ -68,12 +68,10 @@ def new_key(path: Path) -> Path:
     public = key.public_key().public_bytes(pem, serialization.PublicFormat.SubjectPublicKeyInfo)
     beside = path.with_name(f"{path.name}.pub")
     for file, data, mode in ((path, private, 0o600), (beside, public, 0o644)):
-        try:
+        with failing_as(ConfigError, f"{shown(file)}: no key can be written there"):
             descriptor = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode)
             with os.fdopen(descriptor, "wb") as opened:
                 opened.write(data)
-        except OSError as error:
-            raise ConfigError(f"{shown(file)}: no key can be written there: {error.strerror}") from None
     return beside
 
 

@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Struct
 
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import opened, shown, try_lock
+from vcfbench.files import failing_as, opened, shown, try_lock
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.vary import Drawn  # msgspec reads the annotation
 
@@ -53,12 +53,10 @@ class StudyJournal:
 
     def add(self, lines: Iterable[object]) -> None:
         """Write lines and see them to the disk."""
-        try:
+        with failing_as(BenchError, f"{shown(self.path)}: the journal cannot be written"):
             self._file.writelines(msgspec.json.encode(line) + b"\n" for line in lines)
             self._file.flush()
             os.fsync(self._file.fileno())
-        except OSError as error:
-            raise BenchError(f"{shown(self.path)}: the journal cannot be written: {error.strerror}") from error
 
 
 @contextmanager
@@ -69,20 +67,17 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
         ConfigError: it is that of another study, or no journal, and `restart` is not asked for.
         BenchError: it cannot be written, or a study that goes on writes it.
     """
-    try:
-        with path.open("ab") as file:
-            with suppress(OSError):  # a file system without locks; the system lets one go with the process
-                if not try_lock(file.fileno()):
-                    words = f"{shown(path)}: another study writes this journal now"
-                    raise BenchError(words, hint="wait for its end, or choose another -o")
-            had, whole = ({}, 0) if restart else rows_of(path, begun)
-            file.truncate(whole)
-            journal = StudyJournal(path, file)
-            if not whole:
-                journal.add([begun])
-            yield journal, had
-    except OSError as error:
-        raise BenchError(f"{shown(path)}: the journal cannot be written: {error.strerror}") from error
+    with failing_as(BenchError, f"{shown(path)}: the journal cannot be written"), path.open("ab") as file:
+        with suppress(OSError):  # a file system without locks; the system lets one go with the process
+            if not try_lock(file.fileno()):
+                words = f"{shown(path)}: another study writes this journal now"
+                raise BenchError(words, hint="wait for its end, or choose another -o")
+        had, whole = ({}, 0) if restart else rows_of(path, begun)
+        file.truncate(whole)
+        journal = StudyJournal(path, file)
+        if not whole:
+            journal.add([begun])
+        yield journal, had
 
 
 def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], RunRow], int]:

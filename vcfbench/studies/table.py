@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import shown
+from vcfbench.files import failing_as, shown
 from vcfbench.studies.one_run import RunRow
 
 Columns = Mapping[str, tuple[Any, ...]]
@@ -69,11 +69,9 @@ def write_table(path: Path, columns: Columns) -> None:
 def written(path: Path, data: bytes) -> None:
     """Write a file that is there whole or not at all; raises BenchError when the disk does not take it."""
     beside = path.with_name(f".{path.name}.part")
-    try:
+    with failing_as(BenchError, f"{shown(path)} cannot be written"):
         beside.write_bytes(data)
         beside.replace(path)
-    except OSError as error:
-        raise BenchError(f"{shown(path)} cannot be written: {error.strerror}") from error
 
 
 def _cell(value: Any) -> str:
