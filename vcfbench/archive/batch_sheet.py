@@ -210,8 +210,7 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
     """
     if path.suffix.lower() != ".xlsx":
         return write_document(batch_sheet(batch, rows), f"Batch {batch}", batch, path)
-    openpyxl = need("openpyxl", "export", "a batch sheet as a spreadsheet")
-    book = openpyxl.Workbook()
+    book = need("openpyxl", "export", "a batch sheet as a spreadsheet").Workbook()
     book.active.title = "batch"
     book.active.append(list(SheetRow.__struct_fields__))
     for each in rows:

@@ -164,9 +164,7 @@ class E3631A(ScpiInstrument):
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""
         condition = self._session.query_int(f"STAT:QUES:INST:ISUM{self._ratings(output).number}:COND?") & 3
-        if condition == 0 and not self.outputs_enabled():
-            return Regulation.OFF
-        return _REGULATION[condition]
+        return Regulation.OFF if condition == 0 and not self.outputs_enabled() else _REGULATION[condition]
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Switch the outputs off and wait until each measures near 0 V."""

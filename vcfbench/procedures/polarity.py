@@ -178,8 +178,7 @@ def results(settings: PolaritySettings, points: Measured) -> PolarityResult:
     signs, bias_v = _responses(settings, points), settings.expected.bias_v
     if bias_v is not None and not bias_v[0] <= 0.0 <= bias_v[1]:  # the output at rest tells leads from phases
         [rest] = [point for point in points if point.step == AT_REST]
-        sure = abs(rest.output_v) > _SURE * _u(rest)
-        at_rest = _sign_of(rest.output_v) if sure else 0
+        at_rest = _sign_of(rest.output_v) if abs(rest.output_v) > _SURE * _u(rest) else 0
         signs.append(Sign("bias", _sign_of(bias_v[0]), at_rest, rest.output_v, _u(rest), "V"))
     if _carrier_has_a_sign(settings):
         *_, (_, drive) = points.found(steps.DriveReading)

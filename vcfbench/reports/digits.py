@@ -64,6 +64,4 @@ def digits_of_value(value: float, u: float) -> str:
 
 def _second_digit(u: float) -> int:
     """Return the power of ten of the second digit of `u`, as it is after rounding."""
-    if not u or not math.isfinite(u):
-        return 0
-    return int(f"{u:.1e}".partition("e")[2]) - 1
+    return int(f"{u:.1e}".partition("e")[2]) - 1 if u and math.isfinite(u) else 0

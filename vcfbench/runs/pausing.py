@@ -54,8 +54,7 @@ class Pausing(Struct, frozen=True):
     def of(cls, control: RunControl, bench: Bench, prepared: Prepared) -> Self:
         """Return it for a run that was `prepared`, on the open `bench`."""
         pace = checked_pace(prepared.description, prepared.request.speed) or 0.0
-        drifts = bool(prepared.procedure.in_one_piece)
-        return cls(prepared.settings, drifts, control, bench, pace)
+        return cls(prepared.settings, bool(prepared.procedure.in_one_piece), control, bench, pace)
 
     @property
     def by(self) -> str:

@@ -124,9 +124,11 @@ class World(Observed):
         """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
         self._pass_events()
+        return self._drawn_a(self._gyro, rail, voltage_v, self.clock.now())
+
+    def _drawn_a(self, gyro: Gyro, rail: str, voltage_v: float, now_s: float) -> float:
         beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
-        own = self._gyro.rail_current_a(RAILS.index(rail), voltage_v, self.clock.now())
-        return own + abs(voltage_v) * beside
+        return gyro.rail_current_a(RAILS.index(rail), voltage_v, now_s) + abs(voltage_v) * beside
 
     def drawing(self) -> Hashable:
         """Return a key of the rails' currents: while it is equal, so are they; None while they change."""
@@ -257,10 +259,8 @@ class World(Observed):
     def glance_current_a(self, rail: str) -> float:
         """Return the magnitude of the current that PCB and load draw from `rail` now, A; it leaves no mark."""
         self._require(rail, RAILS)
-        voltage_v = self.glance_v(f"rail_{rail}")
-        beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
-        gyro = self._glanced_at()
-        return gyro.rail_current_a(RAILS.index(rail), voltage_v, gyro.now_s) + abs(voltage_v) * beside
+        voltage_v, gyro = self.glance_v(f"rail_{rail}"), self._glanced_at()
+        return self._drawn_a(gyro, rail, voltage_v, gyro.now_s)
 
     def glance_temperature_c(self) -> float:
         """Return the temperature of the gyroscope now, degC; it leaves no mark."""

@@ -22,9 +22,7 @@ _KINDS = {"float": "a number", "int": "a whole number", "array": "a list", "str"
 
 def overridden(base: T, changes: Mapping[str, Any]) -> T:
     """Return `base` with `changes` (nested as `base` is) in place of its values."""
-    if not changes:
-        return base
-    return typed(merged(msgspec.to_builtins(base), changes), type(base))
+    return typed(merged(msgspec.to_builtins(base), changes), type(base)) if changes else base
 
 
 def part_way(ideal: T, other: T, share: float) -> T:

@@ -118,8 +118,7 @@ class AtlDialect(TableDialect):
                 self._tells_rate = False
         first_deg, started_s = self.angle_deg(line, deadline), line.clock.now()
         sleep(line.clock, _SPAN_S)
-        then_deg = self.angle_deg(line, deadline)
-        return turned_deg_s(first_deg, then_deg, line.clock.now() - started_s)
+        return turned_deg_s(first_deg, self.angle_deg(line, deadline), line.clock.now() - started_s)
 
     def angle_deg(self, line: TableLine, deadline: Deadline) -> float:
         """Ask ``PPO``."""
@@ -173,8 +172,7 @@ class AtlDialect(TableDialect):
 
     def _line(self, line: TableLine, command: str, deadline: Deadline) -> str:
         """Return the next line, without the echo that precedes or is it."""
-        text = replies.text(line.take_line(deadline)).strip()
-        return text.removeprefix(command).strip()
+        return replies.text(line.take_line(deadline)).strip().removeprefix(command).strip()
 
     def _require_accepted(self, line: TableLine, command: str, answer: str) -> None:
         if _REFUSAL in answer:

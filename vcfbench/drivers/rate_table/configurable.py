@@ -211,9 +211,7 @@ class ConfigurableDialect(TableDialect):
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell whether the servo is closed; a table that does not say is taken to be as it was last told."""
-        if "enabled" not in self.profile.status:
-            return self._servo
-        return self.flag(line, "enabled", deadline)
+        return self.flag(line, "enabled", deadline) if "enabled" in self.profile.status else self._servo
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell by the table's own flag, else by readings of the rate."""

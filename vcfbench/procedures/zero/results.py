@@ -68,9 +68,7 @@ class ZeroResult(Struct, frozen=True):
     def flicker(self) -> tuple[float, float] | None:
         """The coefficient B with its standard uncertainty, deg/h; None where none was found."""
         found = next((each for each in self.noise if each.name == "bias instability"), None)
-        if found is None or not found.value or not found.u:
-            return None
-        return found.value, found.u
+        return (found.value, found.u) if found is not None and found.value and found.u else None
 
     def coefficient(self, name: str) -> noises.NoiseCoefficient:
         """Return the coefficient of that name, ``"angle random walk"``; KeyError where it was not found."""

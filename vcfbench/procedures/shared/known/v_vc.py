@@ -288,9 +288,7 @@ def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Ro
 def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:
     """Return V_Vc of windows at one setting, V: measured beside them, by hand, or else as it was set."""
     seen = [point.v_vc_measured_v for point in points if point.v_vc_measured_v is not None]
-    if seen:
-        return math.fsum(seen) / len(seen)
-    return by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
+    return math.fsum(seen) / len(seen) if seen else by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
 
 
 def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mapping[float, float]:
