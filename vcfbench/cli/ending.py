@@ -121,11 +121,7 @@ def say(words: str, *, alarm: bool = False) -> None:
     if _to_stderr(words) or not alarm:
         return
     if not _to_terminal(words):
-        with suppress(ImportError):  # Windows has none
-            import syslog  # noqa: PLC0415
-
-            syslog.openlog("vcfbench", syslog.LOG_PID)
-            syslog.syslog(syslog.LOG_CRIT, words)
+        _to_system_log(words)
 
 
 def _to_stderr(words: str) -> bool:
@@ -152,6 +148,14 @@ def _to_terminal(words: str) -> bool:
         return _put(number, f"\r\n{words}\r\n".encode())
     finally:
         os.close(number)
+
+
+def _to_system_log(words: str) -> None:
+    with suppress(ImportError):  # Windows has none
+        import syslog  # noqa: PLC0415
+
+        syslog.openlog("vcfbench", syslog.LOG_PID)
+        syslog.syslog(syslog.LOG_CRIT, words)
 
 
 def _put(number: int, data: bytes) -> bool:
