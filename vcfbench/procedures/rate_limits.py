@@ -239,9 +239,8 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
     rates, more = [per * at for at, _ in sorted(taken)], [-100.0 * line.lacks(*each) for each in sorted(taken)]
     drawn = Figure("Output over the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)])
     rows = [quantity_row(*each) for each in found.quantities()]
-    return Report(
-        [*([Table(QUANTITY_COLUMNS, rows)] if rows else []), Text("\n".join(dict.fromkeys(filter(None, words)))), drawn]
-    )
+    text = Text("\n".join(dict.fromkeys(filter(None, words))))
+    return Report([*([Table(QUANTITY_COLUMNS, rows)] if rows else []), text, drawn])
 
 
 RATE_LIMITS = Procedure(
@@ -257,4 +256,5 @@ RATE_LIMITS = Procedure(
     report=report,
     needs=roles("power", "multimeter", "rate_source"),
     uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
+    unforeseen=dict.fromkeys(("limit", "clipped", "comes_back"), "it goes with where the output ends"),
 )
