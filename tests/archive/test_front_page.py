@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 
 import vcfbench
 from tests.archive.test_written import QUICK
+from vcfbench.archive.batch_sheet import device_parts, device_rows
 from vcfbench.archive.front_page import BLANK, front_page, seal_of
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Report, Table
+from vcfbench.reports.html_page import page_of
 from vcfbench.reports.text import text_of
 from vcfbench.station.file import embedded_text
 
@@ -48,8 +51,10 @@ def shown(run: Run, **words: str) -> tuple[dict[str, str], list[tuple[str, ...]]
 
 def test_what_nobody_told_is_a_blank_line_and_what_is_told_stands_there(judged: Run) -> None:
     facts, _, _ = shown(judged)
-    asked = ("laboratory", "customer", "model", "serial number", "operator", "checked by", "traceable by", "issued on")
+    asked = ("laboratory", "customer", "model", "serial number", "operator", "checked by", "issued on")
     assert {name: facts[name] for name in (*asked, "signature")} == dict.fromkeys((*asked, "signature"), BLANK)
+    assert facts["procedure"] == "turntable"
+    assert facts["traceable by"] == f"34401A (multimeter) {BLANK}; acl (rate table) {BLANK}"
     facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2026-11-23")
     assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2026-11-23")
     with pytest.raises(ConfigError, match="came 'custommer'"):
@@ -71,6 +76,42 @@ def test_results_have_uncertainty_factor_limits_and_verdict(judged: Run) -> None
     assert by_name["reading noise"][1:] == ("not known", "", "0 to 1e-06", "FAIL")
     assert "Decision rule: guarded acceptance" in text
     assert "U95 does not contain: " in text
+
+
+@pytest.fixture(scope="module")
+def lacking(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """A run that knows few of its uncertainties, judged with a guard band."""
+    folder = tmp_path_factory.mktemp("lacking")
+    bench = re.sub(r"\[uncertainty\].*?\n(?=\[)", "", embedded_text("paper"), flags=re.DOTALL)
+    bench = bench.replace("[multimeter]", '[multimeter]\ncertificate = "K-1, Lab Ltd"\ncalibrated = 2026-01-15')
+    limits = '[acceptance]\nguard_band = "U95"\nscale_factor_v_per_deg_s = [-0.02, -0.01]\n'
+    (folder / "bench.toml").write_text(bench + limits, encoding="utf-8")
+    return vcfbench.run(
+        "turntable", folder / "bench.toml", seed=3, settings=QUICK, runs=folder / "runs", metadata={"dut": "G-1"}
+    )
+
+
+def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
+    facts, rows, text = shown(lacking)
+    assert facts["traceable by"] == f"34401A (multimeter) K-1, Lab Ltd, 2026-01-15; acl (rate table) {BLANK}"
+    assert "Verdict: PASS with an incomplete U95, without temperature" in text
+    assert (rows[0][0][:36], rows[0][-1]) == ("scale factor; INCOMPLETE without tem", "PASS with an incomplete U95")
+    assert "\nPASS with an incomplete U95, without temperature" in text_of(lacking.report())
+    (sheet,) = device_parts(device_rows("G-1", lacking.directory.parent))[2:]
+    assert sheet.rows[0][-1] == "PASS with an incomplete U95"
+
+
+@pytest.mark.exhaustive
+@pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")
+def test_the_results_fit_on_the_first_page(lacking: Run) -> None:
+    try:
+        weasyprint = pytest.importorskip("weasyprint")
+    except OSError:
+        pytest.skip("this system has no Pango")
+    page = page_of(Report(list(front_page(lacking, "Title", {}, None))), "Title", "run", printed=True, logo="")
+    laid = weasyprint.HTML(string=page).render().pages[0]
+    ends = [each.position_x + each.width for each in laid._page_box.descendants() if hasattr(each, "text")]
+    assert max(ends) < laid.width - 17.0 / 25.4 * 96.0 + 1.0  # its margin, in pixels of CSS
 
 
 def test_a_bias_without_a_limit_of_its_own_stands_there_once(tmp_path: Path) -> None:

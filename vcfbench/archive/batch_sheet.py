@@ -20,6 +20,7 @@ from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text
+from vcfbench.station.acceptance import INCOMPLETE
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
@@ -34,9 +35,10 @@ _COLUMNS: Final = (
 class SheetRow(Struct, frozen=True, kw_only=True):
     """One run of a device on the sheet; values are None where the run has no such result.
 
-    `verdict` is that on the acceptance limits, None where nothing was judged. `drift_ppm` is the change of the scale
-    factor since the last complete run of the same device and procedure (on a batch sheet, outside of the batch), `e_n`
-    its normalised error. `why_none` says why there are no results.
+    `verdict` is that on the acceptance limits, None where nothing was judged; `incomplete_u95`: a guard band of it
+    lacks something. `drift_ppm` is the change of the scale factor since the last complete run of the same device and
+    procedure (on a batch sheet, outside of the batch), `e_n` its normalised error. `why_none` says why there are no
+    results.
     """
 
     device: str
@@ -47,6 +49,7 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     simulated: bool
     status: Status
     verdict: str | None
+    incomplete_u95: bool = False
     scale_factor_v_per_deg_s: float | None = None
     u95_scale_factor_v_per_deg_s: float | None = None
     bias_v: float | None = None
@@ -128,6 +131,7 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         simulated=bool(run.simulated),
         status=summary.status,
         verdict=summary.verdict,
+        incomplete_u95=run.verdict is not None and any(each.missing for each in run.verdict.limits),
         scale_factor_v_per_deg_s=None if scale is None else scale.value,
         u95_scale_factor_v_per_deg_s=None if scale is None else scale.u95,
         bias_v=None if bias is None else bias.value,
@@ -198,7 +202,11 @@ def _cells(row: SheetRow) -> list[Any]:
         bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),
         row.nonlinearity_ppm,
         drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
-        row.verdict.upper() if row.verdict else "-" if row.status is Status.COMPLETE else row.status.value,
+        row.verdict.upper() + INCOMPLETE * row.incomplete_u95
+        if row.verdict
+        else "-"
+        if row.status is Status.COMPLETE
+        else row.status.value,
     ]
 
 

@@ -24,6 +24,11 @@ from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Verdict
 
 BLANK: Final = "_" * 24  # Stands for what was not told
+_MEASURING: Final = (
+    "multimeter",
+    "v_vc_meter",
+    "rate_table",
+)  # Results are traced by them: blanks where nothing is told
 _MOST: Final = 12  # So many results stand on the first page; the others follow
 _LIMITED: Final = {
     "scale_factor_v_per_deg_s": "scale_factor",
@@ -61,7 +66,7 @@ def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Fi
         if each.overdue:
             yield Notice(f"OVERDUE: the calibration of {each.role} ({each.model}) was due {each.calibration_due}.")
     if run.verdict is not None:
-        yield Notice(f"Verdict: {run.verdict.word.upper()}", run.verdict.word)
+        yield Notice(f"Verdict: {run.verdict.said}", run.verdict.word)
     yield facts(_persons_and_dates(run, words))
     yield from _results(run)
     if figure is not None:
@@ -81,7 +86,12 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         return ", ".join(filter(None, map(words.get, keys))) or BLANK
 
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
-    certified = [f"{each.model} {each.certificate}" for each in run.equipment if each.certificate is not None]
+    traced = [
+        f"{each.model} ({each.role.replace('_', ' ')}) {each.certificate or BLANK}"
+        f"{f', {each.calibrated}' if each.calibrated else ''}"
+        for each in run.equipment
+        if each.role in _MEASURING or each.certificate or each.calibrated
+    ]
     return [
         ("laboratory", said("laboratory", "laboratory_address", "laboratory_code")),
         ("customer", said("customer", "customer_address")),
@@ -89,11 +99,11 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         ("model", said("item_model")),
         ("serial number", said("serial")),
         ("record", f"{run.name or 'not recorded'}{revision}"),
-        ("calibrated by", run.procedure),
+        ("procedure", run.procedure),
         ("measured on", " to ".join(dict.fromkeys(days_of(run) or (BLANK,)))),
         ("operator", run.metadata.operator or BLANK),
         ("checked by", checked(run) or BLANK),
-        ("traceable by", "; ".join(certified) or BLANK),
+        ("traceable by", "; ".join(traced) or BLANK),
     ]
 
 
@@ -151,7 +161,7 @@ def _results(run: Run) -> Iterator[Part]:
 def _window(limit: Verdict | None, factor: float) -> tuple[str, str]:
     if limit is None:
         return "", ""
-    return f"{factor * limit.low:g} to {factor * limit.high:g}", limit.word.upper()
+    return f"{factor * limit.low:g} to {factor * limit.high:g}", limit.said
 
 
 def _said_of_results(run: Run, shown: Sequence[ResultValue]) -> Iterator[str]:

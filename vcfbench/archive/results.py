@@ -167,9 +167,19 @@ def _stored_verdict(acceptance: Any) -> Acceptance | None:
         return None
     try:
         limits = [
-            (e["key"], e["value"], float(e["low"]), float(e["high"]), e["verdict"] != "not measured", e.get("u95"))
+            Verdict(
+                *(
+                    e["key"],
+                    e["value"],
+                    float(e["low"]),
+                    float(e["high"]),
+                    e["verdict"] != "not measured",
+                    e.get("u95"),
+                ),
+                missing=tuple(e.get("missing", ())),
+            )
             for e in acceptance["limits"]
         ]
-        return Acceptance(tuple(Verdict(*each) for each in limits))
+        return Acceptance(tuple(limits))
     except (KeyError, TypeError):
         return None

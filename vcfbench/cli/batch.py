@@ -143,7 +143,7 @@ def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | N
             return Outcome(error.exit_code, "ERROR", why)  # its next run would meet the same
         if run.verdict is not None:
             verdicts[each.procedure.name] = run.verdict
-        word = run.status.value if run.verdict is None else run.verdict.word.upper()
+        word = run.status.value if run.verdict is None else run.verdict.said
         typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
     if failed := [f"{name}: {verdict.word.upper()}" for name, verdict in verdicts.items() if not verdict.passed]:
         failing = any(verdict.word == "fail" for verdict in verdicts.values())

@@ -149,6 +149,9 @@ class KVcResult(Struct, frozen=True, kw_only=True):
     def acceptance_u95(self) -> Mapping[str, float]:
         return {key: found.expanded_u for key, found in self._accepted().items()}
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        return {key: found.missing for key, found in self._accepted().items()}
+
     def _accepted(self) -> dict[str, Measurand]:
         found = self.scale_factor, self.bias, self.bias_deg_s, self.k_vc
         keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "k_vc_deg_s_per_v"

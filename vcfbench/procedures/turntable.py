@@ -79,6 +79,10 @@ class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
         """Return the expanded uncertainties of these, by the same keys."""
         return columns.acceptance_u95(self.uncertainty)
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        """Return what these uncertainties lack, by the same keys."""
+        return columns.acceptance_missing(self.uncertainty)
+
 
 class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):
     """The same, of a run that did not visit the rates as the paper does."""

@@ -92,10 +92,10 @@ def _words(value: Any) -> Value:
 
 
 def verdict_table(acceptance: Acceptance) -> Table:
-    """Return PASS, MARGINAL or FAIL, and below it every limit with its value."""
+    """Return PASS, MARGINAL or FAIL, what its guard bands lack, and below it every limit with its value."""
     rows = []
     for each in acceptance.limits:
         of = named(each.key)
-        rows.append((of.words, each.value, each.low, each.high, of.unit, each.word.upper()))
+        rows.append((of.words, each.value, each.low, each.high, of.unit, each.said))
     columns = heads("<limit | value:.6g | low:g | high:g | <unit | verdict")
-    return Table(columns, rows, title=acceptance.word.upper())
+    return Table(columns, rows, title=acceptance.said)

@@ -362,6 +362,9 @@ class CharacterizeResult(Struct, frozen=True):
     def acceptance_u95(self) -> Mapping[str, float]:
         return self._first("acceptance_u95")
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        return self._first("acceptance_missing")
+
     def _first(self, method: str) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for part in self.parts:

@@ -119,6 +119,10 @@ class OnlineResult(Struct, frozen=True, kw_only=True):
         drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
         return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u, **drift}
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.missing}
+        return {"scale_factor_v_per_deg_s": self.scale_factor.missing, **drift}
+
 
 class _Run(Struct, frozen=True):
     """The records of a run, fitted: output and V_Vc of each burst, means at rest, and the sign of the scale factor."""

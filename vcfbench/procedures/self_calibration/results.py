@@ -125,6 +125,10 @@ class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
         drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
         return {key: found.expanded_u for key, found in self._accepted().items()} | drift
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.missing}
+        return {key: found.missing for key, found in self._accepted().items()} | drift
+
     def _accepted(self) -> dict[str, Measurand]:
         found = self.scale_factor, self.bias, self.bias_deg_s, self.nonlinearity
         keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "nonlinearity_ppm"

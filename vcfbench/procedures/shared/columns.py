@@ -48,6 +48,12 @@ def acceptance_u95(statement: Statement) -> dict[str, float]:
     return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
 
 
+def acceptance_missing(statement: Statement) -> dict[str, tuple[str, ...]]:
+    """Return what these uncertainties lack, by the same keys."""
+    named = {each.name.removeprefix("turntable."): each.missing for each in statement.values}
+    return {_STATED[name]: missing for name, missing in named.items() if name in _STATED}
+
+
 def with_statement(column: CalibrationColumn, statement: Statement, before: str = "") -> CalibrationColumn:
     """Return a column with the combined uncertainties that are stated of it under names that begin with `before`."""
     return replace(

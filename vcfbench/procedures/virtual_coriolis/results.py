@@ -73,6 +73,10 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
         """Return the expanded uncertainties of these, by the same keys."""
         return columns.acceptance_u95(self.uncertainty)
 
+    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
+        """Return what these uncertainties lack, by the same keys."""
+        return columns.acceptance_missing(self.uncertainty)
+
 
 class SweptVirtualCoriolisResult(VirtualCoriolisResult, frozen=True, kw_only=True):
     """The same, of a run that did not visit the rates as the paper does."""
