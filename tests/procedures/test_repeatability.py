@@ -111,3 +111,9 @@ def test_broken_off_it_cannot_be_resumed(tmp_path: Path) -> None:
 def test_report_has_each_switch_on(run: Any) -> None:
     text = vcfbench.text_of(run.report())
     assert "s is the standard deviation over 4 switch-ons, each after 600 s without power and 900 s of warm-up" in text
+
+
+@pytest.mark.parametrize("procedure", ["repeatability", "rate-limits", "g-sensitivity"])
+def test_windows_that_keep_no_times_are_refused_before_the_run(procedure: str) -> None:
+    with pytest.raises(ConfigError, match="procedure.samples: expected windows of 60 s and 1000 readings at most"):
+        vcfbench.dry_run(procedure, "lab", settings={"samples": 61})

@@ -33,7 +33,7 @@ _QUESTIONS: Final = {
     LATITUDE: "Latitude, deg, north positive (for the Earth's rate)",
 }
 """What must never be exceeded here, by the instruments that are there, and what nothing tells."""
-_BY_HAND: Final = {
+_BY_HAND: Final[dict[str, tuple[str, dict[str, Any]]]] = {
     "power": ("supply of the PCB", {"by": "hand", "model": "supply"}),
     "multimeter": ("multimeter", {"by": "hand", "model": "34401A", "resolution_v": 1e-4}),
     "rate_table": ("rate table", {"by": "hand", "model": "table"}),

@@ -24,8 +24,8 @@ from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
-from vcfbench.procedures.shared.window_sum import noise_v
-from vcfbench.records.schema import Point, fits_one_chunk
+from vcfbench.procedures.shared.window_sum import noise_v, windows_without_times
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -60,10 +60,7 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
-        if not fits_one_chunk(self.samples, self.sample_interval_s):
-            yield InvalidValue(
-                "samples", "windows of 60 s and 1000 readings at most; `cycles` takes more", self.samples
-            )
+        yield from windows_without_times(self)
 
 
 class GSensitivityResult(Struct, frozen=True):

@@ -22,7 +22,7 @@ from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy, scale_factor_used
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.steady.walk import require_answer
-from vcfbench.procedures.shared.window_sum import noise_v, output_of
+from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
@@ -82,6 +82,7 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
+        yield from windows_without_times(self)
         if self.most_deg_s and self.level_deg_s >= self.most_deg_s:
             yield InvalidValue("level_deg_s", f"less than {self.most_deg_s:g} deg/s (limits)", self.level_deg_s)
 

@@ -25,9 +25,11 @@ from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
 from vcfbench.procedures.shared.steady.jumps import watched
+from vcfbench.procedures.shared.window_sum import windows_without_times
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2
@@ -41,6 +43,10 @@ class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
     power_cycles: Annotated[int, ranged(3, 100, "how often it is switched on", option=True)] = 7
     off_s: Annotated[float, ranged(1.0, 86_400.0, "without power before each but the first")] = 1800.0
     cycles: Annotated[int, ranged(1, 100, "blocks 0, +, -, -, +, 0 after each power-on")] = 1
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        yield from windows_without_times(self)
 
 
 class SwitchOn(Struct, frozen=True):

@@ -1,15 +1,22 @@
 """Uncertainty of single windows: of a sum of them, each with its weight, and of one output as the meter reads it."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, meter_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
-from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.records.schema import Point, fits_one_chunk, pooled_std_v
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Window
+
+
+def windows_without_times(settings: ProcedureSettings) -> Iterator[InvalidValue]:
+    """Yield what is wrong with windows that keep their readings in the journal alone: nobody knows when they began."""
+    if not fits_one_chunk(settings.samples, settings.sample_interval_s):
+        yield InvalidValue("samples", "windows of 60 s and 1000 readings at most", settings.samples)
 
 
 def noise_v(
