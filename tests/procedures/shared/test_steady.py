@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from msgspec.structs import replace
 from benchmarks.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
 from tests.procedures.fakes import make_settings
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.steady.jumps import require_no_jump
+from vcfbench.procedures.shared.steady.jumps import note, require_no_jump
 from vcfbench.procedures.shared.steady.walk import Limits, Walk
 from vcfbench.procedures.shared.sweep.schedule import Order, Zeros
 from vcfbench.records.schema import Point
@@ -40,7 +41,7 @@ def walked(added_v: NDArray[np.float64], rates: Sequence[float] = RATES, **setti
         output_v = BIAS_V + K * rate + 4e-3 * x**2 - 2.5e-3 * x**3 + more_v + NOISE_V / math.sqrt(10.0) * rng.normal()
         point = Point(1, rate, 0.0, output_v, NOISE_V, 10)
         step = Acquire(1, rate, 0.0, rate, 0.05, (), 0.1, 10, 1.0, 1e-5)
-        walk.note(step, Window((), rate, (), point))
+        note(walk, step, Window((), rate, (), point))
     return walk
 
 
@@ -75,6 +76,18 @@ def test_the_words_say_when_and_how_large() -> None:
         require_no_jump(walked(added))
     with pytest.raises(MeasurementError, match=r"was -0\.04\d+ V at \+0 deg/s .* and is now .*: \+0\.00\d+ V apart"):
         walked(np.where(np.arange(len(RATES)) > 14, 3e-3, 0.0))
+
+
+@pytest.mark.parametrize("since", [5, 13, 15])
+def test_windows_that_disagree_are_told_with_the_two_that_the_step_lies_between(since: int) -> None:
+    places = " and ".join(f"{RATES[at]:+g} deg/s" for at in (since - 1, since))
+    with pytest.raises(MeasurementError, match=r"apart, at most") as caught:
+        walked(np.where(np.arange(len(RATES)) >= since, 5e-3, 0.0))
+    found = re.search(
+        r"the output stepped by \+0\.00[45]\d* V \(.*?\) between (.*?) \(.*\) and (.*?) \(", str(caught.value)
+    )
+    assert found is not None, caught.value
+    assert " and ".join(found.groups()) == places
 
 
 def test_a_walk_is_found_and_one_that_is_expected_is_not() -> None:

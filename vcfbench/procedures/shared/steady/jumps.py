@@ -22,7 +22,7 @@ from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Routine, Step, StepResult
 
 T = TypeVar("T")
 
@@ -68,9 +68,28 @@ def require_no_jump(walk: Walk) -> None:
         if len({each.setting for each in windows}) < 2:
             continue
         _require_answer(walk, windows)
-        found = largest_jump(walk, windows)
-        if found is not None and abs(found.sigmas) > sigmas(walk.dof) - _HALF:
+        if found := _significant(walk, windows):
             raise _said(found, windows)
+
+
+def note(walk: Walk, step: Step, result: StepResult) -> None:
+    """Let `walk` take notice of a performed step.
+
+    MeasurementError: a setting did not give what it gave before; where the windows in between show it, with the place.
+    """
+    try:
+        walk.note(step, result)
+    except MeasurementError as error:
+        last = walk.windows[-1]
+        windows = [each for each in walk.windows if (each.driven, each.rails_v) == (last.driven, last.rails_v)]
+        if len({each.setting for each in windows}) > 1 and (found := _significant(walk, windows)):
+            error.what += f"; by all windows {_what(found, windows)}"
+        raise
+
+
+def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
+    found = largest_jump(walk, windows)
+    return found if found is not None and abs(found.sigmas) > sigmas(walk.dof) - _HALF else None
 
 
 def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
@@ -246,24 +265,26 @@ def _no_answer(windows: Sequence[Seen], what: str) -> MeasurementError:
     )
 
 
-def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
-    """Name the time and size of the jump, with a hint."""
+def _what(found: Jump, windows: Sequence[Seen]) -> str:
+    """Name the time and size of the jump."""
     first, last = windows[found.first], windows[found.last]
     size = f"{found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
     if found.walks:
-        what = f"the output walks by {size} from {windows[found.first - 1].describe()} to the end"
-    elif found.last == len(windows) - 1 or found.first == 0:
+        return f"the output walks by {size} from {windows[found.first - 1].describe()} to the end"
+    if found.last == len(windows) - 1 or found.first == 0:
         before = windows[found.first - 1] if found.first else last
         after = first if found.first else windows[found.last + 1]
         size = size if found.first else f"{-found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
-        what = f"the output stepped by {size} between {before.describe()} and {after.describe()}"
-    else:
-        where = first.describe() if first is last else f"the windows from {first.describe()} to {last.describe()}"
-        what = f"the output was off by {size} at {where}, and is not any more"
+        return f"the output stepped by {size} between {before.describe()} and {after.describe()}"
+    where = first.describe() if first is last else f"the windows from {first.describe()} to {last.describe()}"
+    return f"the output was off by {size} at {where}, and is not any more"
+
+
+def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
     return MeasurementError(
-        f"{what}: no smooth curve goes through all windows",
+        f"{_what(found, windows)}: no smooth curve goes through all windows",
         instrument="multimeter",
-        step=str(last.point.step),
+        step=str(windows[found.last].point.step),
         hint="look at leads and contacts, and at what else happened then; all points are in the record. "
         "expected.zero_drift_v of the bench file is what may drift",
     )
@@ -281,7 +302,7 @@ def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
         while True:
             try:
                 result = yield step
-                walk.note(step, result)
+                note(walk, step, result)
             except BaseException as error:  # noqa: BLE001 - whatever it is, it is the work's to deal with
                 step = work.throw(error)
             else:

@@ -161,7 +161,7 @@ class Walk(Struct):
                 f"{seen.describe()}: {moved_v:+.3g} V apart, at most {allowed_v:.2g} V are noise and drift",
                 instrument="multimeter",
                 step=str(point.step),
-                hint="look at leads and contacts, at what happened between the two windows, at temperature, and let "
+                hint="look at leads and contacts, at what happened in between, at temperature, and let "
                 "the gyroscope warm up (procedure.warm_up_s); expected.zero_drift_v of the bench file is what may "
                 "drift",
             )
