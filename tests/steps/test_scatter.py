@@ -10,6 +10,7 @@ from vcfbench.steps.scatter import NoiseSeen, Scatter
 NOISE_V = 1.2e-4
 RESOLUTION_V = 1e-5
 WINDOWS, N = 43, 10
+SETTLES = "it dies away from the first reading on, as what has not settled does (a longer settle_s)"
 
 
 def honest(seed: int, *, warm_up_v: float = 0.0, flicker_v: float = 0.0) -> np.ndarray:
@@ -82,6 +83,29 @@ def test_a_first_window_with_a_step_is_found_by_the_second() -> None:
     windows[0, 5:] += 0.05
     seen = NoiseSeen(RESOLUTION_V)
     assert [bool(seen.doubt(window.tolist())) for window in windows[:2]] == [False, True]
+
+
+@pytest.mark.parametrize(
+    ("added_v", "looks"),
+    [
+        (0.04 * np.exp(-np.arange(N) / 0.8), SETTLES),
+        (0.04 * np.exp(-np.arange(N) / 2.0) * np.cos(3.0 * np.arange(N)), SETTLES),
+        (np.where(np.arange(N) == 4, 0.005, 0.0), ""),
+        (np.where(np.arange(N) < 4, 0.0, -0.05), "it stepped by -0.05 V at reading 5 of 10, and stayed there"),
+        (
+            np.where((np.arange(N) > 2) & (np.arange(N) < 6), 0.005, 0.0),
+            "off by +0.005 V from reading 4 to 6 of 10, and back, as a contact or a bump",
+        ),
+        (np.random.default_rng(1).normal(0.0, 0.005, N), ""),
+    ],
+    ids=["settling", "ringing", "outlier", "step", "contact", "noise"],
+)
+def test_a_window_that_scatters_too_much_is_said_to_look_like(added_v: np.ndarray, looks: str) -> None:
+    windows = honest(1)
+    windows[20] += added_v
+    said = first_doubt(windows)
+    assert said.partition(" V: ")[2] == looks
+    assert " of the other windows by " in said or " off the others, where " in said
 
 
 def test_readings_that_stand_still_where_others_scatter_are_no_measurement() -> None:

@@ -11,6 +11,7 @@ hours nothing drifts along a straight line, over a minute it does.
 
 import math
 from collections.abc import Sequence
+from itertools import accumulate, combinations
 
 from msgspec import Struct, field
 
@@ -40,6 +41,12 @@ _TABLE = 5e-5
 Rate tables promise stabilities of 10 to 100 ppm; seen is only a gyroscope of less noise than that.
 """
 
+_LIKE = 0.9
+"""Share of the squares that a step must take away to be named; of noise alone it takes some 0.6."""
+
+_DIES_AWAY = 5.0
+"""First half of a window that settles over the second, both about the second's mean; of a straight line it is 3.7."""
+
 _COUNTS = 5.0
 """Readings that are off by no more than so many steps of the meter's last digit are not looked at."""
 
@@ -59,6 +66,7 @@ class Scatter(Struct, frozen=True):
     residual_v: float
     leverage: float
     table_v2: float = 0.0
+    readings_v: Sequence[float] = ()
 
     @property
     def std_v(self) -> float:
@@ -83,7 +91,7 @@ class Scatter(Struct, frozen=True):
         leverages = [1.0 / n + (i - middle) ** 2 / spread for i in range(n)]
         far = max(range(n), key=lambda i: residuals[i] ** 2 / (1.0 - leverages[i]))
         squares = math.fsum(residual * residual for residual in residuals)
-        return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far], table_v2)
+        return cls(n, squares, n - 2, far + 1, residuals[far], leverages[far], table_v2, readings_v)
 
 
 class NoiseSeen(Struct):
@@ -153,7 +161,7 @@ class NoiseSeen(Struct):
             return ""
         return (
             f"reading {window.farthest} of {window.n} is {window.distance_v:+.3g} V off the others, "
-            f"where one reading scatters by {std_v:.2g} V"
+            f"where one reading scatters by {std_v:.2g} V{_likeness(window.readings_v)}"
         )
 
     def _wide_or_narrow(self, window: Scatter) -> str:
@@ -165,7 +173,10 @@ class NoiseSeen(Struct):
         run_v = math.sqrt(others_v2 / degrees + window.table_v2)
         above = (max(window.std_v, self.resolution_v) / max(run_v, self.resolution_v)) ** 2
         if above > _LEAST_RATIO**2 and f_is_improbable(above, window.degrees, degrees, chance=FALSE_ALARM):
-            return f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
+            return (
+                f"the readings scatter by {window.std_v:.2g} V, those of the other windows by {run_v:.2g} V"
+                f"{_likeness(window.readings_v)}"
+            )
         by_table_v2 = self._table_squares_v2 - window.degrees * window.table_v2
         run_v = math.sqrt(max(0.0, others_v2 - by_table_v2) / degrees)
         below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
@@ -180,3 +191,31 @@ class NoiseSeen(Struct):
 def _off_v2(window: Scatter) -> float:
     """Return by how much the sum of squares falls when the farthest reading is left out, V^2."""
     return window.residual_v**2 / (1.0 - window.leverage)
+
+
+def _likeness(readings_v: Sequence[float]) -> str:
+    """Say what readings that scatter too much look like, empty if like nothing, or like one that is off.
+
+    A settling output is farthest off in the first reading, and its second half is quiet; ringing is as well.
+    """
+    n, half = len(readings_v), len(readings_v) // 2
+    end_v = math.fsum(readings_v[half:]) / (n - half)
+    off = [each - end_v for each in readings_v]
+    sums = list(accumulate(off, initial=0.0))
+    squares = math.fsum(each * each for each in off) - sums[n] ** 2 / n
+    # Each span of readings against the others of the window
+    most, size_v, first, end = 0.0, 0.0, 0, 0
+    for begin, stop in combinations(range(1, n + 1), 2):
+        share_n = (stop - begin) * (n - stop + begin) / n
+        differ_v = (sums[stop] - sums[begin] - sums[n] * (stop - begin) / n) / share_n
+        if stop - begin < n - 1 and differ_v * differ_v * share_n > most:
+            most, size_v, first, end = differ_v * differ_v * share_n, differ_v, begin, stop
+    if most > _LIKE * squares and end - first > 1:
+        if end == n:
+            return f": it stepped by {size_v:+.2g} V at reading {first + 1} of {n}, and stayed there"
+        return f": off by {size_v:+.2g} V from reading {first + 1} to {end} of {n}, and back, as a contact or a bump"
+    late = math.fsum(each * each for each in off[half:]) / (n - half)
+    early = math.fsum(each * each for each in off[:half]) / half
+    if abs(off[0]) == max(map(abs, off)) and early > _DIES_AWAY**2 * late:
+        return ": it dies away from the first reading on, as what has not settled does (a longer settle_s)"
+    return ""
