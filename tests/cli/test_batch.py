@@ -98,6 +98,8 @@ def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Pat
     assert math.isclose(first["drift_ppm"], 1e6 * change, rel_tol=1e-6, abs_tol=1e-6)
     assert first["e_n"] > 0.0
     assert second["drift_ppm"] is None
+    still = structs.replace(sheet_rows("b7", folder / "runs")[0], drift_ppm=-0.3, e_n=0.0)
+    assert "   0 (0.00)" in text_of(batch_sheet("b7", [still]))
 
 
 def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
@@ -56,9 +57,11 @@ def call(*arguments: str) -> Result:
 
 
 def test_devices_are_listed(store: DeviceStore) -> None:
-    assert call("--devices", str(store.root)).stdout == "G-1\n"
-    assert json.loads(call("--devices", str(store.root), "--json").stdout) == {"devices": ["G-1"], "failed_since": {}}
-    assert "no devices in" in call("--devices", str(store.root / "none")).stdout
+    none = ("--runs", str(store.root / "none"))
+    assert call("--devices", str(store.root), *none).stdout == "G-1\n"
+    listed = json.loads(call("--devices", str(store.root), *none, "--json").stdout)
+    assert listed == {"devices": ["G-1"], "failed_since": {}}
+    assert "no devices in" in call("--devices", str(store.root / "none"), *none).stdout
 
 
 def test_the_history_is_a_table(store: DeviceStore) -> None:
@@ -116,7 +119,15 @@ def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
     assert after["drift_ppm"] == pytest.approx(1e6 * (second.value / first.value - 1.0))
     assert "Runs with this device" in call(*words).stdout
     assert call(*words, "--plot", str(tmp_path / "drift.svg")).exit_code == 0
-    assert (tmp_path / "drift.svg").is_file()
+    drawn = (tmp_path / "drift.svg").read_text(encoding="utf-8")
+    assert re.search(r"time since \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC / (s|min)<", drawn)  # not in days
+    rows = list(csv.DictReader(io.StringIO(call(*words, "--csv").stdout)))
+    assert [float(row["scale_factor_v_per_deg_s"]) for row in rows] == [
+        each["scale_factor_v_per_deg_s"] for each in (before, after)
+    ]
+    assert [float(row["u_scale_factor"]) for row in rows] == pytest.approx([first.u, second.u])
+    assert call(*words[1:]).stdout == "G-9  no entry, complete runs: 2\n"
+    assert json.loads(call(*words[1:], "--json").stdout)["devices"] == ["G-9"]
     assert call("G-9", "--devices", str(tmp_path / "devices"), "--runs", str(tmp_path / "none")).exit_code == 2
 
 

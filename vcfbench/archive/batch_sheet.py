@@ -51,8 +51,10 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     verdict: str | None
     incomplete_u95: bool = False
     scale_factor_v_per_deg_s: float | None = None
+    u_scale_factor_v_per_deg_s: float | None = None
     u95_scale_factor_v_per_deg_s: float | None = None
     bias_v: float | None = None
+    u_bias_v: float | None = None
     u95_bias_v: float | None = None
     nonlinearity_ppm: float | None = None
     drift_ppm: float | None = None
@@ -133,8 +135,10 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         verdict=summary.verdict,
         incomplete_u95=run.verdict is not None and any(each.missing for each in run.verdict.limits),
         scale_factor_v_per_deg_s=None if scale is None else scale.value,
+        u_scale_factor_v_per_deg_s=None if scale is None else scale.u,
         u95_scale_factor_v_per_deg_s=None if scale is None else scale.u95,
         bias_v=None if bias is None else bias.value,
+        u_bias_v=None if bias is None else bias.u,
         u95_bias_v=None if bias is None else bias.u95,
         nonlinearity_ppm=None if bend is None else bend.value,
         drift_ppm=drift_ppm,
@@ -195,7 +199,7 @@ def _cells(row: SheetRow) -> list[Any]:
         None if each is None else 1e3 * each
         for each in (row.scale_factor_v_per_deg_s, row.u95_scale_factor_v_per_deg_s, row.bias_v, row.u95_bias_v)
     )
-    drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}"
+    drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
     return [
         scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
         None if not scale or u95 is None else 1e6 * u95 / abs(scale),

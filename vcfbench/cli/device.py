@@ -1,6 +1,6 @@
 """``vcfbench device``: history of a gyroscope by its serial number: certificates, self-calibrations, noise, runs."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
@@ -12,12 +12,15 @@ import typer
 
 from vcfbench.archive.batch_sheet import SheetRow, device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
+from vcfbench.archive.results import printable
+from vcfbench.archive.summary import run_summaries
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
 from vcfbench.records.devices import Device, DeviceStore, Entry, SelfCalibration
+from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
 from vcfbench.reports.text import table_text, text_of
@@ -50,6 +53,9 @@ _MEASURED = {
 """Columns of measured values, and the column of the uncertainty where there is one."""
 
 
+_UNITS_OF_TIME = (("d", 86_400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
+
+
 def device_names(ctx: Any, incomplete: str) -> list[str]:
     """Return the serial numbers of the devices in the directory that the command line names so far, for a shell."""
     with suppress(Exception):
@@ -65,7 +71,7 @@ def device(
     devices: Devices_ = Path("devices"),
     *,
     json: Json_ = False,
-    csv: Annotated[bool, flag("Print comma-separated values, one row for each entry.", "--csv")] = False,
+    csv: Annotated[bool, flag("Print comma-separated values, one row for each entry and run.", "--csv")] = False,
     add: Annotated[str | None, option("RUN", "Add what this complete run found, where it could not itself.")] = None,
     runs: Runs_ = Path("runs"),
     plot: Annotated[
@@ -82,7 +88,7 @@ def device(
         raise ConfigError("--json and --csv: expected one of the two, came both")
     store = DeviceStore(devices)
     if serial is None:
-        _list(store, json=json)
+        _list(store, runs, json=json)
         return
     calibrations = device_rows(serial, runs)
     known = store.device(serial) if not calibrations or store.entries(serial) else Device(serial, ())
@@ -101,8 +107,9 @@ def device(
             }
         )
     elif csv:
+        kept = {entry.record.conditions.run for entry in entries}
         typer.echo(",".join(_COLUMNS))
-        for row in rows:
+        for row in [*rows, *(_row_of_run(each) for each in calibrations if each.run not in kept)]:
             typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in row.values()))
     else:
         _print_history(known, rows)
@@ -137,7 +144,7 @@ def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
-    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over days."""
+    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over time."""
     found = defaultdict[str, list[tuple[datetime, float, float]]](list)
     kept = set()
     for entry in entries:
@@ -145,18 +152,20 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
             found["certificates and self-calibrations"].append((entry.done, scale.value, scale.u))
             kept.add(entry.record.conditions.run)
     for each in calibrations:
-        value, u95 = each.scale_factor_v_per_deg_s, each.u95_scale_factor_v_per_deg_s
+        value, u = each.scale_factor_v_per_deg_s, each.u_scale_factor_v_per_deg_s
         if each.run not in kept and value is not None:
-            found[each.procedure].append((each.started, value, 0.5 * (u95 or 0.0)))
+            found[each.procedure].append((each.started, value, u or 0.0))
     known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
         raise ConfigError(f"device {serial}: no entry and no run has a scale factor, there is nothing to draw")
     begun, first, _ = known[0]
-    since = Axis(f"time since {begun:%Y-%m-%d}", "d")
+    took_s = (known[-1][0] - begun).total_seconds()
+    unit, unit_s = next((each for each in _UNITS_OF_TIME if took_s >= 2.0 * each[1]), _UNITS_OF_TIME[-1])
+    since = Axis(f"time since {begun:{'%Y-%m-%d' if unit == 'd' else '%Y-%m-%d %H:%M:%S UTC'}}", unit)
     series = [
         Series(
             name,
-            [(done - begun).total_seconds() / 86_400.0 for done, _, _ in points],
+            [(done - begun).total_seconds() / unit_s for done, _, _ in points],
             [1e6 * (value / first - 1.0) for _, value, _ in points],
             [1e6 * u / abs(first) for _, _, u in points],
         )
@@ -166,9 +175,14 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
     save_figure(Figure(f"Scale factor of {serial}{of}", since, Axis("change", "ppm"), series), path)
 
 
-def _list(store: DeviceStore, *, json: bool) -> None:
+def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:
     lines, failed = [], {}
-    for serial in store.serials():
+    ran = Counter(each.dut for each in run_summaries(runs, status=Status.COMPLETE) if each.dut)
+    serials = sorted({*store.serials(), *ran})
+    for serial in serials:
+        if serial not in store.serials():
+            lines.append(f"{printable(serial)}  no entry, complete runs: {ran[serial]}")
+            continue
         try:
             since = store.device(serial).failed_since
         except ConfigError as error:  # the others are listed all the same
@@ -178,9 +192,9 @@ def _list(store: DeviceStore, *, json: bool) -> None:
         if since is not None:
             failed[serial] = since.name
     if json:
-        print_json({"devices": list(store.serials()), "failed_since": failed})
+        print_json({"devices": serials, "failed_since": failed})
     else:
-        print_verdicts("\n".join(lines) or f"no devices in {store.root}")
+        print_verdicts("\n".join(lines) or f"no devices in {store.root}, and none in the runs in {runs}")
 
 
 def _failed(since: Entry) -> str:
@@ -200,3 +214,10 @@ def _row(entry: Entry) -> dict[str, Any]:
     if isinstance(record, SelfCalibration):
         row |= {"e_n": record.e_n, "cusum": record.cusum, "verdict": record.verdict}
     return row
+
+
+def _row_of_run(run: SheetRow) -> dict[str, Any]:
+    """Return a run that is no entry by the names of the columns."""
+    said = {"entry": run.run, "kind": run.procedure, "done": run.started.isoformat(timespec="seconds")}
+    u = {"u_scale_factor": run.u_scale_factor_v_per_deg_s}
+    return {name: {**said, **u}.get(name, getattr(run, name, None)) for name in _COLUMNS}
