@@ -115,10 +115,15 @@ def test_a_comparison_shows_results_points_what_differs_and_figures_over_each_ot
     comparison = compare_runs(*vcfbench.list_runs(two / "runs"))
     assert comparison.settings == {"settle_s": ("0.5", "0.75")}
     assert comparison.equipment == {"dut": ("G-3", "G-4"), "seed": ("3", "4")}
-    assert comparison.instruments == ("oscilloscope DSO7104B MY49520121", "rate_source 33220A MY44021876")
+    assert comparison.instruments == ()  # scope and generator are the same, and reach no result of a table
+    assert comparison.unnumbered == ("multimeter 34401A", "power E3631A", "rate_table acl")
+    assert not {each.name for each in comparison.results}.isdisjoint({"type_a.u_bias", "dof"})
     report = comparison.report()
-    words = text_of(report)
-    assert "They are not where runs share instruments" in words
+    words = " ".join(text_of(report).split())
+    assert "Whether they share multimeter 34401A, power E3631A, rate_table acl is not known" in words
+    assert ("nonlinearity: max span" in words, "durbin watson" in words, "type: " in words) == (True, False, False)
+    numbered = structs.replace(comparison, instruments=("multimeter 34401A 17",)).report()
+    assert "in all of them are multimeter 34401A 17, whose errors" in " ".join(text_of(numbered).split())
     figures = [part for part in report.parts if isinstance(part, Figure)]
     assert [each.title for each in figures] == [
         *("Differences of the points", "Output against the table's rate", "Residuals of the least-squares line"),

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, groupby
-from typing import Any
+from typing import Any, Final
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -11,10 +11,18 @@ from msgspec.structs import replace
 from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.reports.names import named
+
+_OF_FITS: Final = frozenset(
+    ("type_a", "polynomial", "s_v", "dof", "coverage_factor", "u95_fit_ppm", "covariance", "durbin_watson", "sign_runs")
+)
+"""Statistics of a fit, by their names in results: programs get them, people compare what comes of them."""
+
+_BESIDE: Final = frozenset(("oscilloscope", "rate_source"))  # They only look on, or are off, unless they are needed
 
 
 class Difference(Struct, frozen=True):
@@ -44,7 +52,8 @@ class RunComparison(Struct, frozen=True):
 
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be
     paired, else empty. `settings` (of those that all have) and `equipment` are what is not the same in all, by name,
-    as printed. `instruments` says which instruments all runs were made with.
+    as printed. `instruments` says which instruments that reach the results all runs were made with, by their numbers;
+    `unnumbered` are those of one model that tell no number, so that nobody knows.
     """
 
     runs: tuple[Run, ...]
@@ -53,6 +62,7 @@ class RunComparison(Struct, frozen=True):
     settings: Mapping[str, tuple[str, ...]]
     equipment: Mapping[str, tuple[str, ...]]
     instruments: tuple[str, ...]
+    unnumbered: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench compare --json``."""
@@ -63,6 +73,7 @@ class RunComparison(Struct, frozen=True):
             "settings": {name: list(each) for name, each in self.settings.items()},
             "equipment": {name: list(each) for name, each in self.equipment.items()},
             "shared_instruments": list(self.instruments),
+            "unnumbered_instruments": list(self.unnumbered),
         }
 
     def report(self) -> Report:
@@ -117,19 +128,30 @@ def compare_runs(*runs: Run) -> RunComparison:
     settings = [dict(_flat(run.header.get("settings", {}))) for run in runs]
     keys = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
     alike = [key for key in keys if all(key in each for each in settings)]
-    # the instruments of each run, as far as their serial numbers tell
-    instruments = [
-        {f"{e.role} {e.model} {number}" for e in run.equipment if (number := e.serial_number or e.inventory_number)}
-        for run in runs
-    ]
+    reaching = [_reaching(run) for run in runs]
+    of_all = sorted(set.intersection(*(set(each) for each in reaching)))
+    shared = [f"{name} {reaching[0][name]}" for name in of_all if len({each[name] for each in reaching}) == 1]
+    unnumbered = tuple(name for name in of_all if not all(each[name] for each in reaching))
     return RunComparison(
         runs,
         tuple(results),
         points,
         _unlike([{key: each[key] for key in alike} for each in settings]),
         _unlike([_circumstances(run) for run in runs]),
-        tuple(sorted(set.intersection(*instruments))),
+        tuple(each for each in shared if not each.endswith(" None")),
+        unnumbered,
     )
+
+
+def _reaching(run: Run) -> dict[str, str | None]:
+    """Return the numbers of the instruments that reach the results, by role and model: not those that only look on."""
+    known = PROCEDURES.get(run.procedure)
+    beside = set() if known is None or "parts" in known.settings.__struct_fields__ else _BESIDE.difference(known.needs)
+    return {
+        f"{each.role} {each.model}": each.serial_number or each.inventory_number
+        for each in run.equipment
+        if each.role not in beside
+    }
 
 
 def _name(run: Run) -> str:
@@ -207,24 +229,38 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
             said = (f"{letter} without {', '.join(missing)}" for letter, missing in lacks if missing)
             yield Text(f"INCOMPLETE: u of {_named(each)[0]}: {'; '.join(said)}")
     if known:
-        shared = "No instrument is known to be in all runs: serial numbers tell of none."
-        if comparison.instruments:
-            shared = (
-                "They are not where runs share instruments: in all of them are "
-                f"{', '.join(comparison.instruments)}, whose errors cancel in part, so that u of the difference is too "
-                "large there and E_n too small."
-            )
         yield Text(
             "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. Uncertainties of "
-            f"the runs are taken as independent. {shared}"
+            f"the runs are taken as independent. {_said_of_instruments(comparison)}"
         )
-    unknown = [each for each in comparison.results if each not in known]
+    names = {_named(each) for each in known}
+    unknown = [
+        each
+        for each in comparison.results
+        if each not in known and _named(each) not in names and not _OF_FITS.intersection(each.name.split("."))
+    ]
     if unknown:
         yield Heading("Shared results without uncertainty", 2)
         columns = texts("result", "unit")
         columns += [Column(letter, format=".7g") for letter in letters]
         columns += [Column(f"{letter} - A", format="+.3g") for letter in letters[1:]]
         yield Table(columns, [(*_named(e), *e.values, *(d.value for d in e.differences)) for e in unknown])
+
+
+def _said_of_instruments(comparison: RunComparison) -> str:
+    shared = "No instrument that reaches them is known to be in all runs."
+    if comparison.instruments:
+        shared = (
+            "They are not where runs share instruments: in all of them are "
+            f"{', '.join(comparison.instruments)}, whose errors cancel in part, so that u of the difference is too "
+            "large there and E_n too small."
+        )
+    if comparison.unnumbered:
+        shared += (
+            f" Whether they share {', '.join(comparison.unnumbered)} is not known: no serial number is told; "
+            "inventory_number in the bench file tells one."
+        )
+    return shared
 
 
 def _named(shared: SharedResult) -> tuple[str, str]:
