@@ -16,10 +16,12 @@ import vcfbench
 from tests import warm
 from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows
 from vcfbench.cli import batch as module
+from vcfbench.cli.conduct import RunOptions
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError, NotSafe
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
+from vcfbench.station.acceptance import Acceptance, Verdict
 from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
@@ -179,3 +181,17 @@ def test_a_step_beyond_a_limit_is_refused_before_anything_is_measured(folder: Pa
     assert done.returncode == 2, done.stderr
     assert "turntable of device G-1" in done.stderr
     assert not (folder / "runs").exists()
+
+
+@pytest.mark.parametrize(("high", "word"), [(1.0, "PASS"), (0.05, "MARGINAL")])
+def test_a_verdict_by_an_incomplete_guard_band_says_so(
+    high: float, word: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    verdict = Acceptance((Verdict("bias_v", 0.0, -1.0, high, u95=0.1, missing=("temperature",)),))
+    run = vcfbench.Run("turntable", vcfbench.Status.COMPLETE, verdict=verdict)
+    monkeypatch.setattr(module, "attended", lambda *_: run)
+    asked = read_batch(folder / "plan.toml")
+    outcome = module.measured(asked, "G-1", RunOptions(bench=None, runs=folder / "runs"))
+    said = f"turntable: {word} with an incomplete U95, without temperature"
+    assert (outcome.word, outcome.why) == (word, said)
+    assert said in capsys.readouterr().err

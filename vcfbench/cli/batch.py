@@ -145,7 +145,8 @@ def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | N
             verdicts[each.procedure.name] = run.verdict
         word = run.status.value if run.verdict is None else run.verdict.said
         typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
-    if failed := [f"{name}: {verdict.word.upper()}" for name, verdict in verdicts.items() if not verdict.passed]:
+    if failed := [f"{name}: {verdict.said}" for name, verdict in verdicts.items() if not verdict.passed]:
         failing = any(verdict.word == "fail" for verdict in verdicts.values())
         return Outcome(1, "FAIL" if failing else "MARGINAL", "; ".join(failed))
-    return Outcome(0, "PASS") if verdicts else Outcome(0, "DONE", "no limit judges it")
+    said = [f"{name}: {verdict.said}" for name, verdict in verdicts.items() if verdict.said != "PASS"]
+    return Outcome(0, "PASS", "; ".join(said)) if verdicts else Outcome(0, "DONE", "no limit judges it")
