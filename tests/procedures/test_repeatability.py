@@ -115,5 +115,5 @@ def test_report_has_each_switch_on(run: Any) -> None:
 
 @pytest.mark.parametrize("procedure", ["repeatability", "rate-limits", "g-sensitivity"])
 def test_windows_that_keep_no_times_are_refused_before_the_run(procedure: str) -> None:
-    with pytest.raises(ConfigError, match="procedure.samples: expected windows of 60 s and 1000 readings at most"):
+    with pytest.raises(ConfigError, match=r"procedure\.samples: expected windows of 60 s and 1000 readings at most"):
         vcfbench.dry_run(procedure, "lab", settings={"samples": 61})
