@@ -89,6 +89,11 @@ def test_the_least_profile() -> None:
         ('"V{rate:.3f}"', '"V{rate:.3f}", repeat = 2', "commands.start[0].repeat: expected 1: only stopping"),
         ("(?P<p>.*)", "(?P<p>.*", "replies.both.pattern: expected a regular expression"),
         ("stop =", "halt =", "commands.halt: expected one of identify"),
+        (
+            "read_all =",
+            "status =",
+            "commands.identify: expected a question that the table answers (its status will do)",
+        ),
         ('stop = [{ send = "S" }]', "stop = []", "commands.stop: expected at least one step, came nothing"),
         ("[fields]", "[frame]\nkind = 'fixed'\n[fields]", "frame.header: expected hexadecimal bytes"),
         ("[fields]", "[frame]\nchecksum = 'sum8'\n[fields]", "frame.checksum: expected for lines one of lrc_hex"),

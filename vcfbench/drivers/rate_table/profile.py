@@ -97,7 +97,7 @@ def mistakes(profile: Profile) -> Iterator[Row]:
     for name in ("stop", "start"):
         yield not profile.commands.get(name), f"commands.{name}", "at least one step", None
     asked = [*filter(profile.commands.get, ("identify", "read_all", "read_pos")), *filter(None, [profile.stream])]
-    yield not asked, "commands.identify", "a question that a table answers, or [stream]", None
+    yield not asked, "commands.identify", "a question that the table answers (its status will do), or [stream]", None
     known = {name for name, steps in profile.commands.items() if steps and name in QUESTIONS}
     yield from _fields(profile, known | ({STREAM} if profile.stream is not None else set()))
     yield from _circles(profile)
