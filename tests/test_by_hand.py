@@ -15,10 +15,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
+from tests import warm
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.make_safe import safe_bench
+from vcfbench.cli import person as at
 from vcfbench.clock import WallClock, sleep
+from vcfbench.drivers.hands import HandMeter, Hands, HandTable
 from vcfbench.errors import ConfigError, LimitError, MeasurementError, NotSafe, PlanError
 from vcfbench.interfaces import Request
 from vcfbench.page.panel import Panel
@@ -102,13 +105,12 @@ class Person:
             self.shown_deg_s = 0.0
         elif "outputs of the supply" in words:
             self.on = "supply on" in words
-        elif words.startswith("type the multimeter"):
+        elif words.startswith("type the multimeter") and "again" not in words:
             output_v = BIAS_V - SCALE_FACTOR * self.shown_deg_s + self.noise.gauss(0.0, 1e-4)
             self.read = f"{output_v if self.on else 0.0:.4f}".replace(".", ",")
         for asked, answer in (
             ("rate", f"{self.shown_deg_s:g}"),
             ("reading", self.read),
-            ("it again", self.read),
             ("type off", "off"),
             ("voltage of the positive", "10.0"),
             ("voltage of the negative", "-10.0"),
@@ -194,7 +196,9 @@ def test_a_run_that_was_broken_off_goes_on_by_hand(bench: Path, tmp_path: Path) 
     run = resume(caught.value.run, bench, operator=second, runs=tmp_path / "runs")
     assert abs(run.results.scale_factor.value - SCALE_FACTOR) <= 1e-4
     assert len(run.points) == 4
-    read = [sum(words.startswith("type the multimeter") for words in each.asked) for each in (first, second)]
+    read = [
+        sum(words.startswith("type the multimeter's reading (") for words in each.asked) for each in (first, second)
+    ]
     assert read[0] + read[1] == 6 * 3
     assert min(read) >= 6
 
@@ -303,3 +307,40 @@ def test_a_terminal_at_which_nobody_answers_in_the_end_is_not_waited_for_for_eve
     code, said, _ = typed_at_a_terminal(bench, silent="once it is stopped")
     assert code == 5, said
     assert "NOT SAFE: rate_table at hand://bench-2/rate_table: could not be told to stop" in said
+
+
+def test_what_was_typed_is_said_when_it_is_asked_for_again(bench: Path) -> None:
+    asked: list[str] = []
+    answers = iter(["done", "", "", "0.5100", "2.5000", "2.5000", "done", "50", "50", "25", "26", "25", "25"])
+
+    def typing(request: Request) -> str:
+        asked.append(request.words.removeprefix("type the ").partition(" (")[0] + request.words.partition(")")[2])
+        return next(answers)
+
+    hands, description = Hands(), read_bench(bench)
+    hands.operator = typing
+    meter = HandMeter("multimeter", description.multimeter, hands, {})
+    table = HandTable("rate_table", description.rate_table, hands, {"max_rate_deg_s": 60.0})
+    meter.configure_dc_voltage(10.0, 1.0)
+    assert [meter.read_voltage_v(), meter.read_voltage_v()] == [0.51, 2.5]
+    table.set_rate(-25.0, 10.0)
+    assert [table.rate_deg_s(), table.rate_deg_s()] == [-50.0, -25.0]
+    reading, rate = "multimeter's reading", "rate that the table shows"
+    assert asked[1:6] == [reading, *[f"{reading}, not Enter alone"] * 2, reading, f"{reading} again, for it has moved"]
+    told = (rate, f"{rate}, expected 25, 50 was typed", f"{rate}, 25 and then 26 were typed")
+    assert asked[7:] == [words for each in told for words in (each, f"{rate} again")]
+
+
+def test_enter_alone_is_done_where_nothing_is_to_be_typed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(at, "somebody_there", lambda: True)
+    monkeypatch.setattr(at, "_line", lambda _: "\n")
+    ask = at.at_the_terminal(None, None)
+    assert ask is not None
+    assert [ask(Request("mount it")), ask(Request("type it", types="V"))] == ["done", ""]
+
+
+def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Path, tmp_path: Path) -> None:
+    done = warm.run(["vcfbench", "bench", "check", "--bench", str(bench)], tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert "bench check asks a person about power, multimeter, rate_table, and nobody is there" in done.stderr
+    assert "NOT SAFE" not in done.stderr

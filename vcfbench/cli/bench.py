@@ -13,7 +13,7 @@ from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
 from vcfbench.cli.options import Bench_, Json_, Trace_, flag, tracing
 from vcfbench.cli.person import agreed, at_the_terminal
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, PlanError
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
 from vcfbench.runs.needs import what_can_run
@@ -107,9 +107,14 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     Also shows calibrations, limits and acceptance from the bench file, and which procedures can run here.
     """
-    description = load_bench(bench)
+    description, operator = load_bench(bench), at_the_terminal(None, None)
+    if description.by_hand and operator is None and not description.simulated:
+        raise PlanError(
+            f"bench check asks a person about {', '.join(description.by_hand)}, and nobody is there to be asked",
+            hint="run it at a terminal",
+        )
     with tracing(trace):
-        done = check_bench(description, trust=agreed, operator=at_the_terminal(None, None))
+        done = check_bench(description, trust=agreed, operator=operator)
 
     def show() -> None:
         station: dict[str, Any] = {

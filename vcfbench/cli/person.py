@@ -42,7 +42,7 @@ def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool
             line = _line(request) if signals is None else signals.attend(partial(_line, request))
             if not line:
                 raise Aborted(f"the terminal was closed where somebody had to {request.words}")
-            return line.strip() or "done"
+            return line.strip() or ("" if request.types else "done")
 
     return ask
 

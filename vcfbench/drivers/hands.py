@@ -15,7 +15,8 @@ from vcfbench.interfaces import Identity, Operator, Regulation, Request, SafeRep
 _TRIES: Final = 5
 _STILL_DEG_S: Final = 0.05
 _JUMP: Final = 0.01
-"""Part of the range by which a reading may differ from the one before without being typed twice."""
+"""Part of the range by which a reading may differ from the one before without being typed twice, and part of a rate by
+which the read-back may differ from it without a remark."""
 _OUTPUTS: Final = MappingProxyType({"N25V": "negative output", "P25V": "positive output", "P6V": "6 V output"})
 
 
@@ -62,12 +63,19 @@ class Hands:
 
         return float(self._typed(f"type {what} ({limits})", unit, as_number))
 
-    def twice(self, what: str, unit: str, largest: float, expected: float = 0.0) -> float:
-        """Have a number typed twice the same, or once as `expected`; MeasurementError where neither comes."""
+    def twice(self, what: str, unit: str, largest: float, expected: float = 0.0, before: str = "") -> float:
+        """Have a number typed twice the same, or once as `expected`; MeasurementError where neither comes.
+
+        `before` says what was typed before.
+        """
         for _ in range(_TRIES):
-            first = self.number(what, unit, largest)
-            if first == expected or self.number(f"{what} again", unit, largest) == first:
+            first = self.number(f"{what}{before}", unit, largest)
+            if first == expected:
                 return first
+            second = self.number(f"{what} again", unit, largest)
+            if second == first:
+                return first
+            before = f", {first:g} and then {second:g} were typed"
         raise MeasurementError(f"{what} was never typed twice the same")
 
     def _typed(self, words: str, types: str, accepted: Callable[[str], str]) -> str:
@@ -76,7 +84,7 @@ class Hands:
             answer = self.do(asked, types)
             if found := accepted(answer):
                 return found
-            asked = f"{words}, not {answer!r}"
+            asked = f"{words}, not {repr(answer) if answer else 'Enter alone'}"
         raise MeasurementError(f"somebody had to {words}; after {_TRIES} tries came {answer!r}")
 
 
@@ -136,8 +144,9 @@ class HandMeter(_ByHand):
         """Have one reading typed, V; one that is far from the one before is typed twice."""
         largest_v, step = 1.2 * self._range_v, f"{self._part.resolution_v:.9f}".rstrip("0")
         reading_v = self._hands.number("the multimeter's reading", "V", largest_v, len(step.partition(".")[2]))
-        moved = self._before_v is None or abs(reading_v - self._before_v) > _JUMP * self._range_v
-        if moved and self._hands.number("it again, for it has moved", "V", largest_v) != reading_v:
+        moved = self._before_v is not None and abs(reading_v - self._before_v) > _JUMP * self._range_v
+        again = "the multimeter's reading again, for it has moved"
+        if moved and self._hands.number(again, "V", largest_v) != reading_v:
             reading_v = self._hands.twice("the multimeter's reading", "V", largest_v)
         self._before_v = reading_v
         return reading_v
@@ -193,7 +202,10 @@ class HandTable(_ByHand):
     """A rate table that a person sets, reads and stops."""
 
     safe_words = "to stop"
+    _set_deg_s = 0.0
     _shown_deg_s = 0.0
+    _typed = False
+    """Whether the rate was typed since it was set."""
     _safe = False
 
     def enable(self) -> None:
@@ -205,8 +217,8 @@ class HandTable(_ByHand):
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
         """Have the rate set, as the table counts it."""
-        self._safe = False
-        shown = self._part.axis_sign * rate_deg_s
+        self._safe = self._typed = False
+        self._set_deg_s = shown = self._part.axis_sign * rate_deg_s
         how = f"turn the rate table at {shown:+g} deg/s" if shown else "bring the rate table to rest"
         self._hands.do(f"{how}, with at most {acceleration_deg_s2:g} deg/s^2")
 
@@ -223,7 +235,12 @@ class HandTable(_ByHand):
         if self._safe:
             return 0.0
         largest = 2.0 * (self._limits["max_rate_deg_s"] or 0.0)
-        self._shown_deg_s = self._hands.twice("the rate that the table shows", "deg/s", largest, self._shown_deg_s)
+        off_deg_s, before = abs(self._shown_deg_s - self._set_deg_s), ""
+        if self._typed and off_deg_s > max(_STILL_DEG_S, _JUMP * abs(self._set_deg_s)):
+            before = f", expected {self._set_deg_s:g}, {self._shown_deg_s:g} was typed"
+        what = "the rate that the table shows"
+        self._shown_deg_s = self._hands.twice(what, "deg/s", largest, self._shown_deg_s, before)
+        self._typed = True
         rate_deg_s: float = self._part.axis_sign * self._shown_deg_s + 0.0
         self._last_read = f"{rate_deg_s:g} deg/s"
         return rate_deg_s

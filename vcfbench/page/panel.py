@@ -84,7 +84,7 @@ class Panel:
         with self._lock:
             self._require(PanelState.ASKING)
             self._state, self._asked = PanelState.MEASURING, ""
-            self._answers.put(words.strip() or "done")
+            self._answers.put(words.strip())
 
     def _require(self, *states: PanelState) -> None:
         if self._state not in states:
@@ -101,7 +101,7 @@ class Panel:
             with self._lock:
                 self._answers = SimpleQueue()  # what was asked before may have been broken off
                 self._state, self._asked = PanelState.ASKING, request.words
-            return signals.attend(self._answers.get)
+            return signals.attend(self._answers.get) or ("" if request.types else "done")
 
         return ask
 
