@@ -30,7 +30,6 @@ from simrack_tests.ports import free_port
 
 from tests import warm
 from tests.conftest import HERE, SLOW
-from tests.golden.test_golden import same_arithmetic  # noqa: F401  # a fixture
 from tests.test_examples import installed
 
 if TYPE_CHECKING:
@@ -247,7 +246,6 @@ def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     assert lines[-len(tail) :] == tail
 
 
-@pytest.mark.usefixtures("same_arithmetic")
 def test_numbers_in_the_readme_and_its_picture_are_those_of_the_command(tmp_path: Path) -> None:
     shown = next(block.body for block in blocks(ROOT / "README.md") if block.body.startswith("K_Vc"))
     printed = run("vcfbench run virtual-coriolis --quiet", tmp_path)

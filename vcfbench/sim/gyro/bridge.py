@@ -28,8 +28,6 @@ from vcfbench.sim.gyro.shaken import Shaken
 
 GRID_S = 0.5e-3
 LONGEST_S = 2.0
-DIRECTION = 1e-8
-"""Largest share of anything below which a column of a factor is round-off."""
 WITHOUT_WEIGHT = 1e-11
 """Part of the largest eigenvalue below which a direction is round-off; what its end misses is spread evenly."""
 
@@ -208,10 +206,8 @@ def _fluctuation(
     """Return the noise gathered at each point of the grid, as it shows; `grown` is the free growth of the modes."""
     count = len(grown) - 1
     once, whole = noisy.interval(span.duration_s / count), noisy.interval(span.duration_s)
-    size = np.linalg.norm(once.factor, axis=1)[:, None]
-    shares = np.abs(once.factor / np.where(size == 0.0, 1.0, size)).max(axis=0)
-    factor = once.factor[:, shares > DIRECTION]  # a short step has few directions
-    drawn = random.standard_normal((count, factor.shape[1]))
+    factor = once.factor
+    drawn = random.standard_normal((count, len(factor)))
     path = _summed(grown[1], by_rows(drawn.astype(np.complex128), noisy.freed_draws(factor.T)))
     ended = whole.later(span.start).plus(noisy.unfreed(path[-1]).minus(noisy.unfreed(0 * path[-1])))
     integral_v_s = float(factor[-1] @ drawn.sum(axis=0)) + once.integral_of(noisy.unfreed(path[:-1].sum(axis=0)))

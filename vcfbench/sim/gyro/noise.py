@@ -322,8 +322,12 @@ def _noise_maps(
 
 
 def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return F with F F' = covariance, for a covariance of widely different scales and deficient rank."""
+    """Return F with F F' = covariance, for a covariance of widely different scales and deficient rank.
+
+    It is the one symmetric root of the correlations: signs and turns of eigenvectors, which each processor chooses
+    for itself, would draw other noise from the same random numbers.
+    """
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     safe = np.where(scale == 0, 1.0, scale)
     values, vectors = np.linalg.eigh(covariance / np.multiply.outer(safe, safe))
-    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(scale[:, None] * ((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T))
