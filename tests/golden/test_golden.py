@@ -54,12 +54,18 @@ def test_every_procedure_model_and_seed_has_a_hash() -> None:
     }
 
 
-@pytest.mark.usefixtures("same_arithmetic")
 @pytest.mark.parametrize(
     "run", few(RUNS, *(GoldenRun(name, bench, 0) for name, bench in FAST)), ids=lambda run: run.key
 )
 def test_a_run_has_the_same_bytes(run: GoldenRun) -> None:
-    assert run.hashes() == GOLDEN["runs"][run.key]
+    """The points everywhere; what is worked out of them has the last digits of its processor."""
+    differing = [name for name, here in arithmetic().items() if GOLDEN["made_with"][name] != here]
+    if differing == ["machine"]:
+        assert run.hashes()["points"] == GOLDEN["runs"][run.key]["points"]
+    elif differing:
+        pytest.skip(f"the hashes were made with another {', '.join(differing)}")
+    else:
+        assert run.hashes() == GOLDEN["runs"][run.key]
 
 
 @pytest.mark.usefixtures("same_arithmetic")
