@@ -284,9 +284,6 @@ def _number_expected(value: object) -> str | None:
 
 def dotted(keys: Iterable[str | int]) -> str:
     """Return keys as TOML would have them written."""
-    parts = (f"[{key}]" if isinstance(key, int) else f".{_bare(key)}" for key in keys)
+    bare = re.compile(r"[A-Za-z0-9_-]+")
+    parts = (f"[{key}]" if isinstance(key, int) else f".{key if bare.fullmatch(key) else ascii(key)}" for key in keys)
     return "".join(parts).removeprefix(".")
-
-
-def _bare(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else ascii(key)

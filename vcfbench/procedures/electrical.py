@@ -106,7 +106,9 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
         node, words = _LINES[key]
         asked = f"move the leads of the multimeter to {words}"
         yield steps.AskOperator(asked, adjustments=(("multimeter.input.node", node),))
-        seen[key] = yield from _measured(settings, node, _range_ohm(high), 0.5 * (low + high))
+        seen[key] = yield from _measured(
+            settings, node, next(each for each in _RANGES_OHM if each >= high), 0.5 * (low + high)
+        )
         if math.isinf(seen[key]):  # another line may be there, of which the limits know nothing
             seen[key] = yield from _measured(settings, node, _RANGES_OHM[-1], 0.5 * (low + high))
     yield steps.move_leads("multimeter", "output")
@@ -124,11 +126,6 @@ def _measured(settings: ElectricalSettings, node: str, range_ohm: float, expecte
     how = float(settings.nplc), settings.ohm_readings, settings.wires, expected_ohm
     seen = yield steps.MeasureResistance(node, range_ohm, *how)
     return answer(seen, steps.ResistanceSeen).mean_ohm
-
-
-def _range_ohm(high_ohm: float) -> float:
-    """Return the smallest range of a multimeter that shows all resistances up to the limit."""
-    return next(each for each in _RANGES_OHM if each >= high_ohm)
 
 
 def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Iterator[str]:

@@ -123,11 +123,12 @@ def results(settings: GSensitivitySettings, measured: Measured) -> GSensitivityR
     for axis, value in per_g.items():
         weights = np.array([(up == "+" + axis) - float(up == "-" + axis) for up in ups])
         across = math.hypot(*(other for name, other in per_g.items() if name != axis))
+        shortened = (1.0 - math.cos(math.radians(settings.tilt_deg))) / math.sqrt(3.0)
         parts = [
             *_over_time(settings, windows, weights / (2.0 * g * (weights > 0.0).sum()), scale.value),
             UncertaintyPart("gravity", value * u_gravity / gravity_m_s2),
             UncertaintyPart("tilt, of gravity along the other axes", across * _of_two(settings.tilt_deg)),
-            UncertaintyPart("tilt, of gravity along the axis", value * _of_cosine(settings.tilt_deg)),
+            UncertaintyPart("tilt, of gravity along the axis", value * shortened),
             *(replace(part, u=part.u / g) for part in _earth(settings, axis)),
             UncertaintyPart(METER_GAIN, value * meter_error(settings, "multimeter").u_gain),
             UncertaintyPart("scale factor", value * (scale.u or 0.0) / scale.value),
@@ -165,10 +166,6 @@ def gravity(latitude_deg: float | None) -> tuple[float, float, str]:
 def _of_two(limit_deg: float) -> float:
     """Return the u of half the difference of two positions whose sines of an angle are within a limit, each its own."""
     return math.sin(math.radians(limit_deg)) / math.sqrt(6.0)
-
-
-def _of_cosine(limit_deg: float) -> float:
-    return (1.0 - math.cos(math.radians(limit_deg))) / math.sqrt(3.0)
 
 
 def _earth(settings: GSensitivitySettings, axis: str) -> Iterator[UncertaintyPart]:
