@@ -267,3 +267,16 @@ def test_segments_are_few_and_as_fine_as_the_envelope_asks() -> None:
             assert max(abs(each - seen[0]) for each in seen[::16]) <= 1.0001e-4 * AMPLITUDE
         assert segment.displacement_m == pytest.approx(sum(seen) / len(seen), rel=1e-12)
     assert sum(len(segment.motions) for segment in changing) * 0.25e-3 == pytest.approx(changing[-1].stop_s)
+
+
+@pytest.mark.parametrize("on_s", [0.0, 0.01])
+def test_start_up_on_rails_that_go_off_at_once_ends_with_them(on_s: float) -> None:
+    """A rail that recovers from its current limit while it is switched off is above the threshold for a moment."""
+    segments = start_up(
+        *(PAPER, MODE, (0j, 0j)),
+        start_s=0.0,
+        phase_rad=0.0,
+        supplied=lambda now_s: Supplied(AMPLITUDE, 10.0) if now_s < on_s else Supplied(0.0, 0.0),
+    )
+    assert segments[-1].stop_s == math.inf
+    assert segments[0].stop_s <= on_s + 0.001 or len(segments) == 1

@@ -145,6 +145,8 @@ def start_up(
         if allowed is not known:
             known, (amplitude_m, supply_v) = allowed, allowed
             holding = stiffness * amplitude_m / mode.quality
+            if not holding:  # the rails are on their way off, and stop the loop before they are
+                break
             limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
         force, frequency, settled = loop.control((parts[0] - parts[1]) / apart, amplitude_m, limit)
         if settled and step % STEPS_A_SEGMENT == 0:
