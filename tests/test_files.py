@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from vcfbench.errors import ConfigError
-from vcfbench.files import DEEPEST, parse_toml, read_file, read_text, shown
+from vcfbench.files import DEEPEST, kept_from_forks, parse_toml, read_file, read_text, shown
 
 MOST = 100
 
@@ -113,3 +113,15 @@ def test_a_file_that_does_not_tell_its_size_is_read_whole() -> None:
     assert b"VmRSS" in read_file(path, "a table", 100_000)
     with pytest.raises(ConfigError, match="of at most 10 bytes, this file has more"):
         read_file(path, "a table", 10)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows forks no process")
+def test_who_forgot_a_number_does_not_take_the_next_ones_protection(tmp_path: Path) -> None:
+    with (tmp_path / "mine").open("wb") as mine, kept_from_forks(mine.fileno()):
+        with kept_from_forks(mine.fileno()):
+            pass
+        if (child := os.fork()) == 0:
+            os.write(mine.fileno(), b"from the fork")
+            os._exit(0)
+        os.waitpid(child, 0)
+    assert (tmp_path / "mine").read_bytes() == b""

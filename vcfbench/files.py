@@ -13,7 +13,7 @@ import stat
 import sys
 import tomllib
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -184,8 +184,8 @@ def synchronise_names(directory: Path | str) -> None:
         os.close(descriptor)
 
 
-_NOT_FOR_FORKS: Final[set[int]] = set()
-"""Descriptors of this process that a forked one must not keep open."""
+_NOT_FOR_FORKS: Final[list[int]] = []
+"""Descriptors of this process that a forked one must not keep open; of one who forgot, a number may stand twice."""
 
 
 @contextmanager
@@ -194,11 +194,12 @@ def kept_from_forks(descriptor: int) -> Iterator[None]:
 
     In a forked process the number stands for the null device.
     """
-    _NOT_FOR_FORKS.add(descriptor)
+    _NOT_FOR_FORKS.append(descriptor)
     try:
         yield
     finally:
-        _NOT_FOR_FORKS.discard(descriptor)
+        with suppress(ValueError):  # in a forked process none stands there
+            _NOT_FOR_FORKS.remove(descriptor)
 
 
 def _let_go() -> None:

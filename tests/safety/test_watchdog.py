@@ -227,6 +227,7 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
     for dog, process in made:
         dog._over.set()
         process.stdin.close()
+        dog._alone.close()  # else the next file with this number would be kept from forks
 
 
 def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
