@@ -83,7 +83,7 @@ def test_a_run_is_seen_by_several_to_its_end_and_after(browser: Any, tmp_path: P
         each.wait("#parts table")
         assert each.text("#status") == "complete"
         assert "The run is over: complete. Record: runs" in each.text("#over")
-        assert "K_Vc = 150.0" in each.text("#parts")
+        assert "K_Vc = 150." in each.text("#parts")
         assert each.page.locator("#steps > li.done").count() == 6
         assert each.page.locator("#parts canvas").count() == 3
         assert not each.is_too_wide()
