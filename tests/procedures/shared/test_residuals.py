@@ -126,6 +126,16 @@ def test_a_source_that_all_residuals_share_moves_the_largest_by_its_own_share() 
     assert moved.by_errors == pytest.approx(0.95 * 30.0, rel=0.02)
 
 
+def test_the_signs_that_linear_algebra_gives_to_eigenvectors_change_no_uncertainty(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found, covariance = [200.0, -190.0, 180.0], np.array([[90.0, 20.0, -10.0], [20.0, 80.0, 5.0], [-10.0, 5.0, 70.0]])
+    here, eigh = spread(found, covariance).largest(), np.linalg.eigh
+    monkeypatch.setattr(np.linalg, "eigh", lambda of: (eigh(of)[0], eigh(of)[1] * np.array([1.0, -1.0, 1.0])))
+    there = spread(found, covariance).largest()
+    assert structs.astuple(there) == pytest.approx(structs.astuple(here), rel=1e-12)
+
+
 def test_windows_at_one_rate_have_one_residual_that_of_their_mean() -> None:
     true = curved(5e-3, 1e-3)
     off = np.full(true.size, 2e-4)

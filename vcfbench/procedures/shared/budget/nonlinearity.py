@@ -27,6 +27,8 @@ Places: TypeAlias = "NDArray[np.intp]"
 _TRIALS = 2000
 _ONE_RATE = 1e-5
 """Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
+_ROUNDING = 1e-12
+"""Share of the largest variance up to which one is left by rounding."""
 _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
 
@@ -120,8 +122,10 @@ class ResidualSpread(Struct, frozen=True):
 
 
 def _normal(rng: np.random.Generator, covariance: Floats) -> Floats:
+    # The symmetric root: eigenvectors alone have signs and turns that each processor's linear algebra chooses
     sizes, axes = np.linalg.eigh(covariance)
-    return np.asarray(rng.standard_normal((_TRIALS, sizes.size)) @ (axes * np.sqrt(np.maximum(sizes, 0.0))).T)
+    root = (axes * np.sqrt(np.where(sizes > _ROUNDING * sizes.max(), sizes, 0.0))) @ axes.T
+    return np.asarray(rng.standard_normal((_TRIALS, sizes.size)) @ root)
 
 
 _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
