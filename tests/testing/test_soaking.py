@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
 
+import numpy as np
 import pytest
+from msgspec import Struct
 from msgspec.structs import replace
+from scipy.stats import t as student
 from simrack.faults import Fault
 from simrack.faulty_device import FaultyDevice
 from simrack.wires.serial_backend import _Port
@@ -13,8 +17,10 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.testing.soaking import cleaned, shrunk, trial, tried
 from vcfbench.testing.soaking.draw import Happening, drawn
+from vcfbench.testing.soaking.judge import values_of
 
 LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))
 
@@ -107,3 +113,22 @@ def test_an_offset_before_the_first_window_is_a_bias_that_no_reading_contradicts
     verdict = tried(replace(draw, happenings=(before, cut)), clean)
     assert verdict.wrong == ()
     assert verdict.ends[1].startswith("complete")
+
+
+class Stated(Struct):
+    """Results with one value."""
+
+    output: Measurand
+
+
+def test_noise_of_few_readings_is_no_fault_and_a_shift_of_as_many_u95_of_many_readings_is() -> None:
+    draws = np.random.default_rng(8).standard_normal((20_000, 2, 5))
+    values, u = draws.mean(axis=2), draws.std(axis=2, ddof=1) / math.sqrt(5.0)
+    reach = {
+        dof: values_of(Stated(measurand(0.0, "V", [UncertaintyPart("readings", 1.0, dof)])))["output"][1]
+        for dof in (4, None)
+    }
+    apart = np.abs(values[:, 0] - values[:, 1]) / u.sum(axis=1)
+    assert np.count_nonzero(apart > reach[4]) <= 2
+    assert np.count_nonzero(apart > reach[None] * student(4).ppf(0.975) / student(np.inf).ppf(0.975)) > 10
+    assert reach[None] == pytest.approx(1.5 * 1.96, rel=1e-3)

@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from scipy.stats import t
+
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.records.journal import JournalRecord
@@ -15,8 +17,8 @@ _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""
 _LONGEST_S = 600.0
 """Bench time by which faults may lengthen a run that takes twice as long as the clean one."""
-_APART = 1.5
-"""In both U95: the noise of two runs of short windows comes to that once in 40 000 values, and to 1 once in 200."""
+_ONE_IN = 1.6e-5
+"""Part of all values that noise alone takes that far to one side: two in 60 000, where 1 U95 of both is one in 200."""
 _SHIFTED = frozenset({"bias", "bias_deg_s", "output_v"})
 """Results that an offset of the meter shifts."""
 VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", "jam", "drive_fault"})
@@ -24,12 +26,20 @@ VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", 
 
 
 def values_of(results: Any) -> dict[str, tuple[float, float]]:
-    """Return every value that results state with an uncertainty: value and U95."""
+    """Return every value that results state with an uncertainty: value, and how far noise alone may take it."""
     if statement := getattr(results, "uncertainty", None):
-        return {each.name: (each.value, each.u95) for each in statement.values}
+        return {each.name: (each.value, _reach(each.u95, each.dof)) for each in statement.values}
     names = getattr(results, "__struct_fields__", None) or getattr(results, "__dataclass_fields__", {})
     found = ((name, getattr(results, name)) for name in names)
-    return {name: (each.value, each.expanded_u) for name, each in found if isinstance(each, Measurand)}
+    return {
+        name: (each.value, _reach(each.expanded_u, each.dof)) for name, each in found if isinstance(each, Measurand)
+    }
+
+
+def _reach(u95: float, dof: float | None) -> float:
+    """Return half of how far two runs may differ by noise: Student's t has longer tails the fewer the readings."""
+    student = t(math.inf if dof is None else dof)
+    return u95 * float(student.isf(_ONE_IN) / student.isf(0.025)) / math.sqrt(2.0)
 
 
 def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[str]:
@@ -111,8 +121,8 @@ def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, shif
     if missing := {name for name in clean.keys() - stated.keys() if not name.endswith("nonlinearity")}:
         yield f"complete without {', '.join(sorted(missing))}"
     for name in clean.keys() & stated.keys():
-        value, u95 = stated[name]
+        value, reach = stated[name]
         if shifted and name.rpartition(".")[2] in _SHIFTED:
             continue
-        if abs(value - clean[name][0]) > _APART * (u95 + clean[name][1]):
-            yield f"{name} is {value:.9g}, without a fault {clean[name][0]:.9g}, U95 {u95:.2g}"
+        if abs(value - clean[name][0]) > reach + clean[name][1]:
+            yield f"{name} is {value:.9g}, without a fault {clean[name][0]:.9g}, by noise {reach:.2g} of each at most"
