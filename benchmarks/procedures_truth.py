@@ -655,6 +655,18 @@ def _rate_limits(
             yield from stated(f"output beyond, {name}", each.clipped, at(sign * 1.1 * low))
 
 
+def turntable(seed: int, where: str) -> Iterator[Stated]:
+    """The paper's rates on the table: scale factor of the line, and its asymmetry."""
+    bench = drawn_bench(seed)
+    output, rates = true_output(bench), np.array(PAPER_RATES_DEG_S)
+    volts = np.array([output(rate, None) for rate in rates])
+    slope = float(np.polyfit(rates, volts, 1)[0])
+    up, down = (float(np.polyfit(rates[side], volts[side], 1)[0]) for side in (rates >= 0.0, rates <= 0.0))
+    found = run("turntable", bench, seed, where).results.uncertainty
+    yield from stated("scale_factor", found.value("scale_factor"), slope)
+    yield from stated("asymmetry", found.value("asymmetry"), 2e6 * (up - down) / (up + down))
+
+
 def electrical(seed: int, where: str) -> Iterator[Stated]:
     """Resistances of the lines, PCB, meter and leads drawn: the meter within its limits, leads up to 0.2 ohm."""
     draw = np.random.default_rng([20261130, seed])
@@ -735,6 +747,7 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "temperature": temperature,
     "temperature-by-table": temperature_by_table,
     "power": power,
+    "turntable": turntable,
     "electrical": electrical,
     "rate-limits": rate_limits,
     "rate-limits-by-table": rate_limits_by_table,

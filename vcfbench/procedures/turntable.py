@@ -1,7 +1,7 @@
 """The turntable calibration: the gyro's output at rates of the table, generator off."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from typing import Any
 
 from msgspec.structs import asdict
 
@@ -17,7 +17,7 @@ from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
-from vcfbench.procedures.shared.sweep.windows import WindowNoise, sweep_of
+from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
@@ -106,6 +106,7 @@ _MEANINGS = {
     "scale_factor": ("V/(deg/s)", "slope of the least-squares line through the outputs on the table at these rates"),
     "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
     "bias_deg_s": ("deg/s", "the same as a rate"),
+    lines.ASYMMETRY: ("ppm", "slope at positive rates less that at negative ones, over their mean (asym)"),
 }
 
 
@@ -114,7 +115,15 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
     line = lines.Line.of(sweep_of(settings, points, STEP))
     noise = WindowNoise.of(settings, points, line.scale_factor)
     sources = [*lines.instrument_sources(settings.station.sources), *lines.earth_sources(settings, line.scale_factor)]
-    budget = ValueModel(sources, lines.line_sums("table", line), partial(lines.table_values, line), noise)
+    uneven, sums = lines.Asymmetry.of(settings, line), lines.line_sums("table", line)
+    if uneven is not None:
+        sums.append(OutputSum(lines.ASYMMETRY, uneven.of_outputs @ line.mixing, "ppm"))
+
+    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        own = {} if uneven is None else {lines.ASYMMETRY: uneven.value(q)}
+        return {**lines.table_values(line, q), **own}
+
+    budget = ValueModel(sources, sums, model, noise)
     return line_statement(settings, budget, _MEANINGS, [CurvedLine.of("nonlinearity", line)])
 
 

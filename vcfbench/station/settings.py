@@ -126,7 +126,7 @@ _BIASES, _SLOPES = ("bias", "bias_deg_s", "bias_v"), ("scale_factor", "line")
 _GAPS = {
     "meter_gain": Gap("multimeter", "the multimeter's accuracy", (*_SLOPES, *_BIASES)),
     "table_rate": Gap("table rate", "the table's accuracy (uncertainty.table_rate_error)", (*_SLOPES, "k_vc")),
-    "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES)),
+    "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES, "asymmetry")),
     "temperature_k": Gap(
         "temperature",
         "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)",

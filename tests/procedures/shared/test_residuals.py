@@ -94,7 +94,30 @@ def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
     with pytest.raises(KeyError):
         stated.value("nonlinearity")
     assert any(each.startswith("nonlinearity: ") and "below" in each for each in stated.not_in_u)
-    assert len(stated.correlation) == len(stated.values) == 3
+    assert [each.name for each in stated.values] == ["scale_factor", "bias", "bias_deg_s", "asymmetry"]
+    assert len(stated.correlation) == 4
+
+
+def test_asymmetry_is_that_of_the_column_with_the_u_of_its_outputs() -> None:
+    """Its u by readings alone is the scatter of 4000 draws through the definition itself."""
+    true = curved(5e-3, 1e-3)
+    stated = turntable_statement(settings(Sources()), points_of(true)).value("asymmetry")
+
+    def asym(outputs: np.ndarray) -> float:
+        found = nonlinearity_ppm(RATES, outputs, fit_line(RATES, outputs))["asym"]
+        assert found is not None
+        return found
+
+    assert stated.value == pytest.approx(asym(true), rel=1e-9)
+    assert abs(stated.value) > 10.0 * stated.u
+    drawn = true + U_V * np.random.default_rng(11).standard_normal((4000, true.size))
+    assert stated.u == pytest.approx(np.std([asym(each) for each in drawn]), rel=0.04)  # 3.6 of its own u
+
+
+def test_asymmetry_needs_two_rates_on_either_side() -> None:
+    one_sided = [each for each in points_of(curved(0.0, 0.0)) if each.rate_deg_s >= 0.0]
+    stated = turntable_statement(settings(Sources()), one_sided)
+    assert "asymmetry" not in [each.name for each in stated.values]
 
 
 def test_two_points_have_no_non_linearity() -> None:

@@ -13,6 +13,7 @@ from vcfbench.procedures.shared.sweep.windows import OutputSum, Sweep
 from vcfbench.station.settings import ProcedureSettings, Sources
 
 TILT = "Earth's rate by the axis' tilt"
+ASYMMETRY, WARM_UP = "asymmetry", "warm-up"
 
 
 class Line(Struct, frozen=True):
@@ -56,6 +57,49 @@ def line_sums(name: str, line: Line) -> list[OutputSum]:
         OutputSum(f"{name} slope", line.slope_weights @ line.mixing, "V/(deg/s)"),
         OutputSum(f"{name} bias", line.bias_weights @ line.mixing, "V", steady=True),
     ]
+
+
+class Asymmetry(Struct, frozen=True):
+    """Difference of the slopes of both sides of zero, each with its own intercept, over their mean, ppm.
+
+    The zero belongs to both. What is common to all outputs or all rates, gain, offset, table rate, cancels; a warm-up
+    does not, since one side is taken after the other.
+    """
+
+    ppm: float
+    of_outputs: Floats
+    """Change by each output of the line, ppm/V."""
+    ppm_per_k: float
+    """Largest change by a kelvin that the gyroscope is away from warm when its first window begins, ppm/K."""
+
+    @classmethod
+    def of(cls, settings: ProcedureSettings, line: Line) -> Self | None:
+        """Return that of a line whose windows follow each other; None without two rates on either side of zero."""
+        slopes, weights = [], []
+        for side in (line.rate_deg_s >= 0.0, line.rate_deg_s <= 0.0):
+            rate = line.rate_deg_s[side]
+            if len(set(rate.tolist())) < 2:
+                return None
+            of_side = np.zeros_like(line.rate_deg_s)
+            of_side[side] = (rate - rate.mean()) / float(np.square(rate - rate.mean()).sum())
+            weights.append(of_side)
+            slopes.append(float(of_side @ line.output_v))
+        both, share = sum(slopes), (slopes[0] - slopes[1]) / sum(slopes)
+        of_outputs = 2e6 / both * (weights[0] - weights[1] - share * (weights[0] + weights[1]))
+        known = settings.station.sources
+        ramps_s = np.abs(np.diff(line.rate_deg_s, prepend=line.rate_deg_s[0])) / settings.acceleration_deg_s2
+        at_s = np.cumsum(settings.samples * settings.sample_interval_s + settings.settle_s + ramps_s)
+        by_factor = 1e-6 * (known.scale_factor_ppm_k or 0.0) * line.scale_factor * line.rate_deg_s * of_outputs
+        by_bias = (known.bias_deg_h_k or 0.0) / 3600.0 * line.scale_factor * of_outputs
+        if "warm_up_time_s" in known.assumed:  # whatever falls from 1 to 0 is made of steps
+            moved = sum(float(np.abs(np.cumsum(each)).max()) for each in (by_factor, by_bias))
+        else:
+            moved = sum(abs(float(each @ np.exp(-at_s / known.warm_up_time_s))) for each in (by_factor, by_bias))
+        return cls(2e6 * share, np.asarray(of_outputs), moved)
+
+    def value(self, q: Mapping[str, Any]) -> Any:
+        """Return it as the sources `q` move it, ppm."""
+        return self.ppm - noises_of(ASYMMETRY, q) - self.ppm_per_k * q.get(WARM_UP, 0.0)
 
 
 def noises_of(name: str, q: Mapping[str, Any]) -> Any:

@@ -12,6 +12,7 @@ from typing import Any, Self
 from msgspec import Struct
 
 from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, convolved_coverage_factor, evaluate
+from vcfbench.procedures.shared.budget.line import WARM_UP
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
 from vcfbench.procedures.shared.measurand import finite
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
@@ -144,7 +145,7 @@ class Circumstances(Struct, frozen=True):
                 sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
             if known.warm_up_k:
                 left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
-                sources.append(Source.within(_WARM_UP, 0.0, left_k, "K"))
+                sources.append(Source.within(WARM_UP, 0.0, left_k, "K"))
         if known.misalignment_deg:
             tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
             sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
@@ -156,7 +157,7 @@ class Circumstances(Struct, frozen=True):
         """Return the values of the stated temperature and phases, and the gyroscope's own axis."""
         if not self.sources:
             return values
-        away_k = q.get(_TEMPERATURE, 0.0) + q.get(_WARM_UP, 0.0)
+        away_k = q.get(_TEMPERATURE, 0.0) + q.get(WARM_UP, 0.0)
         mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
         drifted = drifted + self.phases.bias_deg_s(q)
         found = dict(values)
@@ -188,7 +189,7 @@ class Circumstances(Struct, frozen=True):
 
 
 _DIFFERENCE = "bias_difference_v"
-_TEMPERATURE, _WARM_UP, _MISALIGNMENT = "temperature", "warm-up", "misalignment"
+_TEMPERATURE, _MISALIGNMENT = "temperature", "misalignment"
 
 
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
