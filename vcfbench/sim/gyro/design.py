@@ -5,7 +5,9 @@ meet a figure are computed here from that figure by the closed form of the stead
 unexplained.
 """
 
+import cmath
 import math
+from typing import NamedTuple
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -39,27 +41,36 @@ PAPER_TARGETS = Targets(
 )
 
 
-def _linear_gains(bench: BenchParameters) -> tuple[float, float, float]:
-    """Return the steady filtered volts per deg/s, per volt at the modulator's multiplier, and from quadrature."""
-    sense, virtual, loop = bench.sense_path, bench.virtual_path, bench.drive_loop
-    omega = 2 * math.pi * bench.drive_mode.frequency_hz
-    chain = sense.preamplifier_gain * sense.amplifier_gain * 0.5 * sense.multiplier_per_v * sense.reference_amplitude_v
-    demodulated = 1j * chain * complex(math.cos(sense.demodulator_phase_rad), -math.sin(sense.demodulator_phase_rad))
-    coriolis = virtual_force = quadrature = 0j
-    carrier = -1j * complex(math.cos(virtual.carrier_phase_rad), math.sin(virtual.carrier_phase_rad))
-    for mode in (bench.sense_in_phase, bench.sense_anti_phase):
-        natural = 2 * math.pi * mode.frequency_hz
-        picked = mode.pick_off_v_per_m * (1 / complex(natural**2 - omega**2, natural * omega / mode.quality))
-        share = mode.left_participation + mode.right_participation
-        combs = (
-            mode.left_participation * virtual.left_comb_n_per_v2
-            + mode.right_participation * virtual.right_comb_n_per_v2
-        )
-        coriolis += picked * share * 2j * loop.amplitude_m * omega
-        quadrature += picked * 2 * loop.amplitude_m * omega * mode.quadrature_rad_s
-        virtual_force += picked * carrier * combs * sense.reference_amplitude_v / virtual.mass_kg
-    per_rate = (demodulated * coriolis).real * math.pi / 180
-    return per_rate, (demodulated * virtual_force).real, (demodulated * quadrature).real
+class Demodulated(NamedTuple):
+    """Steady output of the demodulator, V: per deg/s, per volt at the modulator, of quadrature and carrier at rest."""
+
+    per_deg_s: float
+    per_v: float
+    at_rest_v: float
+
+
+def demodulated(bench: BenchParameters, rise_k: float, amplitude_m: float) -> Demodulated:
+    """Return it so much above the reference temperature, by the amplitude of the drive."""
+    path, virtual = bench.sense_path, bench.virtual_path
+    reference_rad_s = 2 * math.pi * bench.drive_mode.frequency_hz
+    drive = reference_rad_s * (1 + bench.drive_mode.frequency_coefficient_per_k * rise_k)
+    v_dac = path.reference_amplitude_v * amplitude_m / bench.drive_loop.amplitude_m
+    demodulator = 0.5j * path.multiplier_per_v * v_dac * cmath.exp(-1j * path.demodulator_phase_rad)
+    carrier = -1j * cmath.exp(1j * virtual.carrier_phase_rad)
+    per_rate = shifted = 0j
+    per_volt = carrier * path.v_vc_feedthrough * v_dac / path.reference_amplitude_v
+    for sense in (bench.sense_in_phase, bench.sense_anti_phase):
+        own = 2 * math.pi * sense.frequency_hz * (1 + sense.frequency_coefficient_per_k * rise_k)
+        quality = sense.quality * (1 + sense.quality_coefficient_per_k * rise_k)
+        picked = path.preamplifier_gain * path.amplifier_gain * sense.pick_off_v_per_m
+        answer = picked / complex(own**2 - drive**2, own * drive / quality)
+        left, right = sense.left_participation, sense.right_participation
+        combs = left * virtual.left_comb_n_per_v2 + right * virtual.right_comb_n_per_v2
+        per_rate += answer * (left + right) * 2j * amplitude_m * drive * math.pi / 180
+        per_volt += answer * carrier * combs * v_dac / virtual.mass_kg
+        shifted += answer * 2 * amplitude_m * reference_rad_s * sense.quadrature_rad_s  # a stiffness: drive or no drive
+    at_rest = shifted + carrier * path.carrier_feedthrough * v_dac
+    return Demodulated((demodulator * per_rate).real, (demodulator * per_volt).real, (demodulator * at_rest).real)
 
 
 def seen_share(bench: BenchParameters) -> float:
@@ -85,7 +96,7 @@ def design(bench: BenchParameters, targets: Targets) -> BenchParameters:
 
     The output is y = offset + u + a2 u^2 + a3 u^3 with u = u0 + g r, where u0 comes from quadrature and Earth rate.
     """
-    per_rate, per_volt, quadrature = _linear_gains(bench)
+    per_rate, per_volt, quadrature = demodulated(bench, 0.0, bench.drive_loop.amplitude_m)
     earth = earth_rate_deg_s(bench)
     gain, second, third = targets.scale_factor_v_s_deg / per_rate, 0.0, 0.0
     for _ in range(20):  # the curvature shifts the slope at u0 a little: converges at once

@@ -4,12 +4,10 @@ Drive at the temperature after the warm-up and on the rails, demodulated modes, 
 amplifier, after docs/theory.md. The simulation itself does not use it: it propagates the modes in time.
 """
 
-import cmath
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
-from vcfbench.sim.gyro.design import earth_rate_deg_s, g_rate_deg_s
+from vcfbench.sim.gyro.design import Demodulated, demodulated, earth_rate_deg_s, g_rate_deg_s
 from vcfbench.sim.parameters import BenchParameters
 
 
@@ -45,40 +43,14 @@ def warm_output(
     return output
 
 
-class _Demodulated(NamedTuple):
-    """Output of the demodulator, V: per deg/s, per volt at the modulator, of quadrature and carrier at rest."""
-
-    per_deg_s: float
-    per_v: float
-    at_rest_v: float
-
-
-def _demodulated(bench: BenchParameters, weaker_rail_v: float) -> _Demodulated:
+def _demodulated(bench: BenchParameters, weaker_rail_v: float) -> Demodulated:
     """Return it at the temperature of the modes, which they take in steps of `refresh_k`."""
-    path, virtual, thermal = bench.sense_path, bench.virtual_path, bench.thermal
+    loop, mode, thermal = bench.drive_loop, bench.drive_mode, bench.thermal
     warm_c = thermal.ambient_c + thermal.self_heating_k
     rise_k = math.floor(warm_c / thermal.refresh_k + 0.5) * thermal.refresh_k - thermal.reference_c
-    reference_rad_s = 2 * math.pi * bench.drive_mode.frequency_hz
-    drive = reference_rad_s * (1 + bench.drive_mode.frequency_coefficient_per_k * rise_k)
+    drive = 2 * math.pi * mode.frequency_hz * (1 + mode.frequency_coefficient_per_k * rise_k)
     # The amplitude that the AGC holds: the set one on these rails, limited by the largest force
-    loop, mode = bench.drive_loop, bench.drive_mode
     wanted = loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (weaker_rail_v - bench.supply.nominal_v))
     quality = mode.quality * (1 + mode.quality_coefficient_per_k * rise_k)
     amplitude_m = min(wanted, loop.force_limit_n_per_v * weaker_rail_v * quality / (mode.mass_kg * drive**2))
-    v_dac = path.reference_amplitude_v * amplitude_m / bench.drive_loop.amplitude_m
-    demodulator = 0.5j * path.multiplier_per_v * v_dac * cmath.exp(-1j * path.demodulator_phase_rad)
-    carrier = -1j * cmath.exp(1j * virtual.carrier_phase_rad)
-    per_rate = shifted = 0j
-    per_volt = carrier * path.v_vc_feedthrough * v_dac / path.reference_amplitude_v
-    for sense in (bench.sense_in_phase, bench.sense_anti_phase):
-        own = 2 * math.pi * sense.frequency_hz * (1 + sense.frequency_coefficient_per_k * rise_k)
-        quality = sense.quality * (1 + sense.quality_coefficient_per_k * rise_k)
-        picked = path.preamplifier_gain * path.amplifier_gain * sense.pick_off_v_per_m
-        answer = picked / complex(own**2 - drive**2, own * drive / quality)
-        left, right = sense.left_participation, sense.right_participation
-        combs = left * virtual.left_comb_n_per_v2 + right * virtual.right_comb_n_per_v2
-        per_rate += answer * (left + right) * 2j * amplitude_m * drive * math.pi / 180
-        per_volt += answer * carrier * combs * v_dac / virtual.mass_kg
-        shifted += answer * 2 * amplitude_m * reference_rad_s * sense.quadrature_rad_s  # a stiffness: drive or no drive
-    at_rest = shifted + carrier * path.carrier_feedthrough * v_dac
-    return _Demodulated((demodulator * per_rate).real, (demodulator * per_volt).real, (demodulator * at_rest).real)
+    return demodulated(bench, rise_k, amplitude_m)
