@@ -14,7 +14,7 @@ import vcfbench
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, rate_response
-from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench
+from vcfbench.sim.own_gyro import own_gyro_bench
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +34,7 @@ SHEET = {
 
 
 def written(folder: Path, figures: dict[str, Any], **options: bool) -> tuple[DataSheet, Path]:
-    sheet = data_sheet(**figures)
+    sheet = DataSheet(**figures)
     path = folder / "own.toml"
     path.write_text(own_gyro_bench(sheet, "own", **options), "utf-8")
     return sheet, path
@@ -107,7 +107,7 @@ def test_with_the_papers_imperfections_it_is_still_that_gyroscope(tmp_path: Path
 )
 def test_what_no_such_gyroscope_has_is_refused(figures: dict[str, float], words: str) -> None:
     with pytest.raises(ConfigError, match=words.replace(".", r"\.")):
-        data_sheet(**figures)
+        DataSheet(**figures)
 
 
 def random_sheet(number: int) -> dict[str, float]:

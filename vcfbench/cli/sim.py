@@ -11,8 +11,9 @@ from vcfbench.cli.options import Bench_, Json_, NewFile_, flag, option, seed_opt
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.inventory import inventory
-from vcfbench.sim.own_gyro import data_sheet, own_gyro_bench
+from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.testing import soaking
 from vcfbench.testing.soaking import Verdict
 
@@ -92,7 +93,7 @@ def new(
         if value is not None:
             figures[key] = value * _MILLI if key == "scale_factor_v_per_deg_s" else value
     figures.setdefault("k_vc_deg_s_per_v", 0.75 * figures["range_deg_s"])
-    written_anew(file, own_gyro_bench(data_sheet(**figures), name or file.stem, imperfections=real))
+    written_anew(file, own_gyro_bench(DataSheet(**figures), name or file.stem, imperfections=real))
     typer.echo(f"{file} is written; next: vcfbench run turntable --bench {file}")
 
 

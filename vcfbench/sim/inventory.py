@@ -3,28 +3,18 @@
 import ast
 import inspect
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 from textwrap import dedent
 from typing import Any
 
+from msgspec.structs import replace
+
 from vcfbench.records.plain import field_names
 from vcfbench.sim.builder import instrument_errors
+from vcfbench.sim.parameters import ParameterRow
 from vcfbench.sim.simulation import chosen_seed, named_parameters, physical_parameters, simulation_of
 from vcfbench.station.description import BenchDescription
-
-
-@dataclass(frozen=True, slots=True)
-class InventoryRow:
-    """One number: `path` is its name as in the bench file's ``[simulation]``."""
-
-    path: str
-    value: Any
-    unit: str
-    meaning: str
-    source: str
-
 
 _CHOSEN = "chosen in the bench file"
 
@@ -45,17 +35,19 @@ _UNITS = (
 """Units by the end of a field's name, the longest first."""
 
 
-def inventory(description: BenchDescription, seed: int | None = None) -> list[InventoryRow]:
+def inventory(description: BenchDescription, seed: int | None = None) -> list[ParameterRow]:
     """Return every physical parameter and every instrument error of the bench; errors as drawn by `seed`.
+
+    Paths are those of the bench file's ``[simulation]``.
 
     Raises:
         ConfigError: the bench is a real one.
     """
     used, shipped = chosen_seed(description, seed), named_parameters(simulation_of(description)).rows()
-    found: list[InventoryRow] = []
+    found: list[ParameterRow] = []
     for row, usual in zip(physical_parameters(description).rows(), shipped, strict=True):
         source = usual.source if row.value == usual.value else _CHOSEN
-        found.append(InventoryRow(f"override.{row.path}", row.value, row.unit, row.meaning, source))
+        found.append(replace(row, path=f"override.{row.path}", source=source))
     for role, group in instrument_errors(description, used).items():  # their meanings tell the distributions
         asked = getattr(simulation_of(description).errors, role)
         drawn = "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {used}"
@@ -63,7 +55,7 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[In
     return found
 
 
-def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
+def _rows(group: Any, path: str, source: str) -> Iterator[ParameterRow]:
     kind: type = type(group)
     meanings = _field_docstrings(kind)
     for name in field_names(group) or ():
@@ -75,7 +67,7 @@ def _rows(group: Any, path: str, source: str) -> Iterator[InventoryRow]:
                 yield from _rows(entry, f"{here}[{index}]", source)
         else:
             unit = next((unit for end, unit in _UNITS if name.endswith(end)), "1")
-            yield InventoryRow(here, value, "" if isinstance(value, bool) else unit, meanings.get(name, ""), source)
+            yield ParameterRow(here, value, "" if isinstance(value, bool) else unit, meanings.get(name, ""), source)
 
 
 @cache  # finding a class in its file takes a while

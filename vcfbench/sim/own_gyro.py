@@ -24,14 +24,6 @@ _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 4
 """Frequencies of `bandwidth` at the paper's split."""
 
 
-def data_sheet(**figures: Any) -> DataSheet:
-    """Return a data sheet; ConfigError for a figure that cannot be."""
-    try:
-        return DataSheet(**figures)
-    except ValueError as error:
-        raise ConfigError(str(error)) from None
-
-
 def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) -> str:
     """Return the bench file of a simulated bench with the gyroscope of `sheet`.
 

@@ -9,7 +9,7 @@ perfect bench before its gains are computed. The two sets that are shipped, `ide
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from msgspec import Struct
 
@@ -332,10 +332,10 @@ class SourceResistance(_Group, frozen=True):
 
 
 class ParameterRow(Struct, frozen=True):
-    """One line of ``vcfbench sim show``."""
+    """One line of ``vcfbench sim show``: a number of the simulation by its dotted path."""
 
     path: str
-    value: float | int | tuple[float, ...] | tuple[int, ...]
+    value: Any
     unit: str
     meaning: str
     source: str

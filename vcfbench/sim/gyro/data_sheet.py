@@ -9,6 +9,7 @@ import math
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.errors import ConfigError
 from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, design, imperfect
 from vcfbench.sim.parameters import BenchParameters, SenseMode
 
@@ -31,7 +32,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         k_vc_deg_s_per_v: rate that one volt of V_Vc stands for.
 
     Raises:
-        ValueError: a figure that no such gyroscope has; its name comes first.
+        ConfigError: a figure that no such gyroscope has; its name comes first.
     """
 
     scale_factor_v_per_deg_s: float = IDEAL_TARGETS.scale_factor_v_s_deg
@@ -50,14 +51,14 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         for name, low, high in _RANGES:
             value = getattr(self, name)
             if value is not None and not low <= abs(value) <= high:
-                raise ValueError(f"{name}: expected a size from {low:g} to {high:g}, came {value:g}")
+                raise ConfigError(f"{name}: expected a size from {low:g} to {high:g}, came {value:g}")
         if abs(self.split_hz) > 0.1 * self.drive_hz:
-            raise ValueError(f"split_hz: expected at most a tenth of drive_hz, came {self.split_hz:g}")
+            raise ConfigError(f"split_hz: expected at most a tenth of drive_hz, came {self.split_hz:g}")
         if self.bandwidth_hz is not None and self.bandwidth_hz > 0.5 * abs(self.split_hz):
-            raise ValueError(f"bandwidth_hz: expected at most half the split, came {self.bandwidth_hz:g}")
+            raise ConfigError(f"bandwidth_hz: expected at most half the split, came {self.bandwidth_hz:g}")
         largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
         if largest_v > _HEADROOM_V:
-            raise ValueError(f"range_deg_s: expected outputs within {_HEADROOM_V:g} V, came {largest_v:.3g} V")
+            raise ConfigError(f"range_deg_s: expected outputs within {_HEADROOM_V:g} V, came {largest_v:.3g} V")
 
     @property
     def low_pass_hz(self) -> float:

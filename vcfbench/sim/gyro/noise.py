@@ -12,7 +12,7 @@ would change its size by less than 1e-5.
 import math
 from collections.abc import Callable
 from functools import cached_property, lru_cache
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -289,12 +289,6 @@ class _Gathered(Struct, frozen=True):
         """Return the sum gathered over an interval."""
         grown = np.where(self.still, interval_s, np.expm1(self.speed * interval_s) / self.speed)
         return np.asarray(self.strength * grown)
-
-
-def make_room(kept: dict[Any, Any]) -> None:
-    """Let the oldest go where there are `STEPS_KEPT`."""
-    if len(kept) >= STEPS_KEPT:
-        del kept[next(iter(kept))]
 
 
 def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number]:

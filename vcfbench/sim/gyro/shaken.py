@@ -6,7 +6,7 @@ flutter makes of a chain at rest; what went before decays with the rest of the n
 """
 
 import math
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from msgspec import Struct
@@ -15,15 +15,8 @@ from simrack.flutter import Flutter
 from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.chain import Chain
-from vcfbench.sim.gyro.noise import NoiseState, make_room, turning_with
+from vcfbench.sim.gyro.noise import STEPS_KEPT, NoiseState, turning_with
 from vcfbench.sim.gyro.signals import ExponentialSum
-
-
-class _Interval(Struct, frozen=True):
-    """Effect of an interval on a chain at rest, a column a line: on each eigenmode, V, and the integral, V s."""
-
-    modal: NDArray[np.complex128]
-    integral: NDArray[np.complex128]
 
 
 class Shaking:
@@ -39,45 +32,41 @@ class Shaking:
         self._speeds_rad_s = flutter.speeds_rad_s
         self._shown = chain.to_filtered @ self.forced
         self._power = np.abs(self._shown[:lines] + self._shown[lines:].conj()) ** 2 / 2.0
-        self._variances: dict[int, float] = {}
-        self._intervals: dict[int, _Interval] = {}
+        self._kept_interval = lru_cache(STEPS_KEPT)(self._interval)  # plans repeat theirs
+        self._kept_variance_v2 = lru_cache(STEPS_KEPT)(self._variance_v2)
 
     def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> "Shaken | None":
         """Return the response to the flutter of a segment of the motion over an interval, None if it has none."""
         if not rate.shaking_deg_s:
             return None
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
-        sizes, over = np.concatenate((turned, turned.conj())), self.interval(duration_s)
-        modal = over.modal @ sizes
+        sizes, (to_modal, to_integral) = (
+            np.concatenate((turned, turned.conj())),
+            self._kept_interval(round(duration_s * 1e9)),
+        )
+        modal = to_modal @ sizes
         gathered = np.concatenate((modal.real, modal.imag))
-        return Shaken(self, sizes, rate.shaking_deg_s, gathered, float((over.integral @ sizes).real))
+        return Shaken(self, sizes, rate.shaking_deg_s, gathered, float((to_integral @ sizes).real))
 
-    def interval(self, duration_s: float) -> _Interval:
-        """Return the effect of an interval, to 1 ns; kept, since plans repeat theirs.
+    def _interval(self, duration_ns: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Return the effect of an interval on a chain at rest, a column a line: on each eigenmode, and the integral.
 
         The lines turn; the free motions that keep the chain at rest at the start decay.
         """
-        key = round(duration_s * 1e9)
-        if key not in self._intervals:
-            make_room(self._intervals)
-            turned = self._speeds_rad_s * (key * 1e-9)
-            moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
-            both = np.concatenate((moved, moved.conj()))
-            decayed = np.asarray(np.expm1(self.chain.eigenmodes * (key * 1e-9)), complex)
-            free = self.chain.to_filtered * decayed / self.chain.eigenmodes
-            self._intervals[key] = _Interval(
-                self.forced * (both - decayed[:, None]), self._shown * both / self.exponents - free @ self.forced
-            )
-        return self._intervals[key]
+        turned = self._speeds_rad_s * (duration_ns * 1e-9)
+        moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
+        both = np.concatenate((moved, moved.conj()))
+        decayed = np.asarray(np.expm1(self.chain.eigenmodes * (duration_ns * 1e-9)), complex)
+        free = self.chain.to_filtered * decayed / self.chain.eigenmodes
+        return self.forced * (both - decayed[:, None]), self._shown * both / self.exponents - free @ self.forced
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance of the filtered signal about its mean over a time, of flutter of 1 deg/s, V^2."""
-        key = round(duration_s * 1e9)
-        if key not in self._variances:
-            make_room(self._variances)
-            turned = np.sinc(self._speeds_rad_s * (key * 1e-9) / math.tau)
-            self._variances[key] = float(self._power @ (1.0 - turned**2))
-        return self._variances[key]
+        return self._kept_variance_v2(round(duration_s * 1e9))
+
+    def _variance_v2(self, duration_ns: int) -> float:
+        turned = np.sinc(self._speeds_rad_s * (duration_ns * 1e-9) / math.tau)
+        return float(self._power @ (1.0 - turned**2))
 
 
 class Shaken(Struct, frozen=True, dict=True):
