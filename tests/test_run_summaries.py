@@ -64,7 +64,7 @@ def test_a_summary_says_what_the_run_does(runs: Path) -> None:
     assert summary.started == datetime(2026, 1, 1, tzinfo=UTC)
     slope = run.results.scale_factor
     combined = {each.name: each.u for each in run.results.uncertainty.values}
-    assert summary.results["scale_factor"] == KeyResult(slope.value, combined["scale_factor"], "V/(deg/s)")
+    assert summary.results["scale_factor"] == KeyResult(slope.value, "V/(deg/s)", combined["scale_factor"])
     assert list(summary.results) == ["scale_factor", "bias"]
 
 

@@ -91,8 +91,9 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAna
         ConfigError: there is no such file or column, or what is in it is no such table: file, line and column are told.
     """
     path = Path(file)
-    series = read_series(path)
-    pair = compared_columns(compared, list(series), path)
+    text = csv_table.decode(read_file(file, "a CSV file", MOST_TABLE), shown(path))
+    series = csv_table.parse_table(text, shown(path))
+    pair = _compared_columns(compared, list(series), path)
     results = {}
     for column, one in series.items():
         try:
@@ -103,12 +104,7 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAna
     return TableAnalysis(results, pair, comparison)
 
 
-def read_series(file: Path) -> dict[str, csv_table.Series]:
-    """Read the table in `file`; raises ConfigError with file, line and column."""
-    return csv_table.parse_table(csv_table.decode(read_file(file, "a CSV file", MOST_TABLE), shown(file)), shown(file))
-
-
-def compared_columns(asked: Sequence[str] | None, columns: list[str], file: Path) -> tuple[str, str] | None:
+def _compared_columns(asked: Sequence[str] | None, columns: list[str], file: Path) -> tuple[str, str] | None:
     """Return the two columns to compare, reference first, or None; raises ConfigError for an unknown one."""
     if asked is None:
         return (columns[0], columns[1]) if len(columns) == 2 else None

@@ -61,11 +61,8 @@ def named_values(of_run: Any) -> dict[str, ResultValue]:
     values = statement.get("values") if isinstance(statement, dict) else None
     found: dict[str, ResultValue] = {}
     for each in values if isinstance(values, list) else ():
-        if isinstance(each, dict) and isinstance(each.get("name"), str) and _number(each.get("value")) is not None:
-            uncertainties = (_number(each.get("u")), _number(each.get("u95")))
-            words = str(each.get("unit", "")), *uncertainties, str(each.get("of", ""))
-            missing = tuple(each.get("missing", ()))
-            found[each["name"]] = ResultValue(each["name"], each["value"], *words, missing, _causes(each))
+        if isinstance(each, dict) and isinstance(name := each.get("name"), str) and (value := _quantity(name, each)):
+            found[name] = value
     for named in _named(results, ""):
         found.setdefault(named.name, named)
     return found
@@ -77,18 +74,21 @@ def _named(values: Mapping[str, Any], before: str) -> Iterator[ResultValue]:
         name = f"{before}{key}"
         if (number := _number(value)) is not None:
             yield ResultValue(name, number)
-        elif isinstance(value, dict) and (number := _number(value.get("value"))) is not None:
-            u95 = next((value[each] for each in ("u95", "expanded_u") if _number(value.get(each)) is not None), None)
-            missing, unit = tuple(value.get("missing", ())), str(value.get("unit", ""))
-            yield ResultValue(name, number, unit, _number(value.get("u")), u95, "", missing, _causes(value))
+        elif isinstance(value, dict) and (quantity := _quantity(name, value)) is not None:
+            yield quantity
         elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
             yield from _named(value, f"{name}.")
 
 
-def _causes(value: Mapping[str, Any]) -> tuple[tuple[str, float], ...]:
-    """Return the contributions to an uncertainty: those of a statement, the parts of a measurand."""
+def _quantity(name: str, value: Mapping[str, Any]) -> ResultValue | None:
+    """Return a value of a statement, or a measurand; None where there is no number."""
+    if (number := _number(value.get("value"))) is None:
+        return None
+    u95 = next((value[each] for each in ("u95", "expanded_u") if _number(value.get(each)) is not None), None)
+    words, missing = str(value.get("of", "")), tuple(value.get("missing", ()))
     parts = value.get("contributions") or value.get("parts") or ()
-    return tuple(sorted(((each["source"], abs(each["u"])) for each in parts), key=lambda each: -each[1]))
+    causes = tuple(sorted(((each["source"], abs(each["u"])) for each in parts), key=lambda each: -each[1]))
+    return ResultValue(name, number, str(value.get("unit", "")), _number(value.get("u")), u95, words, missing, causes)
 
 
 def _number(value: object) -> float | None:

@@ -20,10 +20,10 @@ from vcfbench.records.plain import plain, read_only
 from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Report, Text, report_from
 from vcfbench.reports.generic import generic_report, points_table, results_table
-from vcfbench.station.acceptance import Acceptance, Verdict, judged
+from vcfbench.station.acceptance import Acceptance, judged
 from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
-from vcfbench.typed import decoder_of
+from vcfbench.typed import decoder_of, typed
 
 STORED_SETTINGS: Final = "settings"  # Title of the table of settings below results that are shown as they were stored
 
@@ -163,23 +163,8 @@ def _decoded(path: Path, decoder: msgspec.json.Decoder[Any]) -> Any:
 
 def _stored_verdict(acceptance: Any) -> Acceptance | None:
     """Return the verdict that was stored, None if there is none."""
-    if acceptance is None:
-        return None
     try:
-        limits = [
-            Verdict(
-                *(
-                    e["key"],
-                    e["value"],
-                    float(e["low"]),
-                    float(e["high"]),
-                    e["verdict"] != "not measured",
-                    e.get("u95"),
-                ),
-                missing=tuple(e.get("missing", ())),
-            )
-            for e in acceptance["limits"]
-        ]
-        return Acceptance(tuple(limits))
-    except (KeyError, TypeError):
+        limits = [{**each, "measured": each["verdict"] != "not measured"} for each in acceptance["limits"]]
+        return typed({"limits": limits}, Acceptance)
+    except (KeyError, TypeError, msgspec.ValidationError):
         return None

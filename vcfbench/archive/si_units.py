@@ -3,6 +3,7 @@ r"""Units as results have them, in the words of D-SI: ``V/(deg/s)`` is ``\volt\d
 Source: D-SI, Brochure of the Digital System of Units, SmartCom 2020: names behind backslashes, powers by ``\tothe``.
 """
 
+import ast
 import re
 from typing import Final
 
@@ -22,9 +23,7 @@ _WORDS: Final = {
     "kHz": (1.0, r"\kilo\hertz"),
     "K": (1.0, r"\kelvin"),
     "degC": (1.0, r"\degreecelsius"),
-    "%": (1.0, r"\percent"),
-    "1": (1.0, ""),
-    "": (1.0, ""),
+    "percent": (1.0, r"\percent"),
     "ppm": (1e-6, ""),
 }
 """Factor of a value, and the name in D-SI, which has none for parts per million."""
@@ -33,47 +32,33 @@ _WORDS: Final = {
 def in_si(unit: str) -> tuple[float, str] | None:
     """Return the factor of a value in `unit` and the unit it then has in D-SI; None for an unknown unit."""
     powers: dict[str, float] = {}
-    scale = _read(unit.strip(), 1.0, powers)
-    parts = [
-        word if power == 1.0 else f"{word}\\tothe{{{power:g}}}" for word, power in powers.items() if word and power
-    ]
-    return None if scale is None else (scale, "".join(parts) or r"\one")
-
-
-def _read(text: str, sign: float, powers: dict[str, float]) -> float | None:
-    """Add the units of `text`, to the power `sign`, to `powers`; return the factor of values."""
-    scale = 1.0
-    for place, part in enumerate(_split(text, "/")):
-        for factor in _split(part, " *"):
-            times = _factor(factor, sign if place == 0 else -sign, powers)
-            if times is None:
-                return None
-            scale *= times
-    return scale
-
-
-def _factor(text: str, power: float, powers: dict[str, float]) -> float | None:
-    """Add one unit, the units in brackets, or a root of them."""
-    if text.startswith("sqrt(") and text.endswith(")"):
-        return _read(text[5:-1], power / 2.0, powers)
-    if text.startswith("(") and text.endswith(")"):
-        return _read(text[1:-1], power, powers)
-    name, _, exponent = text.partition("^")
-    if name not in _WORDS or not re.fullmatch(r"|-?\d", exponent):
+    try:
+        written = ast.parse(
+            re.sub(r"[ *]+", "*", unit.strip() or "1").replace("^", "**").replace("%", "percent"), mode="eval"
+        )
+        scale = _read(written.body, 1.0, powers)
+    except (KeyError, SyntaxError, ValueError):
         return None
-    times, word = _WORDS[name]
-    total = power * float(exponent or 1)
-    powers[word] = powers.get(word, 0.0) + total
-    return float(times**total)
+    words = [
+        f"{word}\\tothe{{{power:g}}}" if power != 1.0 else word for word, power in powers.items() if word and power
+    ]
+    return scale, "".join(words) or r"\one"
 
 
-def _split(text: str, signs: str) -> list[str]:
-    """Split at any of `signs` that stand in no brackets."""
-    parts, depth = [""], 0
-    for each in text:
-        depth += (each == "(") - (each == ")")
-        if each in signs and depth == 0:
-            parts.append("")
-        else:
-            parts[-1] += each
-    return [part for part in parts if part or len(parts) == 1]
+def _read(written: ast.expr, power: float, powers: dict[str, float]) -> float:
+    """Add the units of an expression to `powers`; return the factor of values; KeyError: it is of something else."""
+    match written:
+        case ast.BinOp(left, ast.Mult() | ast.Div() as sign, right):
+            other = power if isinstance(sign, ast.Mult) else -power
+            return _read(left, power, powers) * _read(right, other, powers)
+        case ast.BinOp(left, ast.Pow(), ast.Constant(int() as exponent)):
+            return _read(left, power * exponent, powers)
+        case ast.Call(ast.Name("sqrt"), [inside]):
+            return _read(inside, power / 2.0, powers)
+        case ast.Name(name):
+            times, word = _WORDS[name]
+            powers[word] = powers.get(word, 0.0) + power
+            return float(times**power)
+        case ast.Constant(1):
+            return 1.0
+    raise KeyError(ast.unparse(written))

@@ -21,11 +21,11 @@ from vcfbench.station.acceptance import Acceptance
 
 
 class KeyResult(Struct, frozen=True):
-    """A result that a list shows: value, combined standard uncertainty (None: not stated), unit, parts missing in u."""
+    """A result that a list shows: value, unit, combined standard uncertainty (None: not stated), parts missing in u."""
 
     value: float
-    u: float | None
     unit: str
+    u: float | None = None
     missing: tuple[str, ...] = ()
 
     def words(self) -> str:
@@ -68,24 +68,10 @@ class RunSummary(Struct, frozen=True, kw_only=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``runs list --json`` prints it."""
-        return {
-            "run": self.run,
-            "procedure": self.procedure,
-            "status": self.status.value,
-            "damage": self.damage,
-            "bench": self.bench,
-            "seed": self.seed,
-            "points": self.points,
-            "started_utc": self.started.isoformat(),
-            "dut": self.dut,
-            "operator": self.operator,
-            "note": self.note,
-            "tags": dict(self.tags),
-            "results": {name: each.as_json() for name, each in self.results.items()},
-            "verdict": self.verdict,
-            "revision": self.revision,
-            "amended": list(self.amended),
-        }
+        members = {name: getattr(self, name) for name in self.__struct_fields__}
+        del members["directory"], members["started"], members["problem"]
+        results = {name: each.as_json() for name, each in self.results.items()}
+        return {**plain(members), "started_utc": self.started.isoformat(), "results": results}
 
 
 def run_summaries(
@@ -164,8 +150,7 @@ def _summary(
     for name, raw in results.items():
         if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
             with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
-                read = _QUANTITY.decode(raw)
-                found[name] = KeyResult(read.value, read.u, read.unit, read.missing)
+                found[name] = _QUANTITY.decode(raw)
     as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
     metadata = amended(as_run, outline.amendments)
     return RunSummary(
@@ -189,13 +174,6 @@ def _summary(
     )
 
 
-class _Quantity(msgspec.Struct, frozen=True, gc=False):
-    value: float
-    unit: str
-    u: float | None = None
-    missing: tuple[str, ...] = ()
-
-
 _VALUE_FIRST = 64  # Bytes in which the first name of an object stands, however far it is indented
 
-_QUANTITY = msgspec.json.Decoder(_Quantity)
+_QUANTITY = msgspec.json.Decoder(KeyResult)

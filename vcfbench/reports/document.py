@@ -9,18 +9,20 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeAlias
 
-from msgspec import Struct
+from msgspec import Struct, ValidationError
 from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
+from vcfbench.typed import typed
 
-Value: TypeAlias = float | str | None  # Cell of a table: a number, a text, or None where there is nothing
+Value: TypeAlias = bool | int | float | str | None  # a whole number stays one when it is read back
+"""Cell of a table: a number, a text, or None where there is nothing."""
 
 DEEPEST_HEADING = 6
 
 
-class Heading(Struct, frozen=True):
+class Heading(Struct, frozen=True, tag_field="part", tag=str.lower):
     """A heading; `level` 1 is the highest, 6 the lowest."""
 
     text: str
@@ -32,14 +34,14 @@ class Heading(Struct, frozen=True):
             raise ValueError(f"heading {self.text!r}: expected a level from 1 to {DEEPEST_HEADING}, came {self.level}")
 
 
-class Text(Struct, frozen=True):
+class Text(Struct, frozen=True, tag_field="part", tag=str.lower):
     """Words, in lines that stay as they are; `verbatim` where also their characters must: words of a person."""
 
     text: str
     verbatim: bool = False
 
 
-class Notice(Struct, frozen=True):
+class Notice(Struct, frozen=True, tag_field="part", tag=str.lower):
     """Words that nobody must overlook, such as that a bench was simulated; `kind` says how they are meant."""
 
     text: str
@@ -84,7 +86,7 @@ def heads(said: str) -> tuple[Column, ...]:
     return tuple(Column(name, unit, form, "left" if left else "right") for left, name, unit, form in found)
 
 
-class Table(Struct, frozen=True):
+class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
     """Columns and rows of values; `title` is shown above them, empty for none.
 
     Args:
@@ -220,7 +222,7 @@ class Series(Struct, frozen=True):
         return (*self.y, *(self.low or ()), *(self.high or ()))
 
 
-class Figure(Struct, frozen=True):
+class Figure(Struct, frozen=True, tag_field="part", tag=str.lower):
     """A figure: title, axes, series, and words below it. Its renderer chooses size, colours and marks.
 
     Raises:
@@ -269,17 +271,6 @@ def plain_report(report: Report) -> list[dict[str, Any]]:
 def report_from(parts: Sequence[Mapping[str, Any]]) -> Report:
     """Return the report that :func:`plain_report` wrote; ConfigError: it did not."""
     try:
-        return Report([_part(**part) for part in parts])
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise ConfigError(f"the report that is kept is none of this program: {error!r}") from error
-
-
-def _part(part: str, **stored: Any) -> Part:
-    if part == "table":
-        rows = [[Cell(**each) if isinstance(each, dict) else each for each in row] for row in stored["rows"]]
-        return Table([Column(**each) for each in stored["columns"]], rows, stored["title"])
-    if part == "figure":
-        axes = Axis(**stored["x"]), Axis(**stored["y"])
-        return Figure(stored["title"], *axes, [Series(**each) for each in stored["series"]], stored["caption"])
-    kinds: dict[str, type[Heading | Text | Notice]] = {"heading": Heading, "text": Text, "notice": Notice}
-    return kinds[part](**stored)
+        return Report(typed(parts, list[Heading | Table | Figure | Text | Notice]))
+    except ValidationError as error:
+        raise ConfigError(f"the report that is kept is none of this program: {error}") from error

@@ -107,8 +107,7 @@ def _nonlinearity_ppm(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    design = np.stack([np.asarray(x), np.ones(len(x))], axis=1)
-    slope, intercept = np.linalg.lstsq(design, np.asarray(y), rcond=None)[0]
+    slope, intercept = np.polyfit(x, y, 1)
     return float(slope), float(intercept)
 
 
