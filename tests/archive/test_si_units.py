@@ -22,6 +22,7 @@ from vcfbench.archive.si_units import in_si
         ("(deg/h)/sqrt(h)", 1.0, r"\degree\hour\tothe{-1.5}"),
         ("deg/s^2", 1.0, r"\degree\second\tothe{-2}"),
         ("ppm/K", 1e-6, r"\kelvin\tothe{-1}"),
+        ("V s^-1", 1.0, r"\volt\second\tothe{-1}"),
     ],
 )
 def test_a_unit_has_its_words(unit: str, scale: float, words: str) -> None:

@@ -51,8 +51,8 @@ def _read(written: ast.expr, power: float, powers: dict[str, float]) -> float:
         case ast.BinOp(left, ast.Mult() | ast.Div() as sign, right):
             other = power if isinstance(sign, ast.Mult) else -power
             return _read(left, power, powers) * _read(right, other, powers)
-        case ast.BinOp(left, ast.Pow(), ast.Constant(int() as exponent)):
-            return _read(left, power * exponent, powers)
+        case ast.BinOp(left, ast.Pow(), exponent):
+            return _read(left, power * int(ast.unparse(exponent)), powers)
         case ast.Call(ast.Name("sqrt"), [inside]):
             return _read(inside, power / 2.0, powers)
         case ast.Name(name):
