@@ -11,6 +11,7 @@ comes with the project and what comes with another package are treated alike: di
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -313,7 +314,8 @@ def resolve(reference: Any) -> Any:
 
 def driver_of(row: Model) -> Any:
     """Return the driver of a model: its class, or a whole :class:`~vcfbench.drivers.registry.Driver`."""
-    return _of_model(row, resolve(row.driver))
+    kind = resolve(row.driver)
+    return kind if row.own is None else kind.of_model(row.name, **row.own)
 
 
 def own_watchdog(name: str, like: str | None = None) -> str:
@@ -322,13 +324,10 @@ def own_watchdog(name: str, like: str | None = None) -> str:
     return NO_WATCHDOG if row is None else row.own_watchdog
 
 
-def twin_of(row: Model) -> Any:
-    """Return the class of the simulated instrument of a model that has one."""
-    return _of_model(row, resolve(row.twin))
-
-
-def _of_model(row: Model, kind: Any) -> Any:
-    return kind if row.own is None else kind.of_model(row.name, **row.own)
+def twin_of(row: Model | TableLanguage) -> Any:
+    """Return the class of the simulated instrument of a model, or of the table of a language, that has one."""
+    kind = resolve(row.twin)
+    return kind if isinstance(row, TableLanguage) or row.own is None else kind.of_model(row.name, **row.own)
 
 
 def model_names() -> tuple[str, ...]:
@@ -378,7 +377,10 @@ def recognised(maker: str, model: str) -> Model | TableLanguage | None:
 
 
 def _every(kind: type[_Row]) -> tuple[_Row, ...]:
-    rows = (*_OWN, *(_load_quietly(name) for name in _installed_names()))
+    rows = list(_OWN)
+    for name in _installed_names():
+        with suppress(ConfigError):  # one that cannot be loaded is none
+            rows.append(_load(name))
     return tuple(row for row in rows if isinstance(row, kind))
 
 
@@ -392,13 +394,6 @@ def _find(name: str, kind: type[_Row]) -> _Row | None:
 @cache  # looking through the installed packages takes milliseconds
 def _installed_names() -> tuple[str, ...]:
     return tuple(sorted({entry.name for entry in entry_points(group=_GROUP)}))
-
-
-def _load_quietly(name: str) -> Model | TableLanguage | None:
-    try:
-        return _load(name)
-    except ConfigError:
-        return None
 
 
 def _load(name: str) -> Model | TableLanguage:

@@ -6,7 +6,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.models import ROLES, find_language, find_model, languages, resolve, twin_of
+from vcfbench.models import ROLES, Model, TableLanguage, find_language, find_model, languages, twin_of
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.parameters import BenchParameters
@@ -30,28 +30,23 @@ def twins(description: BenchDescription) -> dict[str, Any]:
         part = getattr(description, role)
         if part is None:
             continue
+        row: Model | TableLanguage | None
         if role == "rate_table":
             name = profile_twin(part.dialect) if part.dialect.endswith(".toml") else part.dialect
-            table = find_language(name)
-            if table is None or table.twin is None:
-                raise ConfigError(f"there is no simulated table that speaks {name!r}")
-            found[role] = _loaded(table, lambda row: resolve(row.twin))
+            row, said = find_language(name), f"table that speaks {name!r}"
         else:
-            row = find_model(part.like or part.model)
-            if row is None or row.twin is None:
-                raise ConfigError(
-                    f"there is no simulated {part.like or part.model}",
-                    hint="its package names one in its row of vcfbench.models; a real bench needs none",
-                )
-            found[role] = _loaded(row, twin_of)
+            said = part.like or part.model
+            row = find_model(said)
+        if row is None or row.twin is None:
+            raise ConfigError(
+                f"there is no simulated {said}",
+                hint="its package names one in its row of vcfbench.models; a real bench needs none",
+            )
+        try:
+            found[role] = twin_of(row)
+        except Exception as error:  # another package is anyone's code
+            raise ConfigError(f"the simulated {row.name} ({row.twin}) cannot be loaded: {error}") from error
     return found
-
-
-def _loaded(row: Any, load: Callable[[Any], Any]) -> Any:
-    try:
-        return load(row)
-    except Exception as error:  # another package is anyone's code
-        raise ConfigError(f"the simulated {row.name} ({row.twin}) cannot be loaded: {error}") from error
 
 
 def profile_twin(dialect: str) -> str:

@@ -19,8 +19,7 @@ import math
 from typing import Any
 
 import numpy as np
-from msgspec import Struct
-from msgspec.structs import replace
+from msgspec import Struct, field
 from numpy.typing import NDArray
 
 from vcfbench.sim.gyro.noise import BLOCK, NoiseState, NoisyChain, by_rows
@@ -70,7 +69,7 @@ def _cubics(values: NDArray[Any], rises: NDArray[Any], index: NDArray[np.intp], 
     return np.asarray(v0 + x * (d0 + x * (3 * (v1 - v0) - 2 * d0 - d1 + x * (2 * (v0 - v1) + d0 + d1))))
 
 
-class NoisePath:
+class NoisePath(Struct):
     """The noise of one stretch, t from its start.
 
     Args:
@@ -79,94 +78,82 @@ class NoisePath:
         end: the noise at the end; None of a look that is only at the start.
         integral_v_s: integral of the filtered noise over the stretch.
         duration_s: how long it lasted.
-        shaken: what the table's flutter made in it, which the end and the integral hold.
         key: what its random numbers come from.
+        shaken: what the table's flutter made in it, which the end and the integral hold.
     """
 
-    __slots__ = ("_end", "_key", "_noisy", "_shaken", "_spans", "_start", "_waveforms", "_whole")
-
-    def __init__(
-        self,
-        noisy: NoisyChain,
-        start: NoiseState,
-        end: NoiseState | None,
-        *,
-        integral_v_s: float,
-        duration_s: float,
-        shaken: Shaken | None = None,
-        key: tuple[int, ...],
-    ) -> None:
-        self._noisy = noisy
-        self._shaken = shaken
-        self._key = key
-        self._start = start
-        self._end = start if end is None else end
-        self._whole = None if end is None else _Span(start, end, integral_v_s, duration_s)
-        self._spans: dict[tuple[int, int], _Span] = {}
-        """Without flutter, of each level and place that is looked at."""
-        self._waveforms: dict[int, _Waveform] = {}
+    noisy: NoisyChain
+    start: NoiseState
+    end: NoiseState | None
+    integral_v_s: float
+    duration_s: float
+    key: tuple[int, ...]
+    shaken: Shaken | None = None
+    _spans: dict[tuple[int, int], _Span] = field(default_factory=dict)
+    """Without flutter, of each level and place that is looked at."""
+    _waveforms: dict[int, _Waveform] = field(default_factory=dict)
 
     def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the filtered noise at times within the stretch, V."""
-        volts = np.full(times_s.shape, (self._noisy.freed(self._start) @ self._noisy.shows)[0].real)
+        volts = np.full(times_s.shape, (self.noisy.freed(self.start) @ self.noisy.shows)[0].real)
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.filtered(elapsed)
-        return volts if self._shaken is None else volts + self._shaken.filtered(times_s)
+        return volts if self.shaken is None else volts + self.shaken.filtered(times_s)
 
     def sense(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the noise of the envelope of V_s at times within the stretch, V."""
-        volts = np.full(times_s.shape, (self._noisy.freed(self._start) @ self._noisy.shows)[2])
+        volts = np.full(times_s.shape, (self.noisy.freed(self.start) @ self.noisy.shows)[2])
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.sense(elapsed)
-        return volts if self._shaken is None else volts + self._shaken.sense(times_s)
+        return volts if self.shaken is None else volts + self.shaken.sense(times_s)
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance that the filtered noise is expected to have about its mean over a time, V^2."""
-        own = self._noisy.variance_v2(duration_s)
-        return own if self._shaken is None else own + self._shaken.variance_v2(duration_s)
+        own = self.noisy.variance_v2(duration_s)
+        return own if self.shaken is None else own + self.shaken.variance_v2(duration_s)
 
     def carried_v_s(self, carrier_rad_s: float, duration_s: float) -> complex:
         """Return the integral of the noise of V_s on its carrier that its values at both ends make, V s."""
-        speeds = self._noisy.moving + 1j * carrier_rad_s
-        weights = self._noisy.shows[:, 2] / speeds
-        turned = self._noisy.freed(self._end) * cmath.exp(1j * carrier_rad_s * duration_s)
-        turned -= self._noisy.freed(self._start)
+        speeds = self.noisy.moving + 1j * carrier_rad_s
+        weights = self.noisy.shows[:, 2] / speeds
+        turned = self.noisy.freed(self.end or self.start) * cmath.exp(1j * carrier_rad_s * duration_s)
+        turned -= self.noisy.freed(self.start)
         return complex(weights @ turned)
 
     def _looked_at(
         self, times_s: NDArray[np.float64]
     ) -> list[tuple[NDArray[np.bool_], _Waveform, NDArray[np.float64]]]:
         """Return which of the times lie in which part, and where in it."""
-        if self._whole is None:
+        if self.end is None:
             return []
-        level = max(0, math.ceil(math.log2(self._whole.duration_s / LONGEST_S)))
+        level = max(0, math.ceil(math.log2(self.duration_s / LONGEST_S)))
         parts = 2**level
-        length = self._whole.duration_s / parts
+        length = self.duration_s / parts
         index = np.clip((times_s / length).astype(np.intp), 0, parts - 1)
         found = []
         for part in map(int, np.unique(index)):
             if part not in self._waveforms:
-                self._waveforms[part] = _drawn(self._noisy, self._span(level, part), self._random(level, part, 1))
+                self._waveforms[part] = _drawn(self.noisy, self._span(level, part), self._random(level, part, 1))
             held = index == part
             found.append((held, self._waveforms[part], times_s[held] - part * length))
         return found
 
     def _span(self, level: int, index: int) -> _Span:
         """Return one of the 2^level equal parts of the stretch without flutter; its other half comes with it."""
-        if not level and self._whole is not None:
-            if self._shaken is None:
-                return self._whole
-            end, integral_v_s = self._shaken.added(self._whole.end, self._whole.integral_v_s, -1.0)
-            return replace(self._whole, end=end, integral_v_s=integral_v_s)
+        if not level and self.end is not None:
+            end, integral_v_s = self.end, self.integral_v_s
+            if self.shaken is not None:
+                end, integral_v_s = self.shaken.added(end, integral_v_s, -1.0)
+            return _Span(self.start, end, integral_v_s, self.duration_s)
         if (level, index) not in self._spans:
             whole = self._span(level - 1, index // 2)
-            halves = _halved(self._noisy, whole, self._random(level - 1, index // 2, 0))
+            halves = _halved(self.noisy, whole, self._random(level - 1, index // 2, 0))
             for half, span in enumerate(halves):
                 self._spans[level, 2 * (index // 2) + half] = span
         return self._spans[level, index]
 
     def _random(self, *which: int) -> np.random.Generator:
-        return np.random.default_rng([*self._key, *which])
+        return np.random.default_rng([*self.key, *which])
 
 
 def _halved(noisy: NoisyChain, span: _Span, random: np.random.Generator) -> tuple[_Span, _Span]:

@@ -105,13 +105,6 @@ class _Noted(Struct, frozen=True):
         return self.decayed + self.nepers_s * (instant_s - self.acting.since_s)
 
 
-class _Followed(Struct, frozen=True):
-    """A forcing, and the chain's response to it."""
-
-    acting: Acting
-    response: Response
-
-
 class Course:
     """The chain's course; it begins at rest, with the first noted forcing."""
 
@@ -123,8 +116,8 @@ class Course:
         self._noted: deque[_Noted] = deque()
         """What was not worked out yet, in order."""
         self._latest: _Noted | None = None
-        self._followed: _Followed | None = None
-        """The last that was worked out; None is a chain at rest before the first that is noted."""
+        self._followed: tuple[Acting, Response] | None = None
+        """The last that was worked out, and the response; None is a chain at rest before the first that is noted."""
 
     def part(self) -> None:
         """Detach from the original: copy shared mutable state."""
@@ -150,21 +143,20 @@ class Course:
         while self._noted:
             # Work out the response to a forcing, from the chain's state by then
             acting = self._noted.popleft().acting
-            turn, before = acting.turn, self._followed
-            if before is None:
-                chain = acting.chain(self._design)
-                modal = self._at_rest
+            turn = acting.turn
+            if self._followed is None:
+                chain, modal = acting.chain(self._design), self._at_rest
             else:
-                modal = before.response.modal(acting.since_s - before.acting.since_s)
-                chain = before.response.chain
-                if not acting.has_chain_of(before.acting):
+                earlier, response = self._followed
+                modal, chain = response.modal(acting.since_s - earlier.since_s), response.chain
+                if not acting.has_chain_of(earlier):
                     chain = acting.chain(self._design)
-                    modal = before.response.chain.handed_over(modal, turn, chain)
+                    modal = response.chain.handed_over(modal, turn, chain)
             forcing = _past_dead_band(acting.forcing(), chain, acting.bench.sense_path.dead_band_deg_s)
-            self._followed = _Followed(acting, chain.respond(modal, forcing, turn))
+            self._followed = acting, chain.respond(modal, forcing, turn)
         if self._followed is None:
             raise RuntimeError("nothing acts on the chain yet")
-        return self._followed.response
+        return self._followed[1]
 
     def _forget(self, decayed: float) -> None:
         """Leave out forcings that the chain has forgotten by now: it might as well have been at rest."""
@@ -173,18 +165,15 @@ class Course:
             self._followed = None
 
 
-class Answer:
-    """The chain's response to the last noted forcing, worked out when asked for; nobody looks before `from_s`.
+class Answer(Struct):
+    """The chain's response to the last noted forcing, worked out when asked for; nobody looks before `_from_s`.
 
     A meter on a rail, or a picture of the drive, never asks.
     """
 
-    __slots__ = ("_course", "_from_s", "_response")
-
-    def __init__(self, course: Course, from_s: float) -> None:
-        self._course = course
-        self._from_s = from_s
-        self._response: Response | None = None
+    _course: Course
+    _from_s: float
+    _response: Response | None = None
 
     def response(self) -> Response:
         """Return the response, its time from the start of the forcing."""

@@ -91,11 +91,6 @@ def resting(drive_rad_s: float) -> DriveSegment:
 class _Loop:
     """AGC and PLL with their integrators; amplitudes relative to the set one, forces to the one that holds it."""
 
-    __slots__ = (
-        *("_agc", "_agc_integral", "_agc_proportional", "_free_running_rad_s"),
-        *("_natural_rad_s", "_pll_integral", "_pll_proportional_per_s", "_pll_rad_s"),
-    )
-
     def __init__(self, loop: DriveLoop, mode: Resonance) -> None:
         self._natural_rad_s = mode.natural_rad_s
         self._free_running_rad_s = mode.natural_rad_s + 2 * math.pi * loop.pll_free_running_offset_hz

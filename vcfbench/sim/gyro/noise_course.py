@@ -131,16 +131,7 @@ class NoiseCourse:
         self._now_s = stop_s
         if self._chain is None:
             return None, integral_v_s
-        path = NoisePath(
-            self._chain,
-            begun,
-            self._state,
-            integral_v_s=integral_v_s,
-            duration_s=stop_s - begun_s,
-            shaken=shaken,
-            key=key,
-        )
-        return path, integral_v_s
+        return NoisePath(self._chain, begun, self._state, integral_v_s, stop_s - begun_s, key, shaken), integral_v_s
 
     def _at(self, stop_s: float) -> tuple[NoiseState, float, Shaken | None]:
         """Return the noise at `stop_s`, its integral until then, and the part of both made by the table's flutter."""
