@@ -63,31 +63,24 @@ def start_thread(act: Callable[[], object]) -> None:
     _thread.start_new_thread(act, ())
 
 
-class PacedClock:
+class PacedClock(VirtualClock):
     """Simulated time that is shown to a person: each wait also takes wall time, `speed` times shorter.
 
     It gives the same instants as a :class:`VirtualClock`, hence the same results.
     """
 
-    __slots__ = ("_now", "_start", "pace")
+    __slots__ = ("_start", "pace")
 
     def __init__(self, speed: float) -> None:
-        self._now = 0.0
+        super().__init__()
         self.pace = speed
         self._start = time.monotonic()
 
-    def now(self) -> float:
-        """Return the simulated time, s."""
-        return self._now
-
     def sleep_until(self, instant_s: float) -> None:
         """Jump to `instant_s` once the wall clock has come as far."""
-        if instant_s <= self._now:
-            return
-        remaining = self._start + instant_s / self.pace - time.monotonic()
-        if remaining > 0:
-            time.sleep(remaining)
-        self._now = instant_s
+        if instant_s > self.now():
+            time.sleep(max(0.0, self._start + instant_s / self.pace - time.monotonic()))
+            super().sleep_until(instant_s)
 
 
 class Deadline(Struct, frozen=True):

@@ -1,6 +1,5 @@
 """``vcfbench report``: the whole report of a run in one file, or of many."""
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
@@ -13,9 +12,7 @@ from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_certificate, write_report
 from vcfbench.cli.options import Run_, Runs_, flag, key_and_value, option, output_option, tags_of
 from vcfbench.errors import ConfigError
-from vcfbench.files import read_file
-
-_LARGEST_TEMPLATE = 1 << 16
+from vcfbench.files import parse_toml, read_text, shown
 
 
 def report(  # noqa: PLR0917  # options of a command
@@ -46,10 +43,7 @@ def report(  # noqa: PLR0917  # options of a command
         raise ConfigError("--embed: a PDF goes into the one certificate of --dcc")
     said: dict[str, str] = {}
     if template is not None:
-        try:
-            said = tomllib.loads(read_file(template, "a template", _LARGEST_TEMPLATE).decode())
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise ConfigError(f"{template}: expected a template in TOML: {error}") from None
+        said = parse_toml(read_text(template, "a template"), shown(template))
         if other := [key for key, value in said.items() if not isinstance(value, str)]:
             raise ConfigError(f"{template}: expected texts by key, came something else for {', '.join(other)}")
         said |= {"logo": str(template.parent / said["logo"])} if "logo" in said else {}  # which lies beside it

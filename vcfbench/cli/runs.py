@@ -99,29 +99,16 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:
-        members = shown_run.as_json()
         print_json(
             {
-                "run": directory.run,
-                "procedure": record.header.get("procedure"),
-                "status": record.status.value,
+                "revision": shown_run.revision, "amendments": [],
+                **shown_run.as_json(),
                 "damage": record.damage,
-                "bench": record.header.get("bench", {}).get("name"),
-                "seed": record.header.get("seed"),
-                "points": members["points"],
-                "simulated": shown_run.simulated,
                 "started_utc": record.header.get("utc"),
                 "bench_seconds": shown_run.bench_seconds,
                 "physical_minimum_s": shown_run.physical_minimum_s,
-                "results": members["results"],
                 "no_results": shown_run.no_results,
-                "acceptance": members["acceptance"],
                 "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
-                **{key: members[key] for key in ("resumed", "not_checked") if key in members},
-                "metadata": members["metadata"],
-                "revision": shown_run.revision,
-                "amendments": members.get("amendments", []),
-                "equipment": members["equipment"],
                 "errors": [error.get("error") for error in record.errors],
                 "identities": record.header.get("identities", {}),
                 "versions": record.header.get("versions", {}),
