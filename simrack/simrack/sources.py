@@ -71,10 +71,6 @@ class Drive(Struct, frozen=True):
         still_v = sum(each.value_v(0.0) for each in (own, *self.overtones) if not each.frequency_hz)
         return Level(self.dc_v + still_v), *(Tone(each) for each in sounding)
 
-    def with_overtone(self, sine: Sine) -> Drive:
-        """Return it with one more sine."""
-        return replace(self, overtones=(*self.overtones, sine))
-
     def divided(self, share: float) -> Drive:
         """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
         return replace(

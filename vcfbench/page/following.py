@@ -11,6 +11,7 @@ from msgspec import Struct
 
 from vcfbench.files import shown
 from vcfbench.page.view import View
+from vcfbench.reports.names import in_words
 from vcfbench.runs.request import Prepared
 from vcfbench.steps import Note
 from vcfbench.steps.decode import result_of, step_of
@@ -141,13 +142,5 @@ class JournalFollower:
 
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:
     """Return the limits, in words and numbers with their unit."""
-    units = {"deg_s": "deg/s", "deg_s2": "deg/s^2", "v": "V", "a": "A", "c": "degC", "min": "K/min"}
-    rows = []
-    for key, value in limits.items():
-        if isinstance(value, int | float):
-            words, unit = key, ""
-            for ending, symbol in units.items():
-                if key.endswith(f"_{ending}"):
-                    words, unit = key.removesuffix(f"_{ending}").removesuffix("_k"), f" {symbol}"
-            rows.append([words.replace("_", " ").replace("v vc", "V_Vc"), f"{value:g}{unit}"])
-    return rows
+    named = ((*in_words(key), value) for key, value in limits.items() if isinstance(value, int | float))
+    return [[words.replace("v vc", "V_Vc"), f"{value:g} {unit}".rstrip()] for words, unit, value in named]

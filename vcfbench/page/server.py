@@ -80,7 +80,6 @@ class LivePage:
         self._shown, self._server = _content_and_server(runs, devices)
         self._shown.panel, self._shown.token = panel, secrets.token_urlsafe(12)
         self._socket = _bound(port)
-        self._prepared: Prepared | None = None
         self._follower: RunFollower | None = None
         self._thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
 
@@ -92,7 +91,7 @@ class LivePage:
 
     def follow(self, control: RunControl) -> None:
         """Show from now on the run that `control` controls."""
-        self.view, self._prepared, self._follower = View(), None, None
+        self.view, self._follower = View(), None
         self._shown.live, self._shown.control = self.view, control
         control.tell(self.view.hear)
 
@@ -115,12 +114,10 @@ class LivePage:
 
     def begin(self, prepared: Prepared) -> None:
         """Take in the beginning of a run."""
-        self._prepared = prepared
+        self._follower = RunFollower(self.view, prepared)
 
     def handle(self, event: Event) -> None:
         """Pass on an event of the run."""
-        if self._follower is None and self._prepared is not None:
-            self._follower = RunFollower(self.view, self._prepared)
         if self._follower is not None:
             self._follower.handle(event)
 

@@ -31,6 +31,7 @@ _UNITS: Final = {
     "_deg_s": "deg/s",
     "_deg_h": "deg/h",
     "_percent": "%",
+    "_k_min": "K/min",
     "_ppm": "ppm",
     "_deg": "deg",
     "_hz": "Hz",

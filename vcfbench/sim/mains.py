@@ -1,13 +1,11 @@
 """Pick-up of the mains by leads: one sine each, in series with their ends."""
 
-import cmath
 import math
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
-from simrack.components import Component, Tone
-from simrack.sources import Bend, Drive, Piece, Played, Sine
+from simrack.adding import added
+from simrack.sources import Drive, Played, Sine
 
 from vcfbench.sim.parameters import PickUp
 
@@ -37,40 +35,7 @@ class Mains(Struct, frozen=True):
 
     def through_v_vc_lead(self, source: Drive | Played | None) -> Drive | Played | None:
         """Return a generator together with the pick-up of its lead; a lead that leads nowhere brings nothing."""
-        if source is None or self.in_v_vc_lead is None:
+        caught = self.in_v_vc_lead
+        if source is None or caught is None:
             return source
-        if isinstance(source, Drive):
-            return source.with_overtone(self.in_v_vc_lead)
-        return _Overlaid(source, self.in_v_vc_lead)
-
-
-class _Overlaid(Struct, frozen=True):
-    """A source that plays, and a small sine in series; of an input's curvature the sine sees none."""
-
-    source: Played
-    sine: Sine
-
-    @property
-    def source_ohm(self) -> float:
-        """Series resistance, ohm."""
-        return self.source.source_ohm
-
-    def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the open-circuit volts at bench times."""
-        return self.source.at(times_s) + self.sine.at(times_s)
-
-    def piece(self, start_s: float, bend: Bend) -> Piece:
-        """Return the pick-up after the input's non-linearity, from `start_s`."""
-        played, speed = self.source.piece(start_s, bend), math.tau * self.sine.frequency_hz
-        size = -1j * cmath.rect(bend[1] * self.sine.amplitude_v, speed * played.start_s + self.sine.phase_rad)
-        terms = (*played.terms, (size, 1j * speed))
-        return Piece(played.start_s, played.stop_s, played.constant, played.slope_per_s, terms)
-
-    def divided(self, share: float) -> "_Overlaid":
-        """Return the source behind a resistance that leaves `share` of its open voltage (Thevenin)."""
-        sine = Sine(share * self.sine.amplitude_v, self.sine.frequency_hz, self.sine.phase_rad)
-        return _Overlaid(self.source.divided(share), sine)
-
-    def components(self) -> tuple[Component, ...]:
-        """Return its components."""
-        return *self.source.components(), Tone(self.sine)
+        return added(source, Drive(0.0, caught.amplitude_v, caught.frequency_hz, caught.phase_rad))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import random
 import shutil
-import tempfile
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from statistics import fmean, stdev
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 from scipy.stats import binom
@@ -26,8 +25,6 @@ from vcfbench.testing.benches import serve_simulated, simulated
 from vcfbench.validation.check import Check, Found, check, same
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from vcfbench.steps.executor import Event
     from vcfbench.testing.benches import ServedLab
 
@@ -83,12 +80,6 @@ class Calibrations:
             f"{covered}; mean {mean:+.2f}, s {width:.2f}",
             passed=low <= covered <= high and abs(mean) <= off and abs(width - 1.0) <= wide,
         )
-
-
-@contextmanager
-def _folder() -> Iterator[Path]:
-    with tempfile.TemporaryDirectory(prefix="validation-") as name:
-        yield Path(name)
 
 
 def _state(lab: ServedLab) -> str:
@@ -159,7 +150,7 @@ class _StopsAfter:
 
 @check("resumption", "Is a run that was broken off kept, and gone on with?", "docs/records.md")
 def _resumption() -> Found:
-    with _folder() as folder:
+    with TemporaryDirectory(prefix="validation-") as folder:
         control = RunControl()
         try:
             stopping = [_StopsAfter(3, control)]
@@ -177,7 +168,7 @@ def _resumption() -> Found:
 
 @check("seals", "Is a record that was changed by one bit recognised?", "docs/records.md")
 def _seals() -> Found:
-    with _folder() as folder:
+    with TemporaryDirectory(prefix="validation-") as folder:
         record = run("turntable", seed=_SEED, runs=folder, settings=_SHORT).directory
         assert record is not None  # noqa: S101  # it was asked to record
         sound = verify_run(record).verdict
@@ -192,7 +183,7 @@ def _seals() -> Found:
             file.write_bytes(data)
             unseen += verify_run(record).verdict != "FAIL"
             file.write_bytes(whole)
-        cut = folder / "cut"
+        cut = Path(folder) / "cut"
         shutil.copytree(record, cut)
         lines = (cut / "journal.jsonl").read_bytes().splitlines(keepends=True)
         (cut / "journal.jsonl").write_bytes(b"".join(lines[:-1]))
