@@ -40,7 +40,7 @@ from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
-from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels, ready_meters, take_level
+from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, block, invalid_match_rates, nulled
@@ -419,7 +419,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
 @framed(powered, watched)
 def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""
-    yield from ready_meters(settings)
+    yield from v_vc.ready_v_vc_meter(settings, settings.v_vc_range_v)
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     found = yield from nulled(
         settings,
@@ -427,7 +427,7 @@ def k_vc(settings: KVcSettings) -> Plan:
             magnitudes_deg_s=settings.magnitudes_deg_s,
             cycles=settings.cycles,
             iterations=settings.match_iterations,
-            take=partial(take_level, settings, table_deg_s=0.0),
+            take=partial(v_vc.take_driven, settings, table_deg_s=0.0),
             table=TABLE,
             search=SEARCH,
             driven=DRIVEN,

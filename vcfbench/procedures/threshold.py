@@ -150,7 +150,7 @@ def threshold(settings: ThresholdSettings) -> steps.Plan:
     by_v_vc, sizes = settings.by is ScaleFactorBy.V_VC, settings.sizes_deg_s
     rest_v, at, used = 0.0, 0.0, set[float]()
     if by_v_vc:
-        yield from v_vc.ready_meters(settings)
+        yield from v_vc.ready_v_vc_meter(settings, settings.v_vc_range_v)
         rest_v = yield from _level_of_rest(settings)
     blocks, taken = settings.cycles, 0
     while taken < blocks:
@@ -177,7 +177,7 @@ def _window(
     """Go to a rate of the table, or to the V_Vc that stands for it, and take a window."""
     if settings.by is ScaleFactorBy.V_VC:
         set_v = yield from routines.set_v_vc(settings, rest_v + rate_deg_s / settings.k_vc)
-        return (yield from v_vc.take_level(settings, step, rate_deg_s=rate_deg_s, v_vc_v=set_v, table_deg_s=None))
+        return (yield from v_vc.take_driven(settings, step, rate_deg_s=rate_deg_s, v_vc_v=set_v, table_deg_s=None))
     if rate_deg_s != previous_deg_s:
         yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
     return (yield from routines.take(settings, step, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s))

@@ -14,13 +14,13 @@ from vcfbench.procedures.online.results import online_report, online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.v_vc import ready_meters
+from vcfbench.procedures.shared.known.v_vc import ready_v_vc_meter
 from vcfbench.steps.step import Routine
 
 
 def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
     yield from routines.look_at_drive(settings)
-    yield from ready_meters(settings)
+    yield from ready_v_vc_meter(settings, settings.v_vc_range_v)
     return (yield from work)
 
 

@@ -12,7 +12,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
-from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_meters, take_level
+from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
@@ -23,7 +23,7 @@ from vcfbench.steps.step import Routine
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     """Calibrate by V_Vc alone."""
     yield from look_at_drive(settings)
-    yield from ready_meters(settings)
+    yield from ready_v_vc_meter(settings, settings.v_vc_range_v)
     curve, levels_v = settings.known.k_vc, {0.0: 0.0}
     for rate_deg_s in settings.magnitudes_deg_s:
         levels_v |= {signed: level_for(curve, signed, settings.rates_key) for signed in (rate_deg_s, -rate_deg_s)}
@@ -37,7 +37,7 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
                 level_v = levels_v[signed]
                 if level_v != previous_v:  # from then on the level is that which was read back
                     levels_v[signed] = level_v = yield from set_v_vc(settings, level_v)
-                yield from take_level(settings, results.DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
+                yield from take_driven(settings, results.DRIVEN, rate_deg_s=signed, v_vc_v=level_v, table_deg_s=None)
                 previous_v = level_v
             yield DisableVvc()
     yield from _at_rest(settings)

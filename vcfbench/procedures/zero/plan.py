@@ -131,17 +131,7 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
-def _warm(settings: ZeroSettings, work: steps.Plan) -> steps.Plan:
-    """Do `work` with the PCB powered and warm, and the drive looked at."""
-    yield steps.Note("Start-up")
-    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield from routines.source_off(settings)
-    yield from routines.rails_on(settings, settings.start_up_s)
-    yield from routines.look_at_drive(settings)
-    return (yield from work)
-
-
-@routines.framed(routines.off_afterwards, _warm, routines.held_at_rest)
+@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
 def zero(settings: ZeroSettings) -> steps.Plan:
     """Record the output at rest: V_Vc off, the table (where there is one) held still under servo."""
     yield steps.Note(f"The output at rest for {settings.duration_s:g} s")

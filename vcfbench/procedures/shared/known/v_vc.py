@@ -42,14 +42,15 @@ _OVER_RANGE = 1.2
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:
-    """Tell whether the bench has a meter of its own on V_Vc."""
-    return "v_vc_meter" in settings.station.instruments
+    """Tell whether V_Vc is measured beside the output, by a meter of its own."""
+    believed = isinstance(settings, KnownVvcSettings) and settings.v_vc is VvcKnown.SET
+    return "v_vc_meter" in settings.station.instruments and not believed
 
 
 def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[None]:
-    """Set up the meter on V_Vc, where the bench has one."""
+    """Set up the meter on V_Vc, where there is one."""
     if has_v_vc_meter(settings):
-        yield ConfigureVvcMeter(range_v, float(settings.nplc))
+        yield ConfigureVvcMeter(float(range_v), float(settings.nplc))
 
 
 def take_driven(
@@ -164,7 +165,7 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
         """The role of the meter that measures V_Vc, None where the setting is believed."""
         if self.v_vc is VvcKnown.SET:
             return None
-        return "v_vc_meter" if "v_vc_meter" in self.station.instruments else "multimeter"
+        return "v_vc_meter" if has_v_vc_meter(self) else "multimeter"
 
     def beyond_range(self, v_vc_v: float, rate_deg_s: float) -> Iterator[InvalidValue]:
         """Yield the range of the meter on V_Vc, where V_Vc is measured and is beyond it at the rate."""
@@ -251,20 +252,6 @@ def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, 
 def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
     """Return how far V_Vc may be off: by the meter that measured it, or by the generator that it was set on."""
     return meter_error(settings, settings.v_vc_role or "rate_source")
-
-
-def ready_meters(settings: KnownVvcSettings) -> Routine[None]:
-    """Set up the meter on V_Vc, where the bench has one of its own."""
-    if settings.v_vc_role == "v_vc_meter":
-        yield from ready_v_vc_meter(settings, float(settings.v_vc_range_v))
-
-
-def take_level(
-    settings: KnownVvcSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None
-) -> Routine[Point]:
-    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that."""
-    taken = take_driven if settings.v_vc_role == "v_vc_meter" else take
-    return (yield from taken(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=table_deg_s))
 
 
 def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
