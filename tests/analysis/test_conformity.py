@@ -4,10 +4,8 @@ import math
 
 import pytest
 
-from vcfbench.analysis.conformity import Conformity, conformity, e_n
+from vcfbench.analysis.conformity import conformity, e_n
 from vcfbench.errors import ConfigError
-
-PASS, MARGINAL, FAIL = Conformity.PASS, Conformity.MARGINAL, Conformity.FAIL
 
 
 def test_e_n_of_the_papers_two_columns() -> None:
@@ -19,30 +17,30 @@ def test_e_n_of_the_papers_two_columns() -> None:
 @pytest.mark.parametrize(
     ("value", "expanded_u", "expected"),
     [
-        (8.0, 1.0, PASS),
-        (9.0, 1.0, PASS),
-        (9.01, 1.0, MARGINAL),
-        (10.99, 1.0, MARGINAL),
-        (11.01, 1.0, FAIL),
-        (-9.01, 1.0, MARGINAL),
-        (-11.01, 1.0, FAIL),
-        (9.99, 0.0, PASS),
-        (10.01, 0.0, FAIL),
-        (9.6, 0.5, MARGINAL),
-        (9.4, 0.5, PASS),
+        (8.0, 1.0, "pass"),
+        (9.0, 1.0, "pass"),
+        (9.01, 1.0, "marginal"),
+        (10.99, 1.0, "marginal"),
+        (11.01, 1.0, "fail"),
+        (-9.01, 1.0, "marginal"),
+        (-11.01, 1.0, "fail"),
+        (9.99, 0.0, "pass"),
+        (10.01, 0.0, "fail"),
+        (9.6, 0.5, "marginal"),
+        (9.4, 0.5, "pass"),
     ],
 )
-def test_guard_bands(value: float, expanded_u: float, expected: Conformity) -> None:
-    assert conformity(value, expanded_u, -10.0, 10.0) is expected
+def test_guard_bands(value: float, expanded_u: float, expected: str) -> None:
+    assert conformity(value, expanded_u, -10.0, 10.0) == expected
 
 
 def test_one_limit_alone() -> None:
-    assert conformity(-1e9, 1.0, -math.inf, 10.0) is PASS
-    assert conformity(1e9, 1.0, 10.0, math.inf) is PASS
+    assert conformity(-1e9, 1.0, -math.inf, 10.0) == "pass"
+    assert conformity(1e9, 1.0, 10.0, math.inf) == "pass"
 
 
 def test_a_tolerance_narrower_than_the_uncertainty_never_passes() -> None:
-    assert conformity(0.0, 2.0, -1.0, 1.0) is MARGINAL
+    assert conformity(0.0, 2.0, -1.0, 1.0) == "marginal"
 
 
 def test_what_cannot_be_judged_is_refused() -> None:

@@ -10,7 +10,7 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench import steps
-from vcfbench.analysis.rate_limit import Line, limit_of
+from vcfbench.analysis.input_limits import Line, limit_of
 from vcfbench.procedures.rate_limits import RATE_LIMITS
 from vcfbench.sim.simulation import true_output
 from vcfbench.testing import simulated

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import curve_fit
 
 import vcfbench
-from vcfbench.analysis.dead_band import fit_dead_band
+from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.threshold import ThresholdResult
 from vcfbench.testing import simulated

@@ -1,20 +1,9 @@
 """Agreement of results with each other and with a limit: E_n (ISO 13528) and guard bands (JCGM 106, ILAC-G8)."""
 
 import math
-from enum import Enum
+from typing import Literal
 
 from vcfbench.errors import ConfigError
-
-
-class Conformity(Enum):
-    """Conformity with a limit, given the uncertainty."""
-
-    PASS = "pass"  # noqa: S105 - a verdict
-    """Within the limits, with the guard band to spare."""
-    MARGINAL = "marginal"
-    """Nearer to a limit than the guard band, on either side of it."""
-    FAIL = "fail"
-    """Beyond a limit by more than the guard band."""
 
 
 def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second: float) -> float:
@@ -31,10 +20,10 @@ def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second:
     return abs(difference) / expanded_u
 
 
-def conformity(value: float, expanded_u: float, low: float, high: float) -> Conformity:
+def conformity(value: float, expanded_u: float, low: float, high: float) -> Literal["pass", "marginal", "fail"]:
     """Judge a value against limits with its expanded uncertainty as guard band.
 
-    With 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple acceptance),
+    ``marginal`` is what is nearer to a limit than the guard band, on either side of it. With 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple acceptance),
     and nothing is marginal.
 
     Raises:
@@ -45,6 +34,5 @@ def conformity(value: float, expanded_u: float, low: float, high: float) -> Conf
     if not math.isfinite(value):
         raise ConfigError(f"no verdict on {value}")
     if value < low - expanded_u or value > high + expanded_u:
-        return Conformity.FAIL
-    inside = low + expanded_u <= value <= high - expanded_u
-    return Conformity.PASS if inside else Conformity.MARGINAL
+        return "fail"
+    return "pass" if low + expanded_u <= value <= high - expanded_u else "marginal"

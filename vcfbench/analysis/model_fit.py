@@ -70,12 +70,7 @@ def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats
     """
     found, left = start, scaled(start)
     for _ in range(_ROUNDS):
-        columns = []  # derivatives of the residuals by central differences
-        for place in range(found.size):
-            step = np.zeros_like(found)
-            step[place] = 1e-6 * max(1.0, abs(float(found[place])))
-            columns.append((scaled(found + step) - scaled(found - step)) / (2.0 * step[place]))
-        slopes = np.column_stack(columns)
+        slopes = derivatives(scaled, found, 1e-6 * np.maximum(1.0, np.abs(found)))
         step, _, _, sizes = np.linalg.lstsq(slopes, -left, rcond=None)
         if not sizes[-1] > _DETERMINED * sizes[0]:
             return None
@@ -116,10 +111,15 @@ def not_negative(design: Floats, values: Floats) -> Floats:
 
 def propagated(value: Callable[[Floats], float], fit: ModelFit) -> float:
     """Return the standard uncertainty of a function of the parameters, by central differences of a tenth of theirs."""
-    gradient = np.zeros(fit.parameters.size)
-    for place, u in enumerate(np.sqrt(np.diag(fit.covariance))):
-        step = np.zeros_like(gradient)
-        step[place] = 0.1 * u
-        if u > 0.0:
-            gradient[place] = (value(fit.parameters + step) - value(fit.parameters - step)) / (0.2 * u)
+    gradient = derivatives(value, fit.parameters, 0.1 * np.sqrt(np.diag(fit.covariance)))
     return float(np.sqrt(gradient @ fit.covariance @ gradient))
+
+
+def derivatives(of: Callable[[Floats], Floats | float], at: Floats, steps: Floats) -> Floats:
+    """Return the derivatives of values by inputs, (values, inputs), or (inputs,) of one value: central differences.
+
+    An input whose step is 0 counts as a constant.
+    """
+    moved = np.diag(steps)
+    ends = [(of(at + step), of(at - step)) for step in moved]
+    return np.stack([(up - down) / (2.0 * size or 1.0) for (up, down), size in zip(ends, steps, strict=True)], axis=-1)

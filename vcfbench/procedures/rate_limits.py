@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.analysis.rate_limit import Limit, Line, limit_of
+from vcfbench.analysis.input_limits import Limit, Line, limit_of
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED, Block
-from vcfbench.analysis.dead_band import DeadBand, fit_dead_band
+from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.catalogue import BUILT_IN

@@ -37,7 +37,7 @@ class Verdict(Struct, frozen=True):
             return "not measured"
         if self.value is None:
             return "fail"
-        return conformity(self.value, self.u95 or 0.0, self.low, self.high).value
+        return conformity(self.value, self.u95 or 0.0, self.low, self.high)
 
     def as_json(self) -> dict[str, Any]:
         """Return limit, value and verdict, and the guard band where there is one."""

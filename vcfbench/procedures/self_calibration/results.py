@@ -6,7 +6,7 @@ share has the same effect on both, so it cancels in their difference; a part say
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.column import CalibrationColumn
+from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
@@ -326,10 +327,10 @@ def _parts(
 ) -> list[list[UncertaintyPart]]:
     """Return the contributions to each of the three estimates."""
     v, y = seen.v_vc_v, seen.output_v
-    by_output = _jacobian(lambda at: seen.estimates(k, v, at), y, np.full(y.size, 1e-4 * np.abs(y).max()))
-    by_v = _jacobian(lambda at: seen.estimates(k, at, y), v, np.full(v.size, 1e-5 * np.abs(v).max()))
+    by_output = derivatives(lambda at: seen.estimates(k, v, at), y, np.full(y.size, 1e-4 * np.abs(y).max()))
+    by_v = derivatives(lambda at: seen.estimates(k, at, y), v, np.full(v.size, 1e-5 * np.abs(v).max()))
     sizes = 1e-5 * abs(k[1]) * np.abs(v).max() ** (1.0 - np.arange(k.size))
-    by_k = _jacobian(lambda at: seen.estimates(at, v, y), k, sizes)
+    by_k = derivatives(lambda at: seen.estimates(at, v, y), k, sizes)
     meter, error = v_vc.meter_error(settings, "multimeter"), v_vc.v_vc_error(settings)
     values = seen.estimates(k, v, y)
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
@@ -340,7 +341,7 @@ def _parts(
     ]
     if seen.output_orders is not None:
         orders = seen.output_orders
-        by_orders = _jacobian(
+        by_orders = derivatives(
             lambda at: replace(seen, output_orders=at).estimates(k, v, y), orders, 1e-2 * np.abs(orders)
         )
         u_orders = shape.OUTPUT_LIMIT / math.sqrt(3.0) * orders
@@ -366,16 +367,6 @@ def _parts(
                 name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, math.sqrt(covariance[place, place])
                 of_value.append(UncertaintyPart(f"{name}, {where}", u, None, error.owner, rectangular=True))
     return parts
-
-
-def _jacobian(of: Callable[[Floats], Floats], at: Floats, sizes: Floats) -> Floats:
-    """Return the derivatives of each estimate by each input, by central differences."""
-    columns = []
-    for place, size in enumerate(sizes):
-        step = np.zeros(at.size)
-        step[place] = size
-        columns.append((of(at + step) - of(at - step)) / (2.0 * size))
-    return np.stack(columns, axis=1)
 
 
 def _u_of(by: Floats, covariance: Floats) -> Floats:
