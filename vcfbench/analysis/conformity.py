@@ -23,8 +23,8 @@ def e_n(first: float, expanded_u_first: float, second: float, expanded_u_second:
 def conformity(value: float, expanded_u: float, low: float, high: float) -> Literal["pass", "marginal", "fail"]:
     """Judge a value against limits with its expanded uncertainty as guard band.
 
-    ``marginal`` is what is nearer to a limit than the guard band, on either side of it. With 95 % a value passes that conforms with at least 97.5 %; with 0 the uncertainty is ignored (simple acceptance),
-    and nothing is marginal.
+    What is nearer to a limit than that, on either side of it, is marginal. With 95 % a value passes that conforms with
+    at least 97.5 %; with 0 the uncertainty is ignored (simple acceptance), and nothing is marginal.
 
     Raises:
         ConfigError: a lower limit above the upper one, or an uncertainty that is negative or not finite.

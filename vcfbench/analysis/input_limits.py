@@ -1,4 +1,4 @@
-"""Limits of the input: the dead band, in which an output shows nothing, and where it stops to follow a straight line."""
+"""Limits of the input: the dead band, in which the output shows nothing, and where it stops to follow a line."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -18,11 +18,13 @@ from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.errors import MeasurementError
+from vcfbench.files import shown
 from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known import v_vc
+from vcfbench.procedures.shared.known.device import require_valid
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand, quantity_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
@@ -68,11 +70,7 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
         if self.k_vc_deg_s_per_v is not None or entry is None:
             return settings
         record = cast("Certificate", entry.record)
-        if not (record.valid_at(utc_now()) or self.outdated):
-            raise ConfigError(
-                f"certificate {entry.name} of {self.dut} is not valid now",
-                hint="calibrate K_Vc anew (vcfbench run kvc); --set outdated=true takes it all the same",
-            )
+        require_valid(record, shown(entry.path), utc_now(), outdated=self.outdated)
         u = math.sqrt(record.k_vc.covariance[1][1])
         return replace(settings, k_vc_deg_s_per_v=record.k_vc.coefficients[1], k_vc_u_deg_s_per_v=u)
 

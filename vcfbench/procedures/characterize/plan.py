@@ -82,7 +82,6 @@ PARTS = (
     CertificatePart(
         "vibration",
         lambda own: f"{len(own.vibration_hz)} virtual vibrations of {own.vibration_amplitude_v:g} V, at rest",
-        roles=("vibration_source",),
     ),
     CertificatePart("zero", lambda own: f"at rest, {own.duration_s:g} s", {"duration_s": 600.0}),
     CertificatePart(

@@ -14,8 +14,8 @@ from vcfbench.analysis.tails import t_of_largest
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
+from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.known.v_vc import generator_sheet, meter_error
 from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
@@ -198,7 +198,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     volts = mean if table else scale.value
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
-    offset = _at_all(settings, "offset of the multimeter", meter_error(settings, "multimeter").u_offset_v / abs(volts))
+    u_zero = v_vc.meter_error(settings, "multimeter").u_offset_v / abs(volts)
+    offset = _at_all(settings, "offset of the multimeter", u_zero)
     bias = _found(settings, seen, biases, [*_of_bias(settings, seen, u_bias, noise), offset], ("deg/s", "deg/s", 1.0))
     frequency = _of_frequency(settings, seen)
     splits = [each.split_hz for each in seen if each.split_hz is not None]
@@ -270,14 +271,12 @@ def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]
 
     By V_Vc as it is set both signs are of one range of the generator. By the table its rate and the angle count.
     """
-    known = settings.station.sources
-    relative = {"gain of the multimeter": meter_error(settings, "multimeter").u_gain}
+    relative = {"gain of the multimeter": v_vc.meter_error(settings, "multimeter").u_gain}
     if settings.by.value == "table":
-        relative["rate of the table"] = (known.table_rate or 0.0) / math.sqrt(3.0)
-        angle = math.radians(known.misalignment_deg or 0.0)
-        relative["angle to the table's axis"] = (1.0 - math.cos(angle)) / math.sqrt(3.0)
+        relative["rate of the table"] = v_vc.table_rate_error(settings)
+        relative["angle to the table's axis"] = v_vc.alignment_error(settings)
     else:
-        relative["V_Vc: gain of the generator"] = generator_sheet(settings).setting / math.sqrt(3.0)
+        relative["V_Vc: gain of the generator"] = v_vc.generator_sheet(settings).setting / math.sqrt(3.0)
     return [_at_all(settings, source, u * abs(slope)) for source, u in relative.items()]
 
 

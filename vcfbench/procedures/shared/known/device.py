@@ -147,7 +147,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         elif self.dut is not None:
             found = self.store.certificate(self.dut)
             record = cast("devices.Certificate", found.record)
-            _require_valid(record, shown(found.path), self, now)
+            require_valid(record, shown(found.path), now, outdated=self.outdated)
             known = _of_certificate(record, found.name, entries, now)
         else:
             raise ConfigError(
@@ -197,7 +197,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         record = devices.read_entry(Path(given))
         if not isinstance(record, devices.Certificate):
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
-        _require_valid(record, shown(given), settings, now)
+        require_valid(record, shown(given), now, outdated=settings.outdated)
         if (own := devices.last_certificate(entries)) is not None and own.record == record:
             return _of_certificate(record, own.name, entries, now)
         name = f"of {record.serial}, {shown(given)}"
@@ -228,8 +228,9 @@ def _with_history(known: KnownDevice, entries: tuple[devices.Entry, ...]) -> Kno
     )
 
 
-def _require_valid(record: devices.Certificate, where: str, settings: KnownDeviceSettings, now: datetime) -> None:
-    if record.valid_at(now) or settings.outdated:
+def require_valid(record: devices.Certificate, where: str, now: datetime, *, outdated: bool) -> None:
+    """See that a certificate is valid `now`, unless an `outdated` one may be used; ConfigError: it is not."""
+    if record.valid_at(now) or outdated:
         return
     until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
     raise ConfigError(

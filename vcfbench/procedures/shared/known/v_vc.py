@@ -211,12 +211,12 @@ def known_words(settings: KnownVvcSettings, *keys: str) -> list[str]:
 _OF_WARM_UP = ("warm_up_k", "warm_up_time_s", "scale_factor_ppm_k")
 
 
-def alignment_error(settings: KnownVvcSettings) -> float:
+def alignment_error(settings: ProcedureSettings) -> float:
     """Return the error by the angle between the gyroscope's axis and the table's, a relative standard uncertainty."""
     return (1.0 - math.cos(math.radians(settings.station.sources.misalignment_deg or 0.0))) / math.sqrt(3.0)
 
 
-def table_rate_error(settings: KnownVvcSettings) -> float:
+def table_rate_error(settings: ProcedureSettings) -> float:
     """Return the relative standard uncertainty of the table's rate."""
     return (settings.station.sources.table_rate or 0.0) / math.sqrt(3.0)
 
