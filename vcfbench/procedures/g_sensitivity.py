@@ -139,12 +139,9 @@ def results(settings: GSensitivitySettings, measured: Measured) -> GSensitivityR
             "other axes": len(per_g) < 3,
         }
         missing = [name for name, lacking in lacks.items() if lacking]
-        in_g[axis] = measurand(value, "(deg/s)/g", parts, missing)
-        in_si[axis] = measurand(
-            value / STANDARD_GRAVITY_M_S2,
-            "(deg/s)/(m/s^2)",
-            [replace(part, u=part.u / STANDARD_GRAVITY_M_S2) for part in parts],
-            missing,
+        in_g[axis], in_si[axis] = (
+            measurand(value / per, f"(deg/s)/{unit}", [replace(part, u=part.u / per) for part in parts], missing)
+            for unit, per in (("g", 1.0), ("(m/s^2)", STANDARD_GRAVITY_M_S2))
         )
     return GSensitivityResult(in_g, in_si, biases, gravity_m_s2, gravity_from, scale.value, scale.source)
 

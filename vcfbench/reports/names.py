@@ -1,5 +1,6 @@
 """Names of results and settings in words, with the unit in which people read them; programs keep their own names."""
 
+import re
 from typing import Final, NamedTuple
 
 
@@ -35,6 +36,7 @@ _UNITS: Final = {
     "_ppm": "ppm",
     "_deg": "deg",
     "_hz": "Hz",
+    "_ms": "ms",
     "_c": "degC",
     "_v": "V",
     "_a": "A",
@@ -42,7 +44,15 @@ _UNITS: Final = {
     "_h": "h",
     "_k": "K",
 }
-_SIGNS: Final = {"k vc": "K_Vc", "v vc": "V_Vc", "nplc": "integration time, mains cycles", "q": "Q"}
+_SIGNS: Final = {
+    "k vc": "K_Vc",
+    "v vc": "V_Vc",
+    "q": "Q",
+    "e n": "E_n",
+    "plus 3 db": "+3 dB",
+    "minus 3 db": "-3 dB",
+    "nplc": "integration time, mains cycles",
+}
 
 
 def named(name: str, unit: str = "") -> Named:
@@ -66,5 +76,5 @@ def in_words(key: str) -> tuple[str, str]:
     end = next((each for each in _UNITS if key.endswith(each) and len(key) > len(each)), "")
     words = key.removesuffix(end).replace("_", " ").replace(".", ", ")
     for short, sign in _SIGNS.items():
-        words = sign if words == short else words.replace(f"{short} ", f"{sign} ") if words.startswith(short) else words
+        words = re.sub(rf"\b{short}\b", sign, words)
     return words, _UNITS.get(end, "")

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from types import MappingProxyType
 from typing import Any
 
 from msgspec import Struct
@@ -10,14 +9,8 @@ from msgspec import Struct
 from vcfbench.records.plain import field_names
 from vcfbench.reports.digits import stated_cells
 from vcfbench.reports.document import Report, Table, Text, heads
+from vcfbench.reports.names import in_words
 
-_UNITS = (
-    *(("_v_per_deg_s", "V/(deg/s)"), ("_deg_s_per_v", "(deg/s)/V"), ("_deg_sqrt_h", "deg/sqrt(h)")),
-    *(("_deg_h", "deg/h"), ("_deg_s", "deg/s"), ("_percent", "%"), ("_ppm", "ppm"), ("_ms", "ms"), ("_deg", "deg")),
-    *(("_hz", "Hz"), ("_v", "V"), ("_s", "s")),
-)
-"""Ends of names and the unit that they tell, the longest first."""
-_SYMBOLS = MappingProxyType({"k_vc": "K_Vc", "e_n": "E_n", "q": "Q", "plus_3_db": "+3 dB", "minus_3_db": "-3 dB"})
 _SAME = 1e-5
 """Two values so close, relative, are one that is told twice."""
 
@@ -77,16 +70,8 @@ def _quantities(results: Any) -> Iterator[tuple[str, Any]]:
 
 def _words_and_unit(name: str) -> tuple[str, str]:
     """Return a field's name in words, and the unit that its end tells."""
-    for end, unit in _UNITS:
-        if name.endswith(end) and name.removesuffix(end):
-            return _words(name.removesuffix(end)), unit
-    return _words(name), ""
-
-
-def _words(name: str) -> str:
-    if name in _SYMBOLS:
-        return _SYMBOLS[name]
-    return name.replace("k_vc", "K_Vc").replace(".", ": ").replace("_", " ").replace(" q", " Q").replace("K Vc", "K_Vc")
+    parts = [in_words(each) for each in name.split(".")]
+    return ": ".join(words for words, _ in parts), parts[-1][1]
 
 
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
@@ -94,10 +79,7 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
     columns = heads("<quantity | value:.7g | U95:.2g | u:.2g | <unit | <conditions | <procedure")
     table: list[Any] = []
     for row in rows:
-        found: tuple[Any, Any, Any] = row.value, row.u, row.u95
-        if row.u is not None and row.u95 is not None:
-            found = stated_cells(row.value, row.u, row.u95)
-        value, u, u95 = found
+        value, u, u95 = _cells(row)
         table.append((row.quantity, value, u95, u, row.unit, row.conditions, row.procedure))
     said = [
         f"all: {common}, one session",
@@ -163,7 +145,9 @@ def _row_of(rows: Sequence[SheetRow], quantity: str, unit: str) -> SheetRow | No
 
 
 def _cells(row: SheetRow) -> tuple[Any, Any, Any]:
-    return stated_cells(row.value, row.u, row.u95) if row.u and row.u95 else (row.value, row.u, row.u95)
+    if row.u is None or row.u95 is None:
+        return row.value, row.u, row.u95
+    return stated_cells(row.value, row.u, row.u95)
 
 
 _SHEET = (
