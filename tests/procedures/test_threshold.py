@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from scipy.optimize import curve_fit
 
 import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.threshold import ThresholdResult
+from vcfbench.records.devices import DeviceStore
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
@@ -111,6 +113,12 @@ def test_k_vc_is_that_of_the_certificate(tmp_path: Path) -> None:
     assert settings["k_vc_deg_s_per_v"] == pytest.approx(kvc.k_vc.value, rel=1e-9)
     assert settings["k_vc_u_deg_s_per_v"] == pytest.approx(kvc.k_vc.u, rel=1e-6)
     assert not found.results.dead_band.deg_s.missing
+    store = DeviceStore(tmp_path / "devices")
+    known = store.certificate("G1").record
+    store.add(structs.replace(known, valid_until=known.issued))  # type: ignore[union-attr]
+    with pytest.raises(ConfigError, match=r"0002\.json: the certificate is valid from .* not now"):
+        vcfbench.dry_run("threshold", "lab", settings=named)
+    assert vcfbench.dry_run("threshold", "lab", settings={**named, "outdated": True}).steps
 
 
 def test_a_dead_band_wider_than_the_steps_is_told() -> None:
