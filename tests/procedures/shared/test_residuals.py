@@ -114,6 +114,20 @@ def test_asymmetry_is_that_of_the_column_with_the_u_of_its_outputs() -> None:
     assert stated.u == pytest.approx(np.std([asym(each) for each in drawn]), rel=0.04)  # 3.6 of its own u
 
 
+def test_the_warm_up_in_the_asymmetry_is_what_a_gyroscope_that_warms_through_the_run_shows() -> None:
+    known = Sources(scale_factor_ppm_k=50.0, bias_deg_h_k=0.0, warm_up_k=10.0, warm_up_time_s=300.0)
+    asked, rate = settings(known), np.array(RATES)
+    window_s = asked.samples * asked.sample_interval_s + asked.settle_s
+    ramp_s = np.abs(np.diff(rate, prepend=rate[0])) / asked.acceleration_deg_s2
+    away_k = 10.0 * np.exp(-(asked.start_up_s + np.cumsum(window_s + ramp_s)) / 300.0)
+    cold = K * rate * (1.0 + 50e-6 * away_k)
+    shown = nonlinearity_ppm(rate, cold, fit_line(rate, cold))["asym"]
+    stated = turntable_statement(asked, points_of(cold)).value("asymmetry")
+    (warm_up,) = (each for each in stated.contributions if each.source == "warm-up")
+    assert shown is not None
+    assert warm_up.u == pytest.approx(abs(shown), rel=1e-3)
+
+
 def test_asymmetry_needs_two_rates_on_either_side() -> None:
     one_sided = [each for each in points_of(curved(0.0, 0.0)) if each.rate_deg_s >= 0.0]
     stated = turntable_statement(settings(Sources()), one_sided)

@@ -1,5 +1,6 @@
 """A least-squares line of outputs against rates, and the sources of its errors: readings, meter, table, Earth."""
 
+import math
 from collections.abc import Mapping
 from typing import Any, Self
 
@@ -70,7 +71,7 @@ class Asymmetry(Struct, frozen=True):
     of_outputs: Floats
     """Change by each output of the line, ppm/V."""
     ppm_per_k: float
-    """Largest change by a kelvin that the gyroscope is away from warm when its first window begins, ppm/K."""
+    """Change by a kelvin that the gyroscope may be away from warm when its first window begins, ppm/K."""
 
     @classmethod
     def of(cls, settings: ProcedureSettings, line: Line) -> Self | None:
@@ -94,7 +95,9 @@ class Asymmetry(Struct, frozen=True):
         if "warm_up_time_s" in known.assumed:  # whatever falls from 1 to 0 is made of steps
             moved = sum(float(np.abs(np.cumsum(each)).max()) for each in (by_factor, by_bias))
         else:
-            moved = sum(abs(float(each @ np.exp(-at_s / known.warm_up_time_s))) for each in (by_factor, by_bias))
+            # all of it happens, and only its sign is not known: so its u is the whole, not a rectangle's share
+            left = np.exp(-at_s / known.warm_up_time_s)
+            moved = math.sqrt(3.0) * sum(abs(float(each @ left)) for each in (by_factor, by_bias))
         return cls(2e6 * share, np.asarray(of_outputs), moved)
 
     def value(self, q: Mapping[str, Any]) -> Any:
