@@ -100,7 +100,7 @@ def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Pat
     assert math.isclose(first["drift_ppm"], 1e6 * change, rel_tol=1e-6, abs_tol=1e-6)
     assert first["e_n"] > 0.0
     assert second["drift_ppm"] is None
-    still = structs.replace(sheet_rows("b7", folder / "runs")[0], drift_ppm=-0.3, e_n=0.0)
+    still = structs.replace(sheet_rows("b7", folder / "runs")[0], drift_ppm=-0.3, u_drift_ppm=None, e_n=0.0)
     assert "   0 (0.00)" in text_of(batch_sheet("b7", [still]))
 
 
@@ -129,7 +129,30 @@ def test_a_device_that_cannot_be_measured_does_not_end_the_batch(
     code = _with_error(folder, monkeypatch, MeasurementError("the meter does not answer"))
     assert code == MeasurementError.exit_code
     assert [each.dut for each in summaries(folder)] == ["G-2"]
-    assert "G-1: turntable: the meter does not answer; the batch goes on" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "G-1: turntable: the meter does not answer; the batch goes on" in said.err
+    assert "Yield: 1 of 2 devices (50 %); not good: G-1." in said.out
+    assert "not measured" in said.out
+    assert "G-1, turntable: turntable: the meter does not answer" in said.out
+
+
+def test_devices_that_nobody_has_tried_yet_are_named_and_not_counted(folder: Path) -> None:
+    asked = read_batch(folder / "plan.toml")
+    first, second = asked.rows(folder / "runs", {"G-1": "it does not answer"})
+    text = text_of(batch_sheet("b7", [first, second]))
+    assert "Yield: 0 of 1 devices" in text
+    assert "Not measured yet: G-2." in text
+    assert "No device has been measured yet." in text_of(batch_sheet("b7", [second]))
+
+
+def test_an_incomplete_u95_is_marked_and_the_drift_has_its_own(folder: Path) -> None:
+    batch(folder)
+    (first, _) = sheet_rows("b7", folder / "runs")
+    row = structs.replace(first, missing=("temperature",), drift_ppm=5371.2, u_drift_ppm=1413.0, e_n=1.9)
+    text = text_of(batch_sheet("b7", [row]), 120)
+    assert "* U95 is incomplete: without temperature." in text
+    assert "+5371 ± 2826 (1.90)" in text
+    assert f"{1e6 * first.u95_scale_factor_v_per_deg_s / abs(first.scale_factor_v_per_deg_s):.0f}*" in text
 
 
 def test_a_bench_that_is_not_safe_ends_the_batch(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ from vcfbench.station.acceptance import INCOMPLETE
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
-    "drift of the scale factor since the device's last complete run of the procedure in ppm."
+    "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u."
 )
 _COLUMNS: Final = (
     *(Column("scale factor"), Column("U95", "", ".0f"), Column("bias"), Column("non-lin.", "", ".0f")),
@@ -35,10 +35,11 @@ _COLUMNS: Final = (
 class SheetRow(Struct, frozen=True, kw_only=True):
     """One run of a device on the sheet; values are None where the run has no such result.
 
-    `verdict` is that on the acceptance limits, None where nothing was judged; `incomplete_u95`: a guard band of it
-    lacks something. `drift_ppm` is the change of the scale factor since the last complete run of the same device and
-    procedure (on a batch sheet, outside of the batch), `e_n` its normalised error. `why_none` says why there are no
-    results.
+    `verdict` is that on the acceptance limits, None where nothing was judged; `missing` is what U95 of a value or the
+    guard band of a limit is incomplete without. `drift_ppm` is the change of the scale factor since the last complete
+    run of the same device and procedure (on a batch sheet, outside of the batch), `u_drift_ppm` its standard
+    uncertainty, `e_n` its normalised error. `why_none` says why there are no results; `run` is empty of a device that
+    has no record.
     """
 
     device: str
@@ -49,7 +50,7 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     simulated: bool
     status: Status
     verdict: str | None
-    incomplete_u95: bool = False
+    missing: tuple[str, ...] = ()
     scale_factor_v_per_deg_s: float | None = None
     u_scale_factor_v_per_deg_s: float | None = None
     u95_scale_factor_v_per_deg_s: float | None = None
@@ -58,6 +59,7 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     u95_bias_v: float | None = None
     nonlinearity_ppm: float | None = None
     drift_ppm: float | None = None
+    u_drift_ppm: float | None = None
     e_n: float | None = None
     why_none: str | None = None
 
@@ -65,6 +67,11 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     def passed(self) -> bool:
         """Whether the run is complete and kept every limit, those with a guard band too."""
         return self.status is Status.COMPLETE and self.verdict in {None, "pass"}
+
+    @property
+    def waits(self) -> bool:
+        """Whether nobody has tried to measure the device yet."""
+        return not (self.run or self.why_none)
 
 
 def sheet_rows(batch: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
@@ -117,13 +124,17 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
         for name in ("scale_factor", "bias", "nonlinearity")
     )
-    drift_ppm = e_n = None
+    drift_ppm = u_drift_ppm = e_n = None
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None and earlier.simulated == run.simulated:
         shared = compare_runs(earlier, run).results
         found = next((each for each in shared if each.name == scale.name), None)
         if found is not None and found.values[0]:
-            drift_ppm, e_n = 1e6 * found.differences[0].value / found.values[0], found.differences[0].e_n
+            difference, before_v = found.differences[0], found.values[0]
+            drift_ppm, e_n = 1e6 * difference.value / before_v, difference.e_n
+            u_drift_ppm = None if difference.u is None else 1e6 * difference.u / abs(before_v)
+    lacks = [each.missing for each in (scale, bias, bend) if each is not None]
+    lacks += [each.missing for each in run.verdict.limits] if run.verdict is not None else []
     return SheetRow(
         device=str(summary.dut),
         procedure=str(summary.procedure),
@@ -133,7 +144,7 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         simulated=bool(run.simulated),
         status=summary.status,
         verdict=summary.verdict,
-        incomplete_u95=run.verdict is not None and any(each.missing for each in run.verdict.limits),
+        missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
         scale_factor_v_per_deg_s=None if scale is None else scale.value,
         u_scale_factor_v_per_deg_s=None if scale is None else scale.u,
         u95_scale_factor_v_per_deg_s=None if scale is None else scale.u95,
@@ -142,13 +153,15 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         u95_bias_v=None if bias is None else bias.u95,
         nonlinearity_ppm=None if bend is None else bend.value,
         drift_ppm=drift_ppm,
+        u_drift_ppm=u_drift_ppm,
         e_n=e_n,
         why_none=None if values else str(run.error or run.no_results),
     )
 
 
 def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
-    """Return the sheet of a batch; errors of runs without results stand below."""
+    """Return the sheet of a batch; errors of runs without results, and what is still to be measured, stand below."""
+    rows, waiting = [each for each in rows if not each.waits], [each.device for each in rows if each.waits]
     if not rows:
         return Report([Heading(f"Batch {batch}"), Text("No device has been measured yet.")])
     days = sorted({f"{each.started:%Y-%m-%d}" for each in rows})
@@ -163,6 +176,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
         Text(f"Measured {' to '.join(dict.fromkeys((days[0], days[-1])))}; operator: {operators}."),
         *([Notice("Measured on a simulated bench: no device stands behind these numbers.")] if simulated else []),
         Notice(f"{said}; not good: {', '.join(bad)}." if bad else f"{said}.", "fail" if bad else "pass"),
+        *([Text(f"Not measured yet: {', '.join(waiting)}.")] if waiting else []),
         Text(_UNITS),
     ]
     for name in dict.fromkeys(each.procedure for each in rows):
@@ -172,7 +186,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
         if several:
             columns.append(Column("operator", align="left", verbatim=True))
         cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in of_procedure]
-        parts += [Heading(name, 2), Table(columns, cells)]
+        parts += [Heading(name, 2), Table(columns, cells), *_footnote(of_procedure)]
         found = (each.scale_factor_v_per_deg_s for each in of_procedure)
         scales = [1e3 * each for each in found if each is not None]
         if len(scales) > 1:
@@ -183,7 +197,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
             parts.append(Text(f"Scale factor of {len(scales)} devices: {of_all}."))
     failed = [f"{each.device}, {each.procedure}: {each.why_none}" for each in rows if each.why_none]
     if failed:
-        parts += [Heading("Runs without results", 2), Text("\n".join(failed), verbatim=True)]
+        parts += [Heading("Without results", 2), Text("\n".join(failed), verbatim=True)]
     return Report(parts)
 
 
@@ -191,7 +205,7 @@ def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     """Return the runs of one device as a table, a row each."""
     columns = [Column("day"), Column("procedure", align="left"), *_COLUMNS]
     cells = [[f"{each.started:%Y-%m-%d}", each.procedure, *_cells(each)] for each in rows]
-    return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells)]
+    return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells), *_footnote(rows)]
 
 
 def _cells(row: SheetRow) -> list[Any]:
@@ -200,18 +214,30 @@ def _cells(row: SheetRow) -> list[Any]:
         for each in (row.scale_factor_v_per_deg_s, row.u95_scale_factor_v_per_deg_s, row.bias_v, row.u95_bias_v)
     )
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
+    drift += "" if row.u_drift_ppm is None else f" ± {2.0 * row.u_drift_ppm:.0f}"
+    ppm = None if not scale or u95 is None else 1e6 * u95 / abs(scale)
     return [
         scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
-        None if not scale or u95 is None else 1e6 * u95 / abs(scale),
+        ppm if ppm is None or not row.missing else f"{ppm:.0f}*",
         bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),
         row.nonlinearity_ppm,
         drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
-        row.verdict.upper() + INCOMPLETE * row.incomplete_u95
-        if row.verdict
-        else "-"
-        if row.status is Status.COMPLETE
-        else row.status.value,
+        _verdict(row),
     ]
+
+
+def _verdict(row: SheetRow) -> str:
+    if row.verdict:
+        return row.verdict.upper() + INCOMPLETE * bool(row.missing)
+    if not row.run:
+        return "not measured"
+    return "-" if row.status is Status.COMPLETE else row.status.value
+
+
+def _footnote(rows: Sequence[SheetRow]) -> list[Part]:
+    """Say what the U95 that are marked are incomplete without."""
+    missing = dict.fromkeys(name for each in rows for name in each.missing)
+    return [Text(f"* U95 is incomplete: without {', '.join(missing)}.")] if missing else []
 
 
 def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path, ...]:
@@ -226,7 +252,8 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
     book.active.title = "batch"
     book.active.append(list(SheetRow.__struct_fields__))
     for each in rows:
-        values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
+        texts = {"started": each.started.isoformat(), "status": each.status.value, "missing": ", ".join(each.missing)}
+        values = {**structs.asdict(each), **texts}
         book.active.append(list(values.values()))
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from msgspec import Struct, structs, to_builtins
 
-from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows, write_sheet
+from vcfbench.archive.batch_sheet import batch_sheet, write_sheet
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.conduct import RunOptions, attended
 from vcfbench.cli.ending import SignalsWithoutBench
@@ -55,13 +55,15 @@ def batch(
     for serial in asked.devices:
         asked.check(serial, runs)  # before anybody mounts anything
     if sheet is not None:
-        write_sheet(asked.name, sheet_rows(asked.name, runs), sheet)  # what cannot be written is known now
-    worst = 0
+        write_sheet(asked.name, asked.rows(runs, {}), sheet)  # what cannot be written is known now
+    worst, why = 0, dict[str, str]()
     try:
         for serial in asked.devices or _typed(asked, runs):
-            worst = max(worst, _mounted(asked, serial, options))
+            outcome = _mounted(asked, serial, options)
+            worst = max(worst, outcome.code)
+            why |= {serial: outcome.why} if outcome.code else {}
     finally:  # what there is, also when the batch was stopped
-        rows = sheet_rows(asked.name, runs)
+        rows = asked.rows(runs, why)
         if not json:
             print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
         written = () if sheet is None else write_sheet(asked.name, rows, sheet)
@@ -92,24 +94,24 @@ def _typed(asked: Batch, runs: Path) -> Iterator[str]:
         yield serial
 
 
-def _mounted(asked: Batch, serial: str, options: RunOptions) -> int:
-    """Have one device mounted and measure it; return the exit code that it alone would have."""
-    if not asked.left(serial, options.runs):
-        typer.echo(f"{serial}: measured already", err=True)
-        return 0
-    if somebody_there() and not options.yes:
-        typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
-        if not sys.stdin.readline():
-            raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
-    return measured(asked, serial, options).code
-
-
 class Outcome(Struct, frozen=True):
     """Outcome of a device: exit code that it alone would have, one word and what stands behind it."""
 
     code: int
     word: str
     why: str = ""
+
+
+def _mounted(asked: Batch, serial: str, options: RunOptions) -> Outcome:
+    """Have one device mounted and measure it."""
+    if not asked.left(serial, options.runs):
+        typer.echo(f"{serial}: measured already", err=True)
+        return Outcome(0, "DONE")
+    if somebody_there() and not options.yes:
+        typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
+        if not sys.stdin.readline():
+            raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
+    return measured(asked, serial, options)
 
 
 def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | None" = None) -> Outcome:

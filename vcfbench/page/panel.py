@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import Lock
 from typing import Any
 
-from vcfbench.archive.batch_sheet import SheetRow, batch_sheet, sheet_rows
+from vcfbench.archive.batch_sheet import SheetRow, batch_sheet
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Request
 from vcfbench.page.parts import parts_of
@@ -49,6 +49,8 @@ class Panel:
         self._started: SimpleQueue[str] = SimpleQueue()
         self._answers: SimpleQueue[str] = SimpleQueue()
         self._run: dict[str, Any] | None = None
+        self._failed = dict[str, str]()
+        """Devices that could not be measured, and why."""
         self._sheet: list[dict[str, Any]] = []
         self._of_run: View | None = None
         self._draw_sheet()
@@ -113,15 +115,17 @@ class Panel:
 
     def judge(self, word: str, why: str = "") -> None:
         """Take in the verdict on the device: one word, and why."""
-        own = [row.run for row in self._draw_sheet() if row.device == self._serial]
+        self._failed |= {self._serial: why} if word == "ERROR" else {}
+        own = [row.run for row in self._draw_sheet() if row.device == self._serial and row.run]
         with self._lock:
             self._state = PanelState.NOT_SAFE if word == "NOT SAFE" else PanelState.VERDICT
             self._asked, self._run = "", None
             self._verdict = {"word": word, "why": why, "run": own[-1] if own else None}
 
     def _draw_sheet(self) -> Sequence[SheetRow]:
-        rows = sheet_rows(self._batch.name, self._runs)
-        self._sheet = parts_of(batch_sheet(self._batch.name, rows)) if rows else []
+        rows = self._batch.rows(self._runs, self._failed)
+        tried = any(not row.waits for row in rows)
+        self._sheet = parts_of(batch_sheet(self._batch.name, rows)) if tried else []
         done = {row.device for row in rows if row.status is Status.COMPLETE}
         self._left = [serial for serial in self._batch.devices if serial not in done]
         return rows

@@ -1,12 +1,15 @@
 """Batch of gyroscopes: devices one after another, with the same runs for each."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 from zlib import crc32
 
 from msgspec import Meta, Struct, field, structs
 
+from vcfbench.archive.batch_sheet import SheetRow, sheet_rows
 from vcfbench.archive.summary import run_summaries
+from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.procedures import catalogue
@@ -88,6 +91,27 @@ class Batch(Struct, frozen=True):
         found = run_summaries(runs, dut=serial, status=Status.COMPLETE, tags={TAG: self.name})
         done = {each.procedure for each in found}
         return tuple(each for each in self.runs if each.procedure.name not in done)
+
+    def rows(self, runs: Path, why: Mapping[str, str]) -> tuple[SheetRow, ...]:
+        """Return the rows of the sheet: records, then devices without one; `why` some of them failed."""
+        found = sheet_rows(self.name, runs)
+        without = dict.fromkeys([*self.devices, *why])
+        for each in found:
+            without.pop(each.device, None)
+        return *found, *(
+            SheetRow(
+                device=serial,
+                procedure=self.runs[0].procedure.name,
+                run="",
+                started=utc_now(),
+                operator=self.operator,
+                simulated=self.description.simulated,
+                status=Status.INCOMPLETE,
+                verdict=None,
+                why_none=why.get(serial),
+            )
+            for serial in without
+        )
 
 
 def read_batch(file: Path | str) -> Batch:
