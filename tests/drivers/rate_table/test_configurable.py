@@ -107,7 +107,7 @@ def test_a_table_may_answer_the_line_end_that_goes_before_a_blind_stop() -> None
     assert dialect.angle_deg(on, soon(on)) == 1.5
     with pytest.raises(InstrumentError, match=r"refused \(NO 8\)"):
         dialect.hold(on, soon(on))
-    with pytest.raises(OutOfSync, match=r"no longer belong to the questions \(no answer but 'NO 9'\)"):
+    with pytest.raises(OutOfSync, match=r"\(no answer but 'NO 9'\), the connection .* --trace FILE"):
         dialect.angle_deg(on, soon(on))
 
 

@@ -70,7 +70,7 @@ class ConfigurableDialect(TableDialect):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain the line, then ask something and drop all before its answer; a stream needs draining only."""
-        try:
+        with line.resynchronising("resynchronise", deadline):
             line.take_unasked()
             if self.profile.stream is None:
                 # Ask the first question that there is; anything that its answer does not push out is drained
@@ -80,12 +80,6 @@ class ConfigurableDialect(TableDialect):
                     if step.expect is not None:
                         self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
                 drain(line, deadline)
-        except errors.LinkLost as error:
-            raise line.locate(error, "resynchronise", deadline)  # noqa: B904 - the same error, now knowing where
-        except (errors.TransportError, errors.InstrumentError) as error:
-            what = f"the answers no longer belong to the questions ({error.what}), the connection was closed"
-            raise line.locate(errors.OutOfSync(what), "resynchronise", deadline) from error
-        line.dirty = False
 
     @property
     def gap_s(self) -> float:

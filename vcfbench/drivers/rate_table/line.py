@@ -10,7 +10,15 @@ from msgspec import Meta, Struct
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.conversation import Conversation
 from vcfbench.drivers.wire import Interface, Wire
-from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import (
+    ConnectFailed,
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    LinkLost,
+    OutOfSync,
+    TransportError,
+)
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _LONGEST_LINE = 32_768
@@ -190,8 +198,10 @@ class TableLine(Conversation):
             yield
         except LinkLost as error:
             raise self.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
-        except TransportError as error:
-            raise self.locate(OutOfSync(f"{lost}, the connection was closed"), question, deadline) from error
+        except (TransportError, InstrumentError) as error:
+            what = f"{lost} ({error.what}), the connection was closed"
+            hint = "--trace FILE shows what was sent and what came"
+            raise self.locate(OutOfSync(what, hint=hint), question, deadline) from error
         self.dirty = False
 
     def take_unasked(self) -> bytes:
