@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-import re
-import subprocess
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +18,7 @@ from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.station.file import EMBEDDED, template
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from typer.testing import Result
 
@@ -181,34 +179,3 @@ def test_a_wrong_profile_is_a_wrong_bench_file(tmp_path: Path, *, simulated: boo
     checked = vcfbench("bench", "check", "--bench", str(tmp_path / "bench.toml"))
     assert checked.exit_code == 2
     assert "table.toml: commands.status[0].until" in checked.stderr
-
-
-@pytest.fixture
-def stand_in(tmp_path: Path) -> Iterator[Path]:
-    """Run the stand-in of the examples; return the bench file with its address."""
-    folder = Path(__file__).parents[2] / "examples" / "own-table"
-    with subprocess.Popen([sys.executable, folder / "stand_in.py", "0"], stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
-        assert process.stdout is not None
-        address = process.stdout.readline().rpartition(" ")[2].strip()
-        station = (folder / "station.toml").read_text("utf-8").replace("socket://127.0.0.1:4001", address)
-        (tmp_path / "station.toml").write_text(station, "utf-8")
-        (tmp_path / "rt200.toml").write_text((folder / "rt200.toml").read_text("utf-8"), "utf-8")
-        yield tmp_path / "station.toml"
-        process.kill()
-
-
-def test_a_table_of_ones_own_is_checked_and_turned_by_its_stand_in(stand_in: Path) -> None:
-    checked = vcfbench("bench", "check", "--bench", str(stand_in))
-    assert checked.exit_code == 0, checked.stderr
-    assert re.search(r"rate_table +ok .*RT-200 1\.3", checked.stdout)
-    lines = ("-c", "table.rate 10", "-c", "table.read", "-c", "table.stop")
-    turned = vcfbench("talk", "--bench", str(stand_in), *lines)
-    assert turned.exit_code == 0, turned.stderr
-    assert turned.stdout.startswith("+10.0000 deg/s\n")
-
-
-def test_a_table_that_cannot_be_told_the_limit_of_the_bench_is_stopped_all_the_same(stand_in: Path) -> None:
-    text = stand_in.read_text("utf-8").replace("max_acceleration_deg_s2 = 20", "max_acceleration_deg_s2 = 2000")
-    stand_in.write_text(text, "utf-8")
-    checked = vcfbench("bench", "check", "--bench", str(stand_in))
-    assert checked.exit_code == 0, checked.stderr
