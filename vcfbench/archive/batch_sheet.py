@@ -20,7 +20,6 @@ from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text
-from vcfbench.station.acceptance import INCOMPLETE
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
@@ -195,7 +194,9 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
             stated = shorthand(middle, spread / math.sqrt(len(scales)))
             of_all = f"mean {stated} mV/(deg/s), standard deviation {spread:.2g} mV/(deg/s){relative}"
             parts.append(Text(f"Scale factor of {len(scales)} devices: {of_all}."))
-    failed = [f"{each.device}, {each.procedure}: {each.why_none}" for each in rows if each.why_none]
+    failed = [
+        f"{each.device}, {f'{each.procedure}: ' if each.run else ''}{each.why_none}" for each in rows if each.why_none
+    ]
     if failed:
         parts += [Heading("Without results", 2), Text("\n".join(failed), verbatim=True)]
     return Report(parts)
@@ -214,7 +215,7 @@ def _cells(row: SheetRow) -> list[Any]:
         for each in (row.scale_factor_v_per_deg_s, row.u95_scale_factor_v_per_deg_s, row.bias_v, row.u95_bias_v)
     )
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
-    drift += "" if row.u_drift_ppm is None else f" ± {2.0 * row.u_drift_ppm:.0f}"
+    drift += "" if row.u_drift_ppm is None else f"±{2.0 * row.u_drift_ppm:.0f}"
     ppm = None if not scale or u95 is None else 1e6 * u95 / abs(scale)
     return [
         scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
@@ -228,14 +229,14 @@ def _cells(row: SheetRow) -> list[Any]:
 
 def _verdict(row: SheetRow) -> str:
     if row.verdict:
-        return row.verdict.upper() + INCOMPLETE * bool(row.missing)
+        return row.verdict.upper() + "*" * bool(row.missing)
     if not row.run:
-        return "not measured"
+        return "no record"
     return "-" if row.status is Status.COMPLETE else row.status.value
 
 
 def _footnote(rows: Sequence[SheetRow]) -> list[Part]:
-    """Say what the U95 that are marked are incomplete without."""
+    """Say what the U95 that are marked, and of verdicts that are, are incomplete without."""
     missing = dict.fromkeys(name for each in rows for name in each.missing)
     return [Text(f"* U95 is incomplete: without {', '.join(missing)}.")] if missing else []
 

@@ -101,7 +101,8 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     if json:
         print_json(
             {
-                "revision": shown_run.revision, "amendments": [],
+                "revision": shown_run.revision,
+                "amendments": [],
                 **shown_run.as_json(),
                 "damage": record.damage,
                 "started_utc": record.header.get("utc"),
