@@ -10,23 +10,16 @@ since the phase of equation (2) is -pi/2 there.
 
 import cmath
 import math
-from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 from msgspec import Struct
+from simrack.sources import Approach
 
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import ExponentialSum
 from vcfbench.sim.parameters import BenchParameters, DriveLoop
-
-
-class Supplied(NamedTuple):
-    """Limits by the rails at a moment: the amplitude that the AGC holds, m, and the weaker rail, V."""
-
-    amplitude_m: float
-    rail_v: float
-
 
 CONTROL_STEP_S = 0.25e-3
 STEPS_A_SEGMENT = 16
@@ -116,29 +109,56 @@ class _Loop:
         return force, frequency, False
 
 
+def weaker_v(rails: tuple[Approach, Approach], instant_s: float) -> float:
+    """Return the weaker rail at a bench time, V; of the wrong polarity it counts as 0 V."""
+    positive, negative = rails
+    return max(min(positive.at(instant_s), -negative.at(instant_s)), 0.0)
+
+
+def held_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
+    """Return the drive amplitude that the AGC holds on rails of `rail_v`, limited by its largest force."""
+    return min(wanted_m(bench, rail_v), strongest_m(bench, mode, rail_v))
+
+
+def wanted_m(bench: BenchParameters, rail_v: float) -> float:
+    """Return the drive amplitude that the AGC wants."""
+    loop, nominal = bench.drive_loop, bench.supply.nominal_v
+    return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
+
+
+def strongest_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
+    """Return the drive amplitude that the largest force can hold."""
+    loop, mass = bench.drive_loop, bench.drive_mode.mass_kg
+    return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
+
+
+@lru_cache(8)  # benches that begin alike share it
 def start_up(
     bench: BenchParameters,
     mode: Resonance,
-    parts: tuple[complex, complex],
+    rails: tuple[Approach, Approach],
     *,
+    parts: tuple[complex, complex],
     start_s: float,
     phase_rad: float,
-    supplied: Callable[[float], Supplied],
-) -> list[DriveSegment]:
-    """Return the drive's motion from `parts` to lock, `supplied` telling the rails' limits at a bench time.
+) -> tuple[DriveSegment, ...]:
+    """Return the drive's motion from `parts` to lock on rails as they go on.
 
     The loop starts with empty integrators and its VCO at the free-running frequency. If it has not settled after
     `LONGEST_START_S`, it is taken as locked then.
     """
+    rails_settled_s = max((rail.ends_s(start_s) for rail in rails if rail.terms), default=-math.inf)
+    goal_v = max(min(rails[0].goal_v, -rails[1].goal_v), 0.0)
     stiffness = mode.natural_rad_s**2
     loop = _Loop(bench.drive_loop, mode)
     plus, minus = mode.poles
     apart = plus - minus
-    motions, known = list[Motion](), None
+    motions, known_v = list[Motion](), math.nan
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
-        allowed = supplied(start_s + step * CONTROL_STEP_S)
-        if allowed is not known:
-            known, (amplitude_m, supply_v) = allowed, allowed
+        instant_s = start_s + step * CONTROL_STEP_S
+        supply_v = goal_v if instant_s >= rails_settled_s else weaker_v(rails, instant_s)
+        if supply_v != known_v:
+            known_v, amplitude_m = supply_v, held_m(bench, mode, supply_v)
             holding = stiffness * amplitude_m / mode.quality
             if not holding:  # the rails are on their way off, and stop the loop before they are
                 break
@@ -146,12 +166,12 @@ def start_up(
         force, frequency, settled = loop.control((parts[0] - parts[1]) / apart, amplitude_m, limit)
         if settled and step % STEPS_A_SEGMENT == 0:
             break
-        motion = Motion(start_s + step * CONTROL_STEP_S, parts, -1j * force * holding, frequency, phase_rad)
+        motion = Motion(instant_s, parts, -1j * force * holding, frequency, phase_rad)
         motions.append(motion)
         parts = mode.step(parts, motion.force_m_s2, frequency, CONTROL_STEP_S)
         phase_rad += frequency * CONTROL_STEP_S
     chunks = _chunks(mode, motions, STEADY * amplitude_m)
-    return [*(_mean(mode, chunk) for chunk in chunks), locked(amplitude_m, mode.natural_rad_s)]
+    return *(_mean(mode, chunk) for chunk in chunks), locked(amplitude_m, mode.natural_rad_s)
 
 
 def _chunks(mode: Resonance, motions: Sequence[Motion], steady_m: float) -> Iterator[Sequence[Motion]]:

@@ -21,7 +21,16 @@ from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import ChainDesign
 from vcfbench.sim.gyro.course import Acting, Answer, Course, SwitchOn, switch_on
 from vcfbench.sim.gyro.design import seen_share
-from vcfbench.sim.gyro.drive import DriveSegment, Supplied, locked, resting, ring_down, start_up
+from vcfbench.sim.gyro.drive import (
+    held_m,
+    locked,
+    resting,
+    ring_down,
+    start_up,
+    strongest_m,
+    wanted_m,
+    weaker_v,
+)
 from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_current_a
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.noise_course import NoiseCourse
@@ -40,52 +49,6 @@ is ever given again, 4 neither."""
 
 
 _design = lru_cache(8)(ChainDesign)
-
-
-@lru_cache(8)
-def _started(
-    bench: BenchParameters,
-    mode: Resonance,
-    rails: tuple[Approach, Approach],
-    *,
-    parts: tuple[complex, complex],
-    start_s: float,
-    phase_rad: float,
-) -> tuple[DriveSegment, ...]:
-    """Return the drive's motion to lock on rails as they go on; benches that begin alike share it."""
-    ends = [rail.ends_s(start_s) for rail in rails if rail.terms]
-    settled_s, goal_v = max(ends, default=-math.inf), max(min(rails[0].goal_v, -rails[1].goal_v), 0.0)
-    settled = Supplied(_amplitude_m(bench, mode, goal_v), goal_v)
-
-    def supplied(instant_s: float) -> Supplied:
-        if instant_s >= settled_s:
-            return settled
-        rail_v = _weaker_v(rails, instant_s)
-        return Supplied(_amplitude_m(bench, mode, rail_v), rail_v)
-
-    return tuple(start_up(bench, mode, parts, start_s=start_s, phase_rad=phase_rad, supplied=supplied))
-
-
-def _weaker_v(rails: tuple[Approach, Approach], instant_s: float) -> float:
-    positive, negative = rails
-    return max(min(positive.at(instant_s), -negative.at(instant_s)), 0.0)
-
-
-def _amplitude_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
-    """Return the drive amplitude that the AGC holds on rails of `rail_v`, limited by its largest force."""
-    return min(_wanted_m(bench, rail_v), _strongest_m(bench, mode, rail_v))
-
-
-def _wanted_m(bench: BenchParameters, rail_v: float) -> float:
-    """Return the drive amplitude that the AGC wants."""
-    loop, nominal = bench.drive_loop, bench.supply.nominal_v
-    return loop.amplitude_m * (1 + loop.amplitude_supply_coefficient_per_v * (rail_v - nominal))
-
-
-def _strongest_m(bench: BenchParameters, mode: Resonance, rail_v: float) -> float:
-    """Return the drive amplitude that the largest force can hold."""
-    loop, mass = bench.drive_loop, bench.drive_mode.mass_kg
-    return loop.force_limit_n_per_v * rail_v * mode.quality / (mass * mode.natural_rad_s**2)
 
 
 class Gyro:
@@ -156,15 +119,8 @@ class Gyro:
         if self._running and not was_running:
             self._switched_on = switch_on(self._bench.noise, self._seed, self._switch_ons)
             self._switch_ons += 1
-            begun = _started(
-                self._bench,
-                self._drive_mode,
-                self._rails,
-                parts=self._drive_parts(),
-                start_s=self.now_s,
-                phase_rad=self._phase,
-            )
-            self._drive = list(begun)
+            bench, mode, rails, parts = self._bench, self._drive_mode, self._rails, self._drive_parts()
+            self._drive = list(start_up(bench, mode, rails, parts=parts, start_s=self.now_s, phase_rad=self._phase))
         elif was_running and not self._running:
             speed = self._drive[0].drive_rad_s
             self._drive = ring_down(
@@ -367,7 +323,7 @@ class Gyro:
         return self._weaker_at(self.now_s)
 
     def _weaker_at(self, instant_s: float) -> float:
-        return _weaker_v(self._rails, instant_s)
+        return weaker_v(self._rails, instant_s)
 
     def _rails_ahead(self) -> tuple[float, float]:
         """Return the weaker rail that a locked drive goes by, and up to when: the next threshold, end or step."""
@@ -396,13 +352,13 @@ class Gyro:
         """Return by how much the rails may move before the locked drive's amplitude follows."""
         weakest = min(self._weaker_rail(), *(abs(rail.goal_v) for rail in self._rails))
         weakest = max(weakest, self._bench.supply.brown_out_v)  # below, the drive is not locked any more
-        if _wanted_m(self._bench, weakest) > _strongest_m(self._bench, self._drive_mode, weakest):
+        if wanted_m(self._bench, weakest) > strongest_m(self._bench, self._drive_mode, weakest):
             return FORCED_STEP_V
         relative = abs(self._bench.drive_loop.amplitude_supply_coefficient_per_v)
         return AMPLITUDE_STEP / relative if relative else math.inf
 
     def _amplitude_m(self, rail_v: float) -> float:
-        return _amplitude_m(self._bench, self._drive_mode, rail_v)
+        return held_m(self._bench, self._drive_mode, rail_v)
 
     def _heat(self) -> None:
         """Let the temperature go to its new goal from where it is."""
