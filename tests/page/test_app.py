@@ -315,10 +315,10 @@ def test_a_report_is_told_in_plain_values() -> None:
         ]
     )
     heading, table, text, notice, figure = parts_of(report)
-    assert heading == {"kind": "heading", "text": "Results", "level": 1}
+    assert heading == {"part": "heading", "text": "Results", "level": 1}
     assert (table["columns"][0]["head"], table["rows"]) == ("rate / (deg/s)", (("1.0",),))
-    assert text == {"kind": "text", "text": "<b>words</b>"}
-    assert notice == {"kind": "notice", "text": "simulated", "means": "warning"}
+    assert text == {"part": "text", "text": "<b>words</b>", "verbatim": False}
+    assert notice == {"part": "notice", "text": "simulated", "kind": "warning"}
     assert figure["series"][0]["y"] == (0.1, 0.2)
 
 

@@ -78,7 +78,7 @@ def test_a_device_that_cannot_be_measured_is_refused_before_it_is_mounted(panel:
     assert panel.shown()["left"] == ["G1", "G2"]
     panel.judge("DONE")
     assert panel.shown()["left"] == ["G2"]
-    assert [part["kind"] for part in panel.shown()["sheet"]].count("table") == 1
+    assert [part["part"] for part in panel.shown()["sheet"]].count("table") == 1
     hasty = PLAN.replace("[-10, 0, 10]", "[-1000, 0, 1000]").replace('devices = ["G1", "G2"]', "")
     (tmp_path / "hasty.toml").write_text(hasty, "utf-8")
     with pytest.raises(BenchError, match="max_rate_deg_s"):

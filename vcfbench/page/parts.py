@@ -2,13 +2,15 @@
 
 from typing import Any
 
+from msgspec import to_builtins
+
 from vcfbench.archive.run import Run
-from vcfbench.reports.document import Figure, Heading, Notice, Part, Report, Table, Text
+from vcfbench.reports.document import Figure, Part, Report, Table
 
 
 def parts_of(report: Report) -> list[dict[str, Any]]:
     """Return the parts one after the other; numbers of tables as they are printed, those of figures as they are."""
-    return [_part(part) for part in report.parts]
+    return [{**to_builtins(part), **_shown(part)} for part in report.parts]
 
 
 def end_of(run: Run) -> dict[str, Any]:
@@ -22,22 +24,14 @@ def end_of(run: Run) -> dict[str, Any]:
     }
 
 
-def _part(part: Part) -> dict[str, Any]:
+def _shown(part: Part) -> dict[str, Any]:
+    """Return what a page has otherwise than the part itself."""
     match part:
-        case Heading():
-            return {"kind": "heading", "text": part.text, "level": part.level}
         case Table():
             columns = [{"head": column.head, "align": column.align} for column in part.columns]
-            return {"kind": "table", "title": part.title, "columns": columns, "rows": part.printed()}
-        case Text():
-            return {"kind": "text", "text": part.text}
-        case Notice():
-            return {"kind": "notice", "text": part.text, "means": part.kind}
+            return {"columns": columns, "rows": part.printed()}
         case Figure():
             return {
-                "kind": "figure",
-                "title": part.title,
-                "x": {"title": part.x.title, "log": part.x.scale == "log"},
-                "y": {"title": part.y.title, "log": part.y.scale == "log"},
-                "series": [{"label": s.label, "x": s.x, "y": s.y, "kind": s.kind} for s in part.series],
+                name: {"title": axis.title, "log": axis.scale == "log"} for name, axis in (("x", part.x), ("y", part.y))
             }
+    return {}

@@ -56,7 +56,7 @@ function take(next) {
   drawLeft();
   drawRun(run);
   byId("sheet-card").hidden = !state.sheet.length;
-  byId("sheet").replaceChildren(...state.sheet.map((part) => (part.kind === "table" ? tableOf(part) : made(part.kind === "heading" ? "h3" : "p", part.text))));
+  byId("sheet").replaceChildren(...state.sheet.map((part) => (part.part === "table" ? tableOf(part) : made(part.part === "heading" ? "h3" : "p", part.text))));
   document.title = `${state.serial || state.batch}: ${state.verdict ? state.verdict.word : at} – vcfbench`;
 }
 

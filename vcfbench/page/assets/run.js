@@ -250,10 +250,10 @@ function drawEnd() {
   byId("verdict").replaceChildren();
   if (end.verdict) byId("verdict").append(made("span", `verdict: ${end.verdict}`, `pill ${end.verdict}`));
   byId("parts").replaceChildren(...end.parts.map((part) => {
-    if (part.kind === "heading") return made(`h${Math.min(4, part.level + 2)}`, part.text);
-    if (part.kind === "text") return made("pre", part.text);
-    if (part.kind === "figure") return figureOf(part);
-    if (part.kind === "notice") return made("p", part.text, `banner ${part.means === "pass" ? "good" : part.means === "fail" ? "bad" : ""}`);
+    if (part.part === "heading") return made(`h${Math.min(4, part.level + 2)}`, part.text);
+    if (part.part === "text") return made("pre", part.text);
+    if (part.part === "figure") return figureOf(part);
+    if (part.part === "notice") return made("p", part.text, `banner ${part.kind === "pass" ? "good" : part.kind === "fail" ? "bad" : ""}`);
     const holder = made("div", null, "scroll");
     holder.append(tableOf(part));
     if (part.rows.length <= FOLDED_FROM) return holder;
