@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vcfbench.analysis.regression import line_so_far
 from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
+from vcfbench.reports.plot import thinned
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.decode import Recorded
@@ -137,19 +137,16 @@ class View:
         return len(self._reading_t_s)
 
     def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
-        """Return the readings from `first_s` to `last_s` (bench time, s; None: all), at most about `most` to draw."""
+        """Return the readings from `first_s` to `last_s` (bench time, s; None: all); of more than twice `most`, extremes."""
         count = self.readings
         t_s, value = np.array(self._reading_t_s[:count]), np.array(self._reading_v[:count])
         low = 0 if first_s is None else int(np.searchsorted(t_s, first_s))
         high = count if last_s is None else int(np.searchsorted(t_s, last_s, side="right"))
-        shown_t_s, shown_v = drawn(t_s[low:high], value[low:high], most)
-        return {
-            "t_s": shown_t_s.round(4).tolist(),
-            "v": shown_v.tolist(),
-            "count": count,
-            "shown": high - low,
-            "all": high - low <= most,
-        }
+        t_s, value = t_s[low:high], value[low:high]
+        few = thinned(t_s, value, most // 2)
+        shown_t_s, shown_v = (t_s.tolist(), value.tolist()) if few is None else few
+        shown = {"t_s": [round(each, 4) for each in shown_t_s], "v": shown_v, "shown": high - low}
+        return {**shown, "count": count, "all": few is None}
 
     def news(self, seen: BrowserPosition) -> dict[str, Any] | None:
         """Return the news since `seen`, which is brought up to date; None when there are none."""
@@ -198,25 +195,3 @@ class View:
                     }
                 )
         return lines
-
-
-def drawn(
-    t_s: NDArray[np.float64], value: NDArray[np.float64], most: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return at most about `most` of the points, those that an eye would miss: least and largest of each stretch.
-
-    Args:
-        t_s: instants, rising.
-        value: as many values.
-        most: how many points are drawn; half as many stretches, all with as many readings.
-    """
-    count = t_s.size
-    if count <= most:
-        return t_s, value
-    starts = np.linspace(0, count, most // 2, endpoint=False).astype(np.intp)
-    lengths = np.diff(np.append(starts, count))
-    least, largest = np.minimum.reduceat(value, starts), np.maximum.reduceat(value, starts)
-    middle = t_s[starts + lengths // 2]
-    both = np.empty(2 * starts.size)
-    both[0::2], both[1::2] = least, largest
-    return np.repeat(middle, 2), both

@@ -58,7 +58,6 @@ COLUMNS: Final = 800
 DRAWN: Final = f"drawn are the least and the greatest in each of {COLUMNS} columns."
 """Words of a caption for a series that is drawn so."""
 
-_FEW: Final = 4 * COLUMNS  # So many values are drawn one by one
 _WORDS: Final = re.compile(r"(?<=>)[^<>]+(?=</text>)")
 _ID: Final = re.compile(r'(?<=\bid=")[^"]+|(?<=xlink:href="#)[^"]+|(?<=url\(#)[^)]+')
 
@@ -94,19 +93,19 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def thinned(
-    x: Sequence[float] | NDArray[np.float64], y: Sequence[float] | NDArray[np.float64]
+    x: Sequence[float] | NDArray[np.float64], y: Sequence[float] | NDArray[np.float64], columns: int = COLUMNS
 ) -> tuple[list[float], list[float]] | None:
-    """Return least and greatest `y` of each of `COLUMNS` equal columns along `x`, where it begins; None for few values.
+    """Return least and greatest `y` of each of some equal columns along `x`, where it begins; None for few values.
 
     No spike is lost; an empty column gives nothing. Values are a record only where `x` does not fall; where it does,
     they are drawn one by one.
     """
-    if len(x) <= _FEW:
+    if len(x) <= 4 * columns:
         return None
     along, values = np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if along[-1] <= along[0] or np.any(along[1:] < along[:-1]):
         return None
-    edges = np.linspace(along[0], along[-1], COLUMNS, endpoint=False)
+    edges = np.linspace(along[0], along[-1], columns, endpoint=False)
     begins = np.unique(np.searchsorted(along, edges))
     extremes = np.column_stack([np.minimum.reduceat(values, begins), np.maximum.reduceat(values, begins)])
     return np.repeat(along[begins], 2).tolist(), extremes.ravel().tolist()
