@@ -1,17 +1,16 @@
 """View of one run: filled in by a follower, read by the page, each in a thread of its own."""
 
 from array import array
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from vcfbench.analysis.regression import line_so_far
 from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.plot import thinned
+from vcfbench.reports.progress import line_of
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.decode import Recorded
@@ -137,7 +136,7 @@ class View:
         return len(self._reading_t_s)
 
     def drawn(self, first_s: float | None, last_s: float | None, most: int) -> dict[str, Any]:
-        """Return the readings from `first_s` to `last_s` (bench time, s; None: all); of more than twice `most`, extremes."""
+        """Return the readings from `first_s` to `last_s` (bench time, s; None: all), of many `most` extremes."""
         count = self.readings
         t_s, value = np.array(self._reading_t_s[:count]), np.array(self._reading_v[:count])
         low = 0 if first_s is None else int(np.searchsorted(t_s, first_s))
@@ -177,13 +176,9 @@ class View:
 
     def _lines(self, count: int) -> list[dict[str, Any]]:
         """Return the line through the points of each step that has one, with the residual of every point, V."""
-        of_step: dict[int, list[int]] = defaultdict(list)
-        for number, point in enumerate(self.points[:count]):
-            of_step[point.step].append(number)
-        lines = []
-        for step, numbers in of_step.items():
-            points = [self.points[number] for number in numbers]
-            line = line_so_far([each.rate_deg_s for each in points], [each.output_v for each in points])
+        points, lines = self.points[:count], []
+        for step in dict.fromkeys(each.step for each in points):
+            numbers, line = line_of(points, step)
             if line is not None:
                 lines.append(
                     {

@@ -1,6 +1,5 @@
 """Progress of a run on a terminal, drawn in place: the table of its points, the step, and the time left."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Sequence
 from datetime import timedelta
 from typing import Any, NamedTuple, Self, TextIO
@@ -10,12 +9,11 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from vcfbench.analysis.regression import LineFit, line_so_far
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.outlet import Outlet
-from vcfbench.reports.progress import HOW_ON, paused_words, wanted_words
+from vcfbench.reports.progress import HOW_ON, line_of, paused_words, wanted_words
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.safety.control import RunState
 from vcfbench.steps import Acquire, Note, Window
@@ -26,40 +24,17 @@ _GAP = "  "
 _LEAST_MV = 1e-3
 
 
-class PointsSoFar:
-    """The points of a run by the step that they are of, each a calibration with a line of its own."""
-
-    def __init__(self, points: Iterable[Point] = ()) -> None:
-        self._of_step: dict[int, list[Point]] = defaultdict(list)
-        for point in points:
-            self._of_step[point.step].append(point)
-
-    def add(self, point: Point) -> float | None:
-        """Take in a point; return its residual, V, from the line through all of its step; None while there is none."""
-        self._of_step[point.step].append(point)
-        line = self.line(point.step)
-        return None if line is None else float(line.residuals_v[-1])
-
-    def line(self, step: int) -> LineFit | None:
-        """Return the line through the points of `step`; None while they have fewer than three rates."""
-        points = self._of_step.get(step, [])
-        return line_so_far([each.rate_deg_s for each in points], [each.output_v for each in points])
-
-    def steps(self) -> tuple[int, ...]:
-        """Return the steps that have points, in the order of their first ones."""
-        return tuple(self._of_step)
-
-    def line_words(self, step: int) -> str:
-        """Describe the line through the points of `step`; empty while there is none."""
-        line = self.line(step)
-        if line is None:
-            return ""
-        points = self._of_step[step]
-        worst = max(range(len(points)), key=lambda number: abs(line.residuals_v[number]))
-        return (
-            f"line through {len(points)} points: {1e3 * line.scale_factor:.5f} mV/(deg/s), {1e3 * line.bias:+.3f} mV; "
-            f"largest residual {1e3 * line.residuals_v[worst]:+.3f} mV at {points[worst].rate_deg_s:+.6g} deg/s"
-        )
+def _line_words(points: Sequence[Point]) -> str:
+    """Describe the line through the points of the last step that began; empty while there is none."""
+    step = [*dict.fromkeys(each.step for each in points)][-1]
+    numbers, line = line_of(points, step)
+    if line is None:
+        return ""
+    worst = max(range(len(numbers)), key=lambda place: abs(line.residuals_v[place]))
+    return (
+        f"line through {len(numbers)} points: {1e3 * line.scale_factor:.5f} mV/(deg/s), {1e3 * line.bias:+.3f} mV; "
+        f"largest residual {1e3 * line.residuals_v[worst]:+.3f} mV at {points[numbers[worst]].rate_deg_s:+.6g} deg/s"
+    )
 
 
 class PointRow(Struct, frozen=True):
@@ -157,7 +132,7 @@ class LiveProgress(NoProgress):
         self._outlet = Outlet(stream)
         self._console = Console(file=self._outlet, highlight=False)  # type: ignore[arg-type]  # all of a file it needs
         self._block = _Block(estimate_s, ("━", "─") if self._outlet.encoding.lower().startswith("utf") else ("#", "."))
-        self._points = PointsSoFar(points)
+        self._points = list(points)
         self._begin_s: float | None = None
         self._head: tuple[str, str] | None = None  # that stands above the last row
         self._drawn_s = 0.0
@@ -210,7 +185,11 @@ class LiveProgress(NoProgress):
             self._print(step.describe(), "yellow", whole=True)
         elif isinstance(result, Window):
             point = result.recorded_point
-            row = PointRow(t_s, result, None if point is None else self._points.add(point))
+            line = None
+            if point is not None:
+                self._points.append(point)
+                _, line = line_of(self._points, point.step)
+            row = PointRow(t_s, result, None if line is None else float(line.residuals_v[-1]))
             heads = head(row, self._console.width)
             if heads != self._head:  # a new part, or the window is wider or narrower than it was
                 self._head = heads
@@ -222,7 +201,7 @@ class LiveProgress(NoProgress):
 
     def _end_part(self) -> None:
         """Print the line through the points of the part that ends, and have the next begin with a heading."""
-        if self._head is not None and (steps := self._points.steps()) and (words := self._points.line_words(steps[-1])):
+        if self._head is not None and self._points and (words := _line_words(self._points)):
             self._print(f"  {words}", "green", whole=True)
         self._head = None
 
