@@ -76,10 +76,9 @@ class Response(Struct, frozen=True, dict=True):
         """Return the eigenmodes' coordinates at `time_s`."""
         modal = self.free * np.exp(self.chain.eigenmodes * time_s) + self.constant + self.slope * time_s
         turned = self.turned_constant + self.turned_slope * time_s
-        if len(self.exponents):
-            moved = np.exp(self.exponents * time_s)
-            modal += _moved(self.forced, moved)
-            turned += _moved(self.turned_forced, moved)
+        moved = np.exp(self.exponents * time_s)
+        modal += _moved(self.forced, moved)
+        turned += _moved(self.turned_forced, moved)
         modal[4:] += turned * cmath.exp(2j * self.chain.drive_rad_s * time_s)
         return np.asarray(modal)
 
@@ -201,25 +200,15 @@ class Chain(Struct, frozen=True, dict=True):
         own, lag = self.eigenmodes, self.lag
         steady = self.rate * forcing.rate + self.virtual * forcing.virtual_v + self.quadrature
         turned_steady = self.turned_rate * forcing.rate + self.turned_virtual * forcing.virtual_v
-        turned_constant = turn * (turned_steady + self.turned_quadrature) * lag
-        if forcing.rate_slope or forcing.virtual_slope:
-            slope = self.rate * (-forcing.rate_slope / own) + self.virtual * (-forcing.virtual_slope / own)
-            turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
-            turned_slope += turn * forcing.virtual_slope * self.turned_virtual * lag
-            constant = (slope - steady) / own
-            turned_constant -= turned_slope * lag
-        else:
-            slope, turned_slope = np.zeros(own.shape, complex), np.zeros(lag.shape, complex)
-            constant = -steady / own
-        if forcing.rate_terms or forcing.virtual_terms:
-            exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
-            forced, turned_forced = self._forced(forcing, exponents, turn)
-            free = modal - constant - forced.sum(axis=1)
-            free[4:] -= turned_constant + turned_forced.sum(axis=1)
-        else:
-            exponents, forced, turned_forced = np.empty(0, complex), _none(own), _none(lag)
-            free = modal - constant
-            free[4:] -= turned_constant
+        slope = self.rate * (-forcing.rate_slope / own) + self.virtual * (-forcing.virtual_slope / own)
+        turned_slope = turn * forcing.rate_slope * self.turned_rate * lag
+        turned_slope += turn * forcing.virtual_slope * self.turned_virtual * lag
+        constant = (slope - steady) / own
+        turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
+        exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
+        forced, turned_forced = self._forced(forcing, exponents, turn)
+        free = modal - constant - forced.sum(axis=1)
+        free[4:] -= turned_constant + turned_forced.sum(axis=1)
         # The envelope of V_s without motion; of a rate there is nothing
         sizes = [0j] * len(forcing.rate_terms) + [self.virtual_through * a for a, _ in forcing.virtual_terms]
         still = self.carrier_through + self.virtual_through * forcing.virtual_v
@@ -234,16 +223,10 @@ class Chain(Struct, frozen=True, dict=True):
         """Return how each term of the forcing moves the eigenmodes, and the filter's times e^{2j th}; a column each."""
         own = self.eigenmodes[:, None]
         acting = self.by_rate * np.array([a for a, _ in forcing.rate_terms], complex)
-        if forcing.virtual_terms:
-            virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
-            acting = np.concatenate((acting, virtual), axis=1)
+        virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
+        acting = np.concatenate((acting, virtual), axis=1)
         turned = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:])
         return acting[: len(own)] / (exponents - own), turned
-
-
-def _none(modes: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Return the motions that no term forces, a row each."""
-    return np.empty((len(modes), 0), complex)
 
 
 def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDArray[np.complex128]:
