@@ -185,11 +185,11 @@ class LiveProgress(NoProgress):
             self._print(step.describe(), "yellow", whole=True)
         elif isinstance(result, Window):
             point = result.recorded_point
-            line = None
+            fit = None
             if point is not None:
                 self._points.append(point)
-                _, line = line_of(self._points, point.step)
-            row = PointRow(t_s, result, None if line is None else float(line.residuals_v[-1]))
+                _, fit = line_of(self._points, point.step)
+            row = PointRow(t_s, result, None if fit is None else float(fit.residuals_v[-1]))
             heads = head(row, self._console.width)
             if heads != self._head:  # a new part, or the window is wider or narrower than it was
                 self._head = heads
