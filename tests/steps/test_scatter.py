@@ -90,15 +90,17 @@ def test_a_first_window_with_a_step_is_found_by_the_second() -> None:
     [
         (0.04 * np.exp(-np.arange(N) / 0.8), SETTLES),
         (0.04 * np.exp(-np.arange(N) / 2.0) * np.cos(3.0 * np.arange(N)), SETTLES),
-        (np.where(np.arange(N) == 4, 0.005, 0.0), ""),
+        (np.where(np.arange(N) == 0, 0.005, 0.0), f"{SETTLES}, or a step: the first reading alone is off"),
+        (np.where(np.arange(N) == 4, 0.005, 0.0), "as a contact or a bump (leads, fixture)"),
+        (np.where(np.arange(N) == 9, 0.005, 0.0), "as a contact or a bump (leads, fixture), or a step"),
         (np.where(np.arange(N) < 4, 0.0, -0.05), "it stepped by -0.05 V at reading 5 of 10, and stayed there"),
         (
             np.where((np.arange(N) > 2) & (np.arange(N) < 6), 0.005, 0.0),
-            "off by +0.005 V from reading 4 to 6 of 10, and back, as a contact or a bump",
+            "off by +0.005 V from reading 4 to 6 of 10, and back, as a contact or a bump (leads, fixture)",
         ),
         (np.random.default_rng(1).normal(0.0, 0.005, N), ""),
     ],
-    ids=["settling", "ringing", "outlier", "step", "contact", "noise"],
+    ids=["settling", "ringing", "first", "outlier", "last", "step", "contact", "noise"],
 )
 def test_a_window_that_scatters_too_much_is_said_to_look_like(added_v: np.ndarray, looks: str) -> None:
     windows = honest(1)
@@ -111,7 +113,17 @@ def test_a_window_that_scatters_too_much_is_said_to_look_like(added_v: np.ndarra
 def test_readings_that_stand_still_where_others_scatter_are_no_measurement() -> None:
     windows = honest(4)
     windows[30] = 1e-6
-    assert "a lead is off" in first_doubt(windows)
+    assert first_doubt(windows).endswith("a lead is off, or the others were disturbed")
+
+
+def test_where_one_window_stands_still_the_others_may_not_have_settled() -> None:
+    """A gyroscope without noise behind a filter of 0.5 Hz, 3 s after a change of rate."""
+    rings_uv = [-1918, -19, 176, -101, 43, -16, 5, -2, 1, 0]
+    seen = NoiseSeen(RESOLUTION_V)
+    assert seen.doubt([0.0] * N) == ""
+    said = seen.doubt([1e-6 * each - 2.5084 for each in rings_uv], turning=True)
+    assert said.startswith("window 1 of the run: the readings scatter by 0 V only")
+    assert said.endswith(f": a lead is off, or the others were disturbed: {SETTLES}")
 
 
 @pytest.mark.parametrize("times", [0.5, 2.0])

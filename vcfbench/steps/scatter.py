@@ -183,7 +183,7 @@ class NoiseSeen(Struct):
         if below > _LEAST_RATIO**2 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
             return (
                 f"the readings scatter by {window.std_v:.2g} V only, those of the other windows by {run_v:.2g} V: "
-                "a lead is off, or the others were disturbed"
+                f"a lead is off, or the others were disturbed{_likeness(self._extremes['wide'][1].readings_v)}"
             )
         return ""
 
@@ -210,12 +210,17 @@ def _likeness(readings_v: Sequence[float]) -> str:
         differ_v = (sums[stop] - sums[begin] - sums[n] * (stop - begin) / n) / share_n
         if stop - begin < n - 1 and differ_v * differ_v * share_n > most:
             most, size_v, first, end = differ_v * differ_v * share_n, differ_v, begin, stop
-    if most > _LIKE * squares and end - first > 1:
+    if most > _LIKE * squares and n > 4:  # three or four look like anything
+        if end - first == 1:
+            return f": as a contact or a bump (leads, fixture){', or a step' * (end == n)}"
         if end == n:
             return f": it stepped by {size_v:+.2g} V at reading {first + 1} of {n}, and stayed there"
-        return f": off by {size_v:+.2g} V from reading {first + 1} to {end} of {n}, and back, as a contact or a bump"
-    late = math.fsum(each * each for each in off[half:]) / (n - half)
-    early = math.fsum(each * each for each in off[:half]) / half
-    if abs(off[0]) == max(map(abs, off)) and early > _DIES_AWAY**2 * late:
-        return ": it dies away from the first reading on, as what has not settled does (a longer settle_s)"
+        where = f"from reading {first + 1} to {end} of {n}"
+        return f": off by {size_v:+.2g} V {where}, and back, as a contact or a bump (leads, fixture)"
+    quiet_v2 = _DIES_AWAY**2 * math.fsum(each * each for each in off[half:]) / (n - half)
+    early = [each * each for each in off[:half]]
+    if early[0] == max(each * each for each in off) and math.fsum(early) > quiet_v2 * half:
+        alone = math.fsum(early[1:]) <= quiet_v2 * (half - 1)
+        step = ", or a step: the first reading alone is off" * alone
+        return f": it dies away from the first reading on, as what has not settled does (a longer settle_s){step}"
     return ""
