@@ -9,8 +9,8 @@ import re
 import select
 import subprocess
 import sys
+from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING
 
 import pytest
 
@@ -30,9 +30,6 @@ from vcfbench.runs.resumed import resume
 from vcfbench.safety.control import RunState
 from vcfbench.safety.signals import StopSignals
 from vcfbench.station.file import read_bench
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 SCALE_FACTOR, BIAS_V = -0.01254, -0.042
 BENCH = """
@@ -326,7 +323,8 @@ def test_what_was_typed_is_said_when_it_is_asked_for_again(bench: Path) -> None:
     table.set_rate(-25.0, 10.0)
     assert [table.rate_deg_s(), table.rate_deg_s()] == [-50.0, -25.0]
     reading, rate = "multimeter's reading", "rate that the table shows"
-    assert asked[1:6] == [reading, *[f"{reading}, not Enter alone"] * 2, reading, f"{reading} again, for it has moved"]
+    again = f"{reading} again, as it shows now, for it has moved"
+    assert asked[1:6] == [reading, *[f"{reading}, not Enter alone"] * 2, reading, again]
     told = (rate, f"{rate}, expected 25, 50 was typed", f"{rate}, 25 and then 26 were typed")
     assert asked[7:] == [words for each in told for words in (each, f"{rate} again")]
 
@@ -344,3 +342,14 @@ def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Pa
     assert done.returncode == 2, done.stderr
     assert "bench check asks a person about power, multimeter, rate_table, and nobody is there" in done.stderr
     assert "NOT SAFE" not in done.stderr
+
+
+def test_a_meter_on_a_bus_stands_in_the_place_of_the_one_by_hand(bench: Path) -> None:
+    page = (Path(__file__).parents[1] / "docs" / "howto" / "by-hand.md").read_text(encoding="utf-8")
+    by_hand, on_a_bus = re.findall(r"\[multimeter\].*?\n(?=\n|```)", page, re.DOTALL)
+    shown = re.search(r'title="hand.toml"\n(.*?)```', page, re.DOTALL)
+    assert shown is not None
+    bench.write_text(shown[1].replace(by_hand, on_a_bus), encoding="utf-8")
+    meter = read_bench(bench).multimeter
+    assert meter is not None
+    assert (meter.by, meter.resource) == (None, "ASRL/dev/ttyUSB0::INSTR")

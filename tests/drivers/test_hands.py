@@ -66,12 +66,15 @@ def test_a_read_back_is_typed_twice_where_it_has_changed() -> None:
     assert table.command_safe().last_read == "0 deg/s"
 
 
-def test_a_reading_that_has_moved_is_typed_twice() -> None:
-    hands, asked = typing("", "0.100", "0.101", "0.500", "0.400", "0.400", "0.400")
+def test_a_reading_that_has_moved_is_typed_again_as_it_shows_then() -> None:
+    hands, asked = typing("", "0.100", "0.101", "0.500", "0.400", "0.403", *(f"{v}.000" for v in range(1, 6)))
     meter = HandMeter("multimeter", METER, hands, {})
     meter.configure_dc_voltage(10.0, 10.0)
-    assert [meter.read_voltage_v() for _ in range(3)] == [0.1, 0.101, 0.4]
-    assert len(asked) == 7
+    assert [meter.read_voltage_v() for _ in range(3)] == [0.1, 0.101, 0.403]
+    again = "type the multimeter's reading again, as it shows now, for it has moved (V, at most 12, 3 decimals)"
+    assert asked[4:6] == [again] * 2
+    with pytest.raises(MeasurementError, match=r"no two in a row were within 0\.01 V"):
+        meter.read_voltage_v()
 
 
 def test_a_supply_is_off_when_that_was_typed() -> None:

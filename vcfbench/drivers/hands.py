@@ -17,6 +17,8 @@ _STILL_DEG_S: Final = 0.05
 _JUMP: Final = 0.01
 """Part of the range by which a reading may differ from the one before without being typed twice, and part of a rate by
 which the read-back may differ from it without a remark."""
+_ALIKE: Final = 0.001
+"""Part of the range within which a reading that was typed twice agrees: a last digit may flicker, a slip is more."""
 _OUTPUTS: Final = MappingProxyType({"N25V": "negative output", "P25V": "positive output", "P6V": "6 V output"})
 
 
@@ -141,15 +143,17 @@ class HandMeter(_ByHand):
         self._range_v = range_v
 
     def read_voltage_v(self) -> float:
-        """Have one reading typed, V; one that is far from the one before is typed twice."""
+        """Have one reading typed, V; one that is far from the one before is typed until two in a row are alike."""
         largest_v, step = 1.2 * self._range_v, f"{self._part.resolution_v:.9f}".rstrip("0")
-        reading_v = self._hands.number("the multimeter's reading", "V", largest_v, len(step.partition(".")[2]))
-        moved = self._before_v is not None and abs(reading_v - self._before_v) > _JUMP * self._range_v
-        again = "the multimeter's reading again, for it has moved"
-        if moved and self._hands.number(again, "V", largest_v) != reading_v:
-            reading_v = self._hands.twice("the multimeter's reading", "V", largest_v)
-        self._before_v = reading_v
-        return reading_v
+        what, near_v, within_v = "the multimeter's reading", self._before_v, _JUMP * self._range_v
+        for _ in range(_TRIES):
+            reading_v = self._hands.number(what, "V", largest_v, len(step.partition(".")[2]))
+            if near_v is None or abs(reading_v - near_v) <= within_v:
+                self._before_v = reading_v
+                return reading_v
+            near_v, within_v = reading_v, _ALIKE * self._range_v
+            what = "the multimeter's reading again, as it shows now, for it has moved"
+        raise MeasurementError(f"of {_TRIES} readings of the multimeter no two in a row were within {within_v:g} V")
 
 
 class HandSupply(_ByHand):
