@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 from msgspec import structs
@@ -20,9 +22,6 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Figure, Heading, Table
 from vcfbench.reports.text import text_of
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 POINTS = (Point(1, 10.0, 0.0, 0.5, 3e-3, 9), Point(1, 0.0, 0.0, 0.25, 3e-3, 9))
 
@@ -94,6 +93,24 @@ def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> N
     assert (done.exit_code, json.loads(done.stdout)["runs"]) == (0, of_device)
     refused = CliRunner().invoke(app, ["compare", "last", "--dut", "G1", "--runs", str(tmp_path)])
     assert "--dut: it chooses the runs" in refused.stderr
+    single = CliRunner().invoke(app, ["compare", "--dut", "G2", "--runs", str(tmp_path)])
+    assert f"{tmp_path}: expected two runs of G2 to compare, found 1; one of elsewhere is named" in single.stderr
+
+
+def test_a_run_of_another_directory_is_named_by_its_path_or_copied(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text("utf-8")
+    for seed, folder in ((1, "archive"), (2, "runs")):
+        metadata = {"dut": "G1"}
+        vcfbench.run("turntable", seed=seed, settings={"samples": 2}, metadata=metadata, runs=tmp_path / folder)
+    (kept,) = (tmp_path / "archive").iterdir()
+    command, copy = "vcfbench compare archive/RUN last", "cp -r archive/RUN runs/"
+    assert command in page
+    assert copy in page
+    named = warm.run(command.replace("RUN", kept.name).split(), tmp_path)
+    assert (named.returncode, kept.name in named.stdout) == (0, True), named.stderr
+    shutil.copytree(kept, tmp_path / "runs" / kept.name)
+    history = warm.run(["vcfbench", "device", "G1"], tmp_path)
+    assert history.stdout.count("turntable") == 2
 
 
 def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> None:
