@@ -70,6 +70,7 @@ def test_turntable_ends_with_one_column_and_its_fit() -> None:
     )
     names = [line.split("   ")[0] for line in lines[stated + 3 :] if line and not line.startswith(" ")]
     assert names[:3] == ["scale factor", "bias (output)", "bias"]
+    assert "Uncertainty budget (causes below 0.1 % are left out)" in lines
     assert lines[lines.index("not in these uncertainties:") + 1].startswith("  MISSING the multimeter's accuracy")
 
 

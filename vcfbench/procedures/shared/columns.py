@@ -172,7 +172,7 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
-        Table(shares, lines, "Largest contributions"),
+        Table(shares, lines, f"Uncertainty budget (causes below {100.0 * _LEAST_SHARE:g} % are left out)"),
         Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
         Text("\n  ".join(["not in these uncertainties:", *left_out])),
     ]
