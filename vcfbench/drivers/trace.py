@@ -8,7 +8,6 @@ escaped as ``\n``, ``\r``, ``\t``, ``\\`` and ``\xNN``; docs/console.md has the 
 """
 
 import os
-import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,10 +24,6 @@ from vcfbench.errors import BenchError, ConfigError, TransportError
 Connect = Callable[[Deadline], Wire]
 
 HEADER = "# vcfbench trace 1"
-_PLAIN = re.compile(rb"[ -\[\]-~]+")
-_NAMED = {ord("\n"): "\\n", ord("\r"): "\\r", ord("\t"): "\\t", ord("\\"): "\\\\"}
-_ESCAPE = re.compile(r"\\(?:x([0-9a-f]{2})|(.))")
-_MEANT = {"n": "\n", "r": "\r", "t": "\t", "\\": "\\"}
 
 
 class TraceLine(Struct, frozen=True):
@@ -46,14 +41,15 @@ class TraceLine(Struct, frozen=True):
 
 def escaped(data: bytes) -> str:
     """Return bytes as printable ASCII without tabs."""
-    if _PLAIN.fullmatch(data):
-        return data.decode("ascii")
-    return "".join(_NAMED.get(byte) or (chr(byte) if 0x20 <= byte <= 0x7E else f"\\x{byte:02x}") for byte in data)
+    return data.decode("latin-1").encode("unicode_escape").decode("ascii")
 
 
 def unescaped(text: str) -> bytes:
-    """Return the bytes that :func:`escaped` made `text` of."""
-    return _ESCAPE.sub(lambda found: chr(int(found[1], 16)) if found[1] else _MEANT[found[2]], text).encode("latin-1")
+    """Return the bytes that :func:`escaped` made `text` of; ValueError if it did not."""
+    data = text.encode("ascii").decode("unicode_escape").encode("latin-1")
+    if escaped(data) != text:
+        raise ValueError(f"{text!r} holds what is not escaped so")
+    return data
 
 
 class _Trace:

@@ -127,24 +127,23 @@ class SocketWire:
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return the received bytes, waiting for the first."""
-        try:
-            return self._taken(_left(deadline)), False
-        except (TimeoutError, BlockingIOError, InterruptedError) as error:
-            raise DeadlineExceeded("no answer") from error
+        left = deadline.remaining()
+        data = self._taken(left) if left > 0.0 else b""
+        if not data:
+            raise DeadlineExceeded("no answer")
+        return data, False
 
     def pending(self) -> bytes:
         """Take unasked bytes."""
-        try:
-            return self._taken(0.0)
-        except (BlockingIOError, InterruptedError):
-            return b""
+        return self._taken(0.0)
 
     def _taken(self, wait_s: float) -> bytes:
+        """Return the received bytes; none where none came within `wait_s`."""
         try:
             self._socket.settimeout(wait_s)
             data = self._socket.recv(_CHUNK)
         except (TimeoutError, BlockingIOError, InterruptedError):
-            raise
+            return b""
         except OSError as error:
             raise LinkLost(f"the connection broke ({_reason(error)})") from error
         if not data:
