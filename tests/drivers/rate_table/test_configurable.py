@@ -90,6 +90,36 @@ def test_what_comes_late_is_not_the_answer() -> None:
         table().angle_deg(on, soon(on))
 
 
+BYTES = """
+title = "a table"
+evidence = "none"
+frame = { kind = "fixed", header = "AA", length = 4 }
+units = { rate_quantum = 1, rate_max = 100 }
+stream = { reply = "state" }
+[commands]
+start = [{ send = "02 {rate:u8}", no_reply = true }]
+stop = [{ send = "03", no_reply = true }]
+read_all = [{ send = "01", expect = "said" }]
+[replies]
+said = { bytes = [{ at = 1, is = 1 }] }
+state = { bytes = [{ at = 1, is = 2 }] }
+[fields]
+position = { from = "read_all", at = 2, type = "u8" }
+"""
+
+
+def test_status_of_bytes_that_comes_unasked_is_not_the_answer() -> None:
+    clock = VirtualClock()
+    asked = b"\xaa\x01\0\0"
+    said: list[Exchange] = [(asked, b"\xaa\x02\0\0\xaa\x01\x05\0"), (asked, b"\xaa\x03\0\0")]
+    wire = ScriptedWire(said, clock=clock, interface="serial")
+    on = TableLine(wire, name="rate_table", resource="script://", clock=clock, timeout_s=1.0)
+    dialect = ConfigurableDialect(parse_profile(BYTES, "lab.toml"))
+    assert dialect.angle_deg(on, soon(on)) == 5.0
+    with pytest.raises(FramingError, match="came 'aa 03 00 00', which is no answer"):
+        dialect.angle_deg(on, soon(on))
+
+
 def test_stopping_does_not_wait_for_the_line_to_be_in_order() -> None:
     on = line(("S", "1.5,2.0\r\nOK"))
     on.dirty = True

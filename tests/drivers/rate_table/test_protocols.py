@@ -10,7 +10,8 @@ from vcfbench.drivers.rate_table.atl import AtlDialect
 from vcfbench.drivers.rate_table.dialect import TableLimits
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.esp import EspDialect
-from vcfbench.drivers.rate_table.zaber import ZaberDialect, frame_request, lrc, parse_reply
+from vcfbench.drivers.rate_table.messages import checksum
+from vcfbench.drivers.rate_table.zaber import ZaberDialect, frame_request, parse_reply
 from vcfbench.errors import FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import expected_exchange, over_serial
 
@@ -36,7 +37,7 @@ def zaber(*said: tuple[str, str]) -> list[Exchange]:
     for number, (request, reply) in enumerate(said):
         axis, command = (0, request[1:]) if request.startswith("*") else (1, request)
         answer = f"@01 {axis} {number:02d} {reply}\r\n".encode()
-        exchanges.append((frame_request(1, axis, number, command), answer))
+        exchanges.append((frame_request(axis, number, command), answer))
     return exchanges
 
 
@@ -49,10 +50,10 @@ STAGE = 640000 / 360
 
 
 def test_zaber_golden_frames() -> None:
-    assert frame_request(1, 0, 0, "get deviceid") == b"/1 0 00 get deviceid:42\n"
-    assert lrc("1 1 move vel 16384") == "1A"
-    assert parse_reply("@01 1 02 OK BUSY -- 0").busy
-    assert not parse_reply("@01 1 03 RJ BUSY -- BADCOMMAND").accepted
+    assert frame_request(0, 0, "get deviceid") == b"/1 0 00 get deviceid:42\n"
+    assert frame_request(1, None, "move vel 16384") == b"/1 1 move vel 16384:1A\n"
+    assert parse_reply("@01 1 02 OK BUSY -- 0")["state"] == "BUSY"
+    assert parse_reply("@01 1 03 RJ BUSY -- BADCOMMAND")["verdict"] == "RJ"
 
 
 @pytest.mark.parametrize(
@@ -91,10 +92,10 @@ def test_zaber_late_replies_alerts_and_damage_are_told_from_the_answer() -> None
     noise = b"!01 1 IDLE --\r\n#01 0 hello\r\n@01 1 77 OK IDLE -- 999\r\n"
     exchanges[3] = (
         exchanges[3][0],
-        noise + b"@01 1 03 OK IDLE -- 640000:%s\r\n" % lrc("01 1 03 OK IDLE -- 640000").encode(),
+        noise + b"@01 1 03 OK IDLE -- 640000:%s\r\n" % checksum("lrc_hex", b"01 1 03 OK IDLE -- 640000"),
     )
     exchanges[4] = (exchanges[4][0], b"@01 1 04 OK IDLE -- 641000:00\r\n")
-    exchanges.append((frame_request(1, 1, 5, "get pos"), b"@01 1 05 OK IDLE -- 1\r\n"))
+    exchanges.append((frame_request(1, 5, "get pos"), b"@01 1 05 OK IDLE -- 1\r\n"))
     with expected_exchange(driver(ZaberDialect(STAGE)), exchanges) as table:
         assert table.angle_deg() == 360.0
         assert table.angle_deg() == pytest.approx(1 / STAGE)

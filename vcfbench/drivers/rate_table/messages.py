@@ -99,8 +99,8 @@ def fill_bytes(template: str, values: Mapping[str, Value], order: Order) -> byte
         place = _PLACE.fullmatch(token)
         if place is None:
             raise ValueError(f"{token!r} is neither hexadecimal bytes nor {{name:type}} or {{name:type*factor}}")
-        if place["kind"] not in _FORMATS:
-            raise ValueError(f"unknown type {place['kind']!r}, there are {', '.join(_FORMATS)}")
+        if place["kind"] not in _SIZES:
+            raise ValueError(f"unknown type {place['kind']!r}, there are {', '.join(_SIZES)}")
         factor = float(place["factor"] or 1.0)
         if not 1e-12 <= abs(factor) <= 1e12:
             raise ValueError(f"a factor is from 1e-12 to 1e12 either sign, not {place['factor']}")
@@ -110,43 +110,35 @@ def fill_bytes(template: str, values: Mapping[str, Value], order: Order) -> byte
 
 # --- numbers ---
 
-_FORMATS: Mapping[str, str] = MappingProxyType(
-    dict(zip(get_args(BinaryType), ("B", "b", "H", "h", "3s", "3s", "I", "i", "f"), strict=True))
-)
-"""Types by their letters in :mod:`struct`; of three bytes there are none."""
+_SIZES: Mapping[str, int] = MappingProxyType(dict(zip(get_args(BinaryType), (1, 1, 2, 2, 3, 3, 4, 4, 4), strict=True)))
+"""Types by their bytes."""
+_SIGNED = ("i8", "i16", "i32")
 _SIGN = 1 << 23
+_FLOATS: Mapping[Order, str] = MappingProxyType({"little": "<f", "big": ">f"})
 
 
 def encode(kind: str, value: float, order: Order) -> bytes:
     """Return `value` as the bytes of a type; whole-number types round to the nearest; ValueError: it does not fit."""
     try:
         if kind == "f32":
-            return struct.pack(f"{_ORDERS[order]}f", value)
+            return struct.pack(_FLOATS[order], value)
         whole = round(value)
-        if kind not in ("u24", "i24sm"):
-            return struct.pack(f"{_ORDERS[order]}{_FORMATS[kind]}", whole)
-        if kind == "i24sm" and abs(whole) < _SIGN:
-            whole = abs(whole) | (_SIGN if whole < 0 else 0)
-        elif kind == "i24sm":
-            whole = -1  # no three bytes either
-        return whole.to_bytes(3, order)
-    except (struct.error, OverflowError) as error:
+        if kind == "i24sm":  # sign and magnitude; what is too large has no three bytes either
+            whole = abs(whole) | (_SIGN if whole < 0 else 0) if abs(whole) < _SIGN else -1
+        return whole.to_bytes(_SIZES[kind], order, signed=kind in _SIGNED)
+    except OverflowError as error:
         raise ValueError(f"{value:.15g} does not fit into {kind}") from error
-
-
-_ORDERS: Mapping[Order, str] = MappingProxyType({"little": "<", "big": ">"})
 
 
 def decode(kind: str, data: bytes, at: int, order: Order) -> float:
     """Return the number of a type that begins at byte `at`; raises FramingError when it is not wholly there."""
-    form = f"{_ORDERS[order]}{_FORMATS[kind]}"
-    raw = data[at : at + struct.calcsize(form)]
-    if at < 0 or len(raw) != struct.calcsize(form):
+    raw = data[at : at + _SIZES[kind]]
+    if at < 0 or len(raw) != _SIZES[kind]:
         raise FramingError(f"a frame of {len(data)} bytes has no {kind} at byte {at}")
-    if kind in ("u24", "i24sm"):
-        word = int.from_bytes(raw, order)
-        return float(word if kind == "u24" or not word & _SIGN else -(word ^ _SIGN))
-    return float(struct.unpack(form, raw)[0])
+    if kind == "f32":
+        return float(struct.unpack(_FLOATS[order], raw)[0])
+    word = int.from_bytes(raw, order, signed=kind in _SIGNED)
+    return float(-(word ^ _SIGN) if kind == "i24sm" and word & _SIGN else word)
 
 
 def text_value(kind: TextType, text: str) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from msgspec import Struct, field
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.rate_table.language import Byte, Field, Flag, Profile, Reply, Step
+from vcfbench.drivers.rate_table.language import Field, Flag, Profile, Refusals, Reply, Step
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.messages import decode, take_frame, take_text, text_value, unwrapped
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
@@ -29,11 +29,9 @@ class ProfileReplies:
 
     def await_prompt(self, line: TableLine, step: Step, within: Deadline) -> None:
         """Take lines until the prompt comes that ends the reply to `step`; InstrumentError for a refusal before it."""
-        refusal = self._profile.refusals.pattern
         try:
             while (text := self._text(line, within)) != self._profile.link.prompt:
-                if refusal is not None and re.fullmatch(refusal, text):
-                    raise InstrumentError(f"refused ({text})", words=text, **line.where)
+                self._require_accepted(line, text)
         except DeadlineExceeded:
             if not step.optional_reply:
                 raise
@@ -79,31 +77,27 @@ class ProfileReplies:
 
     def _receive(self, line: TableLine, name: str, deadline: Deadline) -> Received | bytes | str:
         """Return the next message: as a reply if it is `name`, else as it came."""
-        reply = self._profile.replies[name]
+        message: bytes | str
         if self._profile.binary:
-            data = take_frame(self._profile.received_frame, line, deadline)
-            return Received(data) if _has(reply.bytes, data) else data
-        text = self._text(line, deadline)
-        return _matched(reply, text) or text
+            message = take_frame(self._profile.received_frame, line, deadline)
+        else:
+            message = self._text(line, deadline)
+        return _matched(self._profile.replies[name], message) or message
+
+    def _require_accepted(self, line: TableLine, message: bytes | str) -> None:
+        """Raise InstrumentError for a refusal."""
+        refusals = self._profile.refusals
+        told = refusals.pattern is not None if isinstance(message, str) else bool(refusals.bytes)
+        if told and _matched(refusals, message) is not None:
+            raise InstrumentError(f"refused ({_shown(message)})", words=_shown(message), **line.where)
 
     def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
-        if isinstance(message, bytes):
-            if self._profile.refusals.bytes and _has(self._profile.refusals.bytes, message):
-                raise InstrumentError(f"refused ({message.hex(' ')})", words=message.hex(" "), **line.where)
-            late = any(reply.late and _has(reply.bytes, message) for reply in self._unasked())
-        else:
-            pattern = self._profile.refusals.pattern
-            if pattern is not None and re.fullmatch(pattern, message):
-                raise InstrumentError(f"refused ({message})", words=message, **line.where)
-            echo = self._profile.link.echo == "optional" and message == sent
-            late = (
-                echo
-                or message == self._profile.link.prompt
-                or any(_matched(reply, message) for reply in self._unasked())
-            )
+        self._require_accepted(line, message)
+        link = self._profile.link
+        echo = link.echo == "optional" and message == sent
+        late = echo or message == link.prompt or any(_matched(reply, message) for reply in self._unasked())
         if not late and not among_others:
-            shown = message.hex(" ") if isinstance(message, bytes) else message
-            raise FramingError(f"came {shown[:60]!r}, which is no answer to the question")
+            raise FramingError(f"came {_shown(message)[:60]!r}, which is no answer to the question")
 
     def _unasked(self) -> list[Reply]:
         """Return the replies that may come at any time."""
@@ -148,15 +142,19 @@ class ProfileReplies:
         return (spec.above is None or value > spec.above) and (spec.below is None or value < spec.below)
 
 
-def _has(wanted: tuple[Byte, ...], data: bytes) -> bool:
-    return all(each.at < len(data) and data[each.at] == each.value for each in wanted)
+def _shown(message: bytes | str) -> str:
+    return message if isinstance(message, str) else message.hex(" ")
 
 
-def _matched(reply: Reply, text: str) -> Received | None:
-    found = re.fullmatch(reply.pattern or "", text)
+def _matched(form: Reply | Refusals, message: bytes | str) -> Received | None:
+    """Return a message of this form, taken apart; None for any other."""
+    if isinstance(message, bytes):
+        has_all = all(each.at < len(message) and message[each.at] == each.value for each in form.bytes)
+        return Received(message) if has_all else None
+    found = re.fullmatch(form.pattern or "", message)
     if found is None:
         return None
     groups = {key: value for key, value in found.groupdict().items() if value is not None}
-    if reply.split is not None:
-        groups |= {f"item_{number}": piece for number, piece in enumerate(text.split(reply.split))}
-    return Received(b"", text, groups)
+    if isinstance(form, Reply) and form.split is not None:
+        groups |= {f"item_{number}": piece for number, piece in enumerate(message.split(form.split))}
+    return Received(b"", message, groups)

@@ -11,12 +11,11 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Self
 
-from msgspec import Struct
-
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.dialect import AxisSettings, SteadyRate, TableDialect, TableLimits, require_rest
 from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.rate_table.messages import Frame, checksum, frame_text
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
 
@@ -25,6 +24,7 @@ _VELOCITY = 1.6384
 _ACCELERATION = 1.6384e-4
 """Data units of acceleration per microstep/s2 (unverified)."""
 
+_REQUEST = Frame(start="/", checksum="lrc_hex", checksum_mark=":")
 _REPLY = re.compile(
     r"@(?P<device>\d{1,2}) (?P<axis>\d{1,2})(?: (?P<id>\d{1,2}))? (?P<verdict>OK|RJ) (?P<state>BUSY|IDLE) "
     r"(?P<warning>--|[A-Z0-9]{2}) (?P<data>[^:]*)(?::(?P<check>[0-9A-Fa-f]{2}))?"
@@ -65,36 +65,20 @@ _NUMBER = replies.NumberForm("a plain decimal number", re.compile(r"-?[0-9]+(?:\
 """Data have no sign but minus, and no exponent."""
 
 
-class ZaberReply(Struct, frozen=True):
-    """A reply, taken apart: message number (None when it has none), verdict, state, warning flag, data."""
-
-    number: int | None
-    accepted: bool
-    busy: bool
-    warning: str
-    data: str
+def frame_request(axis: int, number: int | None, command: str) -> bytes:
+    """Return a request to the one device as sent; without a number no reply to it is taken for another's."""
+    words = (f"1 {axis}", "" if number is None else f"{number:02d}", command)
+    return frame_text(_REQUEST, " ".join(filter(None, words)), "\n")
 
 
-def lrc(text: str) -> str:
-    """Return the checksum of the text after the first character: two's complement of the byte sum, two hex digits."""
-    return f"{-sum(text.encode('ascii')) % 256:02X}"
-
-
-def frame_request(device: int, axis: int, number: int, command: str) -> bytes:
-    """Return a request as sent, its number and checksum included."""
-    body = f"{device} {axis} {number:02d}{' ' if command else ''}{command}"
-    return f"/{body}:{lrc(body)}\n".encode("ascii")
-
-
-def parse_reply(text: str) -> ZaberReply:
+def parse_reply(text: str) -> re.Match[str]:
     """Take a reply apart; raises FramingError when it is none or its checksum is wrong."""
     found = _REPLY.fullmatch(text)
     if found is None:
         raise FramingError(f"expected a reply of a Zaber device, came {text[:60]!r}")
-    if found["check"] is not None and found["check"].upper() != lrc(text[1:-3]):
+    if (check := found["check"]) and check.upper().encode("ascii") != checksum("lrc_hex", text[1:-3].encode("ascii")):
         raise FramingError(f"a reply with a wrong checksum came, {text[:60]!r}")
-    number = None if found["id"] is None else int(found["id"])
-    return ZaberReply(number, found["verdict"] == "OK", found["state"] == "BUSY", found["warning"], found["data"])
+    return found
 
 
 class ZaberDialect(TableDialect):
@@ -106,10 +90,9 @@ class ZaberDialect(TableDialect):
 
     typed_line_end = b"\n"
 
-    def __init__(self, steps_per_deg: float, axis: int = 1, device: int = 1) -> None:
+    def __init__(self, steps_per_deg: float, axis: int = 1) -> None:
         self.steps_per_deg = steps_per_deg
         self.axis = axis
-        self.device = device
         self._number = -1
         self._steady = SteadyRate()
 
@@ -141,15 +124,11 @@ class ZaberDialect(TableDialect):
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``stop``; the line end before it ends a torn request. Without a number, so that no reply is mistaken."""
-        stop = self._unnumbered("stop")
+        stop = frame_request(self.axis, None, "stop")
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\n" + stop,)
         units = max(1, math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION))
-        return b"\n" + stop, self._unnumbered(f"set accel {units}"), stop
-
-    def _unnumbered(self, command: str) -> bytes:
-        body = f"{self.device} {self.axis} {command}"
-        return f"/{body}:{lrc(body)}\n".encode("ascii")
+        return b"\n" + stop, frame_request(self.axis, None, f"set accel {units}"), stop
 
     def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
         """Set the highest speed of the axis."""
@@ -209,7 +188,7 @@ class ZaberDialect(TableDialect):
 
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name the warnings that forbid motion."""
-        flags = self._ask(line, "warnings", deadline).data.split()[1:]
+        flags = self._ask(line, "warnings", deadline).split()[1:]
         return ", ".join(f"{_FAULTS[flag]} ({flag})" for flag in flags if flag in _FAULTS) or None
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
@@ -219,20 +198,22 @@ class ZaberDialect(TableDialect):
     # Exchanges
 
     def _setting(self, line: TableLine, name: str, deadline: Deadline, *, axis: int | None = None) -> str:
-        return self._ask(line, f"get {name}", deadline, axis=axis).data
+        return self._ask(line, f"get {name}", deadline, axis=axis)
 
-    def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> ZaberReply:
+    def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> str:
+        """Put a request and return the data of its reply; raises InstrumentError when it is rejected."""
         with line.exchange(command, deadline):
             self._number = (self._number + 1) % 100
             line.take_unasked()
-            line.send(frame_request(self.device, self.axis if axis is None else axis, self._number, command), deadline)
-            reply: ZaberReply | None = None
-            while reply is None or reply.number != self._number:  # others come late, from requests given up
+            line.send(frame_request(self.axis if axis is None else axis, self._number, command), deadline)
+            reply: re.Match[str] | None = None
+            while reply is None or int(reply["id"] or -1) != self._number:  # others come late, from requests given up
                 if reply is not None and deadline.expired():
                     raise DeadlineExceeded("no answer that belongs to the request")
                 text = replies.text(line.take_line(deadline))
                 reply = reply if not text or text[0] in _UNASKED else parse_reply(text)
-        if not reply.accepted:
-            words = f"{reply.data}: {_REASONS[reply.data]}" if reply.data in _REASONS else reply.data
-            raise InstrumentError(f"rejected ({words})", words=reply.data, command=command, **line.where)
-        return reply
+        data = reply["data"]
+        if reply["verdict"] == "RJ":
+            words = f"{data}: {_REASONS[data]}" if data in _REASONS else data
+            raise InstrumentError(f"rejected ({words})", words=data, command=command, **line.where)
+        return data
