@@ -4,7 +4,7 @@ The user's guide (33220-90002) was at hand only as quoted by others; what it lea
 """
 
 import math
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
@@ -114,15 +114,16 @@ class Agilent33220A(ScpiInstrument):
     def enable_output(self) -> None:
         """Close the output relay."""
         self._require_configured("no function was configured")
-        self._session.write(f"{self.output} ON")
-        if not self.output_enabled():
-            raise self._disagreement(f"{self.output}?", "on", "off")
+        self._switch("on")
 
     def disable_output(self) -> None:
         """Open the output relay."""
-        self._session.write(f"{self.output} OFF")
-        if self.output_enabled():
-            raise self._disagreement(f"{self.output}?", "off", "on")
+        self._switch("off")
+
+    def _switch(self, wanted: Literal["on", "off"], deadline: Deadline | None = None) -> None:
+        self._session.write(f"{self.output} {wanted.upper()}", deadline=deadline)
+        if self._switched_on(deadline) is not (wanted == "on"):
+            raise self._disagreement(f"{self.output}?", wanted, "off" if wanted == "on" else "on")
 
     def output_enabled(self) -> bool:
         """Tell whether the output relay is closed."""
@@ -139,9 +140,7 @@ class Agilent33220A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write(f"{self.output} OFF", deadline=deadline)
-        if self._switched_on(deadline):
-            raise self._disagreement(f"{self.output}?", "off", "on")
+        self._switch("off", deadline)
         return "output relay open"
 
 

@@ -92,13 +92,29 @@ class Hp34401A(ScpiInstrument):
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
-        self._require_one_of("range", range_v, self.ranges_v)
+        self._configure(self.dc_words, self.header, range_v, self.ranges_v, nplc)
+        self._range_v = range_v
+
+    def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
+        """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
+        self._require_one_of("number of wires", wires, (2, 4))
+        self._configure(self.ohms_words, "RES" if wires == 2 else "FRES", range_ohm, self.ranges_ohm, nplc)
+        self._range_v = None
+
+    def _configure(
+        self, words: tuple[str, ...], header: str, end: float, ranges: tuple[float, ...], nplc: float
+    ) -> None:
+        """Send the `words` for the range that ends at `end`, and read its settings back under their `header`."""
+        self._require_one_of("range", end, ranges)
         self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
-        words = (each.format(range=decimal(range_v), nplc=decimal(nplc)) for each in self.dc_words)
-        self._session.write(*words, deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s))
-        for question, wanted in ((f"{self.header}:RANG?", range_v), (f"{self.header}:NPLC?", nplc)):
+        said = (each.format(ohms=header, range=decimal(end), nplc=decimal(nplc)) for each in words)
+        self._session.write(*said, deadline=self._reading_deadline())
+        for question, wanted in ((f"{header}:RANG?", end), (f"{header}:NPLC?", nplc)):
             self._read_back(question, wanted, 1e-6 * wanted)
-        self._nplc, self._range_v = nplc, range_v
+        self._nplc = nplc
+
+    def _reading_deadline(self) -> Deadline:
+        return self._session.deadline(self._session.timeout_s + self.reading_time_s)
 
     def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
         if value not in allowed:
@@ -116,29 +132,17 @@ class Hp34401A(ScpiInstrument):
             FramingError: the answers differ, are not in form, or lie beyond the range: the wire cannot be believed.
             MeasurementError: overload.
         """
-        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        deadline = self._reading_deadline()
         with self._session.exclusive():
             self._session.send(self.begin_words, deadline=deadline)
             return self._begun_reading_v(deadline)
-
-    def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
-        """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
-        self._require_one_of("range", range_ohm, self.ranges_ohm)
-        self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
-        self._require_one_of("number of wires", wires, (2, 4))
-        ohms = "RES" if wires == 2 else "FRES"
-        words = (each.format(ohms=ohms, range=decimal(range_ohm), nplc=decimal(nplc)) for each in self.ohms_words)
-        self._session.write(*words, deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s))
-        for question, wanted in ((f"{ohms}:RANG?", range_ohm), (f"{ohms}:NPLC?", nplc)):
-            self._read_back(question, wanted, 1e-6 * wanted)
-        self._nplc, self._range_v = nplc, None
 
     def read_resistance_ohm(self) -> float:
         """Take one reading and return it, ohm, fetched twice as a voltage is; inf where it is beyond the range.
 
         FramingError: the answers differ or are not in form.
         """
-        deadline = self._session.deadline(self._session.timeout_s + self.reading_time_s)
+        deadline = self._reading_deadline()
         with self._session.exclusive():
             self._session.send(self.begin_words, deadline=deadline)
             if self.waits_for_readings:
@@ -154,7 +158,7 @@ class Hp34401A(ScpiInstrument):
 
     def begun_reading_v(self) -> float:
         """Wait for the reading that was begun and return it, V; as of :meth:`read_voltage_v`, which see."""
-        return self._begun_reading_v(self._session.deadline(self._session.timeout_s + self.reading_time_s))
+        return self._begun_reading_v(self._reading_deadline())
 
     def _begun_reading_v(self, deadline: Deadline) -> float:
         with self._session.exclusive():
@@ -182,7 +186,7 @@ class Hp34401A(ScpiInstrument):
         pause = decimal(round(interval_s - aperture_s, 6))
         self._session.write(
             *(words.format(samples=samples, pause=pause) for words in self.sampling_words),
-            deadline=self._session.deadline(self._session.timeout_s + self.reading_time_s),
+            deadline=self._reading_deadline(),
         )
         if self.sampling_question and (found := self._session.query_int(self.sampling_question)) != samples:
             raise self._disagreement(self.sampling_question, f"{samples} readings", str(found))

@@ -87,7 +87,7 @@ class Session(Conversation):
         self._identity: str | None = None
         self._put_off: list[tuple[int, str]] = []
         self._safe_words: tuple[bytes, ...] = ()
-        self._error_question: tuple[str, Callable[[bytes], tuple[int, str]]] = "SYST:ERR?", _error_entry
+        self._error_question: tuple[str, Callable[[str], tuple[int, str]]] = "SYST:ERR?", replies.error_entry
         """Question for the next error, and the reader of number and words in its answer; number 0 is none."""
 
     @property
@@ -99,37 +99,35 @@ class Session(Conversation):
 
     def query(self, command: str, deadline: Deadline | None = None) -> str:
         """Ask `command` and return the answer, without its terminator."""
-        return self._ask(command, replies.text, deadline)
+        return self._ask(command, str, deadline)
 
     def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
-        return self._ask(command, lambda line: replies.reading(replies.text(line), form), deadline)
+        return self._ask(command, lambda text: replies.reading(text, form), deadline)
 
     def query_number(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a number in the `form` that the model promises; it may be 9.9E37, which then means infinity."""
-        return self._ask(command, lambda line: replies.number(replies.text(line), form), deadline)
+        return self._ask(command, lambda text: replies.number(text, form), deadline)
 
     def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
         """Ask for comma-separated numbers."""
-        return self._ask(command, lambda line: replies.numbers(replies.text(line)), deadline)
+        return self._ask(command, replies.numbers, deadline)
 
     def query_readings(
         self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER
     ) -> tuple[float, ...]:
         """Ask for comma-separated measured values, each in the `form`; raises MeasurementError for a 9.9E37."""
-
-        def read(line: bytes) -> tuple[float, ...]:
-            return tuple(replies.reading(field, form) for field in replies.text(line).split(","))
-
-        return self._ask(command, read, deadline)
+        return self._ask(
+            command, lambda text: tuple(replies.reading(field, form) for field in text.split(",")), deadline
+        )
 
     def query_int(self, command: str, deadline: Deadline | None = None) -> int:
         """Ask for a whole number."""
-        return self._ask(command, lambda line: replies.integer(replies.text(line)), deadline)
+        return self._ask(command, replies.integer, deadline)
 
     def query_bool(self, command: str, deadline: Deadline | None = None) -> bool:
         """Ask for a switch, ``0`` or ``1``."""
-        return self._ask(command, lambda line: replies.boolean(replies.text(line)), deadline)
+        return self._ask(command, replies.boolean, deadline)
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
@@ -292,7 +290,7 @@ class Session(Conversation):
             while entry is None:
                 line = self._next_line(deadline)
                 with suppress(errors.FramingError):
-                    entry = parse(line)
+                    entry = parse(replies.text(line))
             if entry[0] == 0:
                 break
             entries.append(entry)
@@ -330,9 +328,9 @@ class Session(Conversation):
 
     # One exchange
 
-    def _ask(self, command: str, read: Callable[[bytes], _T], deadline: Deadline | None) -> _T:
-        """Ask `command`; `read` makes a value of the line that is answered."""
-        return self._exchange(command, self._read_line, read, deadline)
+    def _ask(self, command: str, read: Callable[[str], _T], deadline: Deadline | None) -> _T:
+        """Ask `command`; `read` makes a value of the text of the line that is answered."""
+        return self._exchange(command, self._read_line, lambda line: read(replies.text(line)), deadline)
 
     def _exchange(
         self, command: str, take: Callable[[Deadline], bytes], read: Callable[[bytes], _T], deadline: Deadline | None
@@ -410,13 +408,9 @@ class Session(Conversation):
         return super().locate(error, command, deadline)
 
 
-def _error_entry(line: bytes) -> tuple[int, str]:
-    return replies.error_entry(replies.text(line))
-
-
-def _event_status(line: bytes) -> tuple[int, str]:
+def _event_status(text: str) -> tuple[int, str]:
     """Return the errors in a standard event status register; reading it has cleared it (IEEE 488.2, 11.5.1)."""
-    bits = replies.integer(replies.text(line)) & sum(_STATUS_ERRORS)
+    bits = replies.integer(text) & sum(_STATUS_ERRORS)
     return bits, ", ".join(words for bit, words in _STATUS_ERRORS.items() if bits & bit)
 
 
