@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Final, Self
+from typing import Annotated, Final, Self
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 from msgspec.structs import asdict, replace
 
 from vcfbench.errors import ConfigError
+from vcfbench.typed import typed
 
 FORMAT = 3
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
@@ -38,6 +39,11 @@ class Status(StrEnum):
     UNREADABLE = "unreadable"
 
 
+_Count = Annotated[int, Meta(ge=0, le=10**9)]
+_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+"""No table turns so many deg/s, no wire carries so many volts, and squares stay finite."""
+
+
 class Point(Struct, frozen=True):
     """One averaged point: step, rate (deg/s), V_Vc (V), mean output (V), its scatter (V), count.
 
@@ -49,16 +55,16 @@ class Point(Struct, frozen=True):
     standard uncertainty `moved_u_v`: results count from the first reference, `output_v` is as it was read.
     """
 
-    step: int
-    rate_deg_s: float
-    v_vc_v: float
-    output_v: float
-    std_v: float
-    n: int
-    v_vc_measured_v: float | None = None
-    v_vc_std_v: float | None = None
-    moved_v: float = 0.0
-    moved_u_v: float = 0.0
+    step: _Count
+    rate_deg_s: _Number
+    v_vc_v: _Number
+    output_v: _Number
+    std_v: _Number
+    n: _Count
+    v_vc_measured_v: _Number | None = None
+    v_vc_std_v: _Number | None = None
+    moved_v: _Number = 0.0
+    moved_u_v: _Number = 0.0
 
     def referred(self) -> Self:
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""
@@ -74,10 +80,8 @@ class Point(Struct, frozen=True):
 
     @classmethod
     def from_json(cls, values: Mapping[str, float]) -> Self:
-        """Return the point that :meth:`as_json` wrote; KeyError, TypeError or ValueError if it did not."""
-        names = POINT_COLUMNS + (V_VC_COLUMNS if "v_vc_measured_v" in values else ())
-        names += PAUSE_COLUMNS if "moved_u_v" in values else ()
-        return cls(**{name: _COUNTED.get(name, _measured)(values[name]) for name in names})  # type: ignore[arg-type]
+        """Return the point that :meth:`as_json` wrote; ValueError if it did not."""
+        return typed(values, cls)
 
 
 POINT_COLUMNS: Final = Point.__struct_fields__[:6]  # Columns of ``points.csv``, which ``vcfbench analyze`` reads back
@@ -85,24 +89,6 @@ V_VC_COLUMNS: Final = Point.__struct_fields__[6:8]
 """Further columns where V_Vc was measured; empty in the lines of points where it was not."""
 PAUSE_COLUMNS: Final = Point.__struct_fields__[8:]
 """Further columns of a run that paused; empty in the lines of points before."""
-_MOST = 1e9  # Largest magnitude: no table turns so many deg/s, no wire carries so many volts, and squares stay finite
-
-
-def _measured(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TypeError(f"expected a number, came {value!r}")
-    if not -_MOST <= value <= _MOST:
-        raise ValueError(f"expected a number of at most {_MOST:g} either sign, came {value:g}")
-    return float(value)
-
-
-def _whole(value: object) -> int:
-    if type(value) is not int or not 0 <= value <= _MOST:
-        raise ValueError(f"expected a whole number from 0 to {_MOST:g}, came {value!r}")
-    return value
-
-
-_COUNTED: Final = {"step": _whole, "n": _whole}
 
 
 def pooled_std_v(points: Sequence[Point]) -> float:
