@@ -17,7 +17,7 @@ from vcfbench.errors import BenchError, ConfigError, LimitError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.sim.inventory import inventory
 from vcfbench.station.consistency import LIMITS_OF, invalid_values
-from vcfbench.station.description import BenchDescription, ChamberRole
+from vcfbench.station.description import BenchDescription, VisaRole
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.parts import Limits
 from vcfbench.station.writing import bench_text
@@ -83,7 +83,7 @@ def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
     role = "rate_source" if role == "vibration_source" else role
     bench = bench_with(role)
     if role == "chamber":
-        part = ChamberRole(model="ATS-545", resource="GPIB0::18::INSTR")
+        part = VisaRole(model="ATS-545", resource="GPIB0::18::INSTR")
         limits = Limits(min_temperature_c=0.0, max_temperature_c=60.0, max_ramp_k_min=60.0)
         bench = structs.replace(bench, chamber=part, limits=limits)
     bench = structs.replace(bench, limits=structs.replace(bench.limits, **{key: None}))

@@ -55,8 +55,8 @@ CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration", "calibration_
 """Keys of a role that no driver is told."""
 
 
-class _VisaRole(_Calibrated, frozen=True, kw_only=True):
-    """An instrument reached through VISA."""
+class VisaRole(_Calibrated, frozen=True, kw_only=True):
+    """An instrument reached through VISA; generators, oscilloscope and chamber have no further keys."""
 
     resource: Resource
     timeout_s: bounds.Seconds = 5.0
@@ -65,32 +65,25 @@ class _VisaRole(_Calibrated, frozen=True, kw_only=True):
     serial_pause_s: bounds.Pause | None = None
     like: Model | None = None
     """The model whose words it speaks, where its own is not known; its identity must still be that of `model`."""
+    model: Model
 
 
 By = Literal["hand"] | None
 """Who sets and reads an instrument: a person, or the program."""
 
 
-class PowerRole(_VisaRole, frozen=True, kw_only=True):
+class PowerRole(VisaRole, frozen=True, kw_only=True):
     """The supply of the PCB's rails."""
 
-    model: Model
     by: By = None
 
 
-class FunctionGeneratorRole(_VisaRole, frozen=True, kw_only=True):
-    """A generator: of the virtual rate's voltage V_Vc, or of the virtual vibration."""
-
-    model: Model
-
-
-class MultimeterRole(_VisaRole, frozen=True, kw_only=True):
+class MultimeterRole(VisaRole, frozen=True, kw_only=True):
     """A voltmeter: of the output V_open, or of V_Vc; `calibration` are the values of its certificate.
 
     It may stand in a file, the certificate's XML (`calibration_dcc`), which is read with the bench file.
     """
 
-    model: Model
     calibration: tuple[parts.CalibrationPoint, ...] = ()
     calibration_dcc: Dialect | None = None
 
@@ -100,18 +93,6 @@ class OutputMeterRole(MultimeterRole, frozen=True, kw_only=True):
 
     by: By = None
     resolution_v: Annotated[float, Meta(ge=1e-9, le=1.0)] | None = None
-
-
-class OscilloscopeRole(_VisaRole, frozen=True, kw_only=True):
-    """The oscilloscope that watches drive, carrier and sense."""
-
-    model: Model
-
-
-class ChamberRole(_VisaRole, frozen=True, kw_only=True):
-    """A temperature chamber for the gyroscope."""
-
-    model: Model
 
 
 class RateTableRole(_Calibrated, frozen=True, kw_only=True):
@@ -288,13 +269,13 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     title: Text = "a bench"
     visa_library: Text = "@py"
     power: PowerRole | None = None
-    rate_source: FunctionGeneratorRole | None = None
+    rate_source: VisaRole | None = None
     multimeter: OutputMeterRole | None = None
-    oscilloscope: OscilloscopeRole | None = None
+    oscilloscope: VisaRole | None = None
     rate_table: RateTableRole | None = None
-    vibration_source: FunctionGeneratorRole | None = None
+    vibration_source: VisaRole | None = None
     v_vc_meter: MultimeterRole | None = None
-    chamber: ChamberRole | None = None
+    chamber: VisaRole | None = None
     wiring: Wiring = field(default_factory=Wiring)
     limits: parts.Limits = field(default_factory=parts.Limits)
     site: Site
