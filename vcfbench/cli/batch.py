@@ -16,7 +16,7 @@ from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_, arg
 from vcfbench.cli.person import somebody_there
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.reports.text import text_of
-from vcfbench.runs.batch import Batch, read_batch, with_operator
+from vcfbench.runs.batch import Batch, read_batch
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
@@ -45,7 +45,7 @@ def batch(
 
     Typed again, the same command goes on with what has no complete record yet; a device that failed is tried again.
     """
-    asked = with_operator(read_batch(file), operator)
+    asked = read_batch(file, operator)
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
     if not (yes or asked.description.simulated or somebody_there()):
         raise ConfigError(

@@ -13,7 +13,7 @@ from vcfbench.cli.options import Devices_, Runs_, Speed_, Yes_, argument, option
 from vcfbench.errors import Aborted, NotSafe
 from vcfbench.page.panel import Panel
 from vcfbench.page.server import LivePage
-from vcfbench.runs.batch import read_batch, with_operator
+from vcfbench.runs.batch import read_batch
 
 _PORT = 8331
 
@@ -32,7 +32,7 @@ def panel(
 
     Scan or type the serial number, mount the device, start, watch, read the verdict; the sheet grows below.
     """
-    asked = with_operator(read_batch(file), operator)
+    asked = read_batch(file, operator)
     options = RunOptions(bench=Path(asked.bench), runs=runs, speed=speed, quiet=True, yes=yes)
     board = Panel(asked, runs)
     with suppress(Stopped), LivePage(runs, devices, port, board) as page:  # the way in which it is meant to end

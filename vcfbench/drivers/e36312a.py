@@ -24,7 +24,6 @@ class E36312A(E3631A):
     reading_form: ClassVar[replies.NumberForm] = replies.ANY_NUMBER  # no record of a reply was at hand
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF,(@1,2,3)",)
     serial_pause_s: ClassVar[float] = 0.0  # it has no RS-232
-    off: ClassVar[str] = "OUTP OFF,(@1,2,3)"
     switch_question: ClassVar[str] = "OUTP? (@1,2,3)"
     look: ClassVar[Mapping[str, str]] = MappingProxyType(
         {"P6V": "MEAS:VOLT? (@1)", "P25V": "MEAS:VOLT? (@2)", "N25V": "MEAS:VOLT? (@3)"}
@@ -37,12 +36,6 @@ class E36312A(E3631A):
             "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 4.0e-4),
         }
     )
-
-    def _take_remote(self, deadline: Deadline) -> None:
-        """Send nothing: USB, LAN and GPIB make it remote."""
-
-    def _safe_words_here(self) -> tuple[str, ...]:
-        return self.safe_words
 
     def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
         """Return the words that set an output; the limit first, and never two outputs as one."""

@@ -51,8 +51,6 @@ class E3631A(ScpiInstrument):
     reading_form: ClassVar[replies.NumberForm] = replies.nr3()  # how many digits is unverified
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)
     outputs: ClassVar[Mapping[str, Output]] = OUTPUTS
-    off: ClassVar[str] = "OUTP OFF"
-    """Command that switches all outputs off."""
     switch_question: ClassVar[str] = "OUTP?"
     look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
     """Questions to a supply that may be on, before it is switched off."""
@@ -127,7 +125,7 @@ class E3631A(ScpiInstrument):
 
     def disable_outputs(self) -> None:
         """Switch all outputs off."""
-        self._session.write(self.off)
+        self._session.write(*self.safe_words)
         self._verify_switch("off")
 
     def _verify_switch(self, wanted: str) -> None:
@@ -172,7 +170,7 @@ class E3631A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write(self.off, deadline=deadline)
+        self._session.write(*self.safe_words, deadline=deadline)
         if self._switched_on(deadline):
             raise self._error(InstrumentError, "the outputs stay on", command=self.switch_question)
         highest_v = self._wait_for_discharge(deadline)

@@ -3,7 +3,6 @@
 None of it reaches a result; the serial number of the device alone may also choose what a procedure knows of it.
 """
 
-import difflib
 import math
 import re
 from collections.abc import Mapping
@@ -18,6 +17,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import is_utf8
 from vcfbench.interfaces import Identity
 from vcfbench.records.plain import ReadOnly
+from vcfbench.strict import unknown_key
 from vcfbench.typed import typed
 
 _LINE: Final = 200
@@ -120,9 +120,7 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
         raise ConfigError(f"metadata: expected a mapping of {', '.join(known)}, came {_short(values)}")
     for key in values or ():
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            expected = f"a known key ({close[0]!r}?)" if close else f"one of {', '.join(known)}"
-            raise ConfigError(f"metadata: {key}: expected {expected}, came an unknown key")
+            raise unknown_key(str(key), known, f"metadata: {key}")
     return RunMetadata(**(values or {}))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Any
 from zlib import crc32
 
-from msgspec import Meta, Struct, field, structs
+from msgspec import Meta, Struct, field
 
 from vcfbench.archive.batch_sheet import SheetRow, sheet_rows
 from vcfbench.archive.summary import run_summaries
@@ -114,8 +114,10 @@ class Batch(Struct, frozen=True):
         )
 
 
-def read_batch(file: Path | str) -> Batch:
+def read_batch(file: Path | str, operator: str | None = None) -> Batch:
     """Return the batch that a TOML file describes; files that it names are looked for beside it.
+
+    `operator` is another one than it names.
 
     Raises:
         ConfigError: it cannot be read, a key is unknown, a device or a procedure stands in it twice.
@@ -134,15 +136,10 @@ def read_batch(file: Path | str) -> Batch:
         runs.append(BatchRun(catalogue.procedure(named), layer))
     _require_once([each.procedure.name for each in runs], f"{source}: runs")
     _require_once(said.devices, f"{source}: devices")
-    return Batch(said.name, said.devices, bench, described(bench), said.operator, tuple(runs))
+    return Batch(said.name, said.devices, bench, described(bench), operator or said.operator, tuple(runs))
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:
     """Refuse a name that stands there twice: by it one tells what is done."""
     if twice := next((each for each in names if names.count(each) > 1), None):
         raise ConfigError(f"{where}: {twice} stands there twice")
-
-
-def with_operator(batch: Batch, operator: str | None) -> Batch:
-    """Return the batch with another operator than its file names, where one is given."""
-    return batch if operator is None else structs.replace(batch, operator=operator)

@@ -10,7 +10,7 @@ from vcfbench.station.consistency import LIMITS_OF
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import checked_bench, template
 from vcfbench.station.settings import PAPER_RATES_DEG_S
-from vcfbench.station.writing import value_text
+from vcfbench.station.writing import nested_tables, table_lines, value_text
 
 LATITUDE: Final = "site.latitude_deg"
 
@@ -126,23 +126,13 @@ class Draft:
 
 def filled_template(text: str, values: Mapping[str, Any], head: str) -> str:
     """Return the template `text` with `values` at their keys; all other keys are remarks, with their meanings."""
-    left = {table: dict(keys) for table, keys in _tables(values)}
+    left = {table: dict(keys) for table, keys in nested_tables(values)}
     lines: list[str] = [f"# {head}", "#"]
     for table, block in _blocks(text):
         lines += _filled_block(table, block, left.pop(table, None))
     for table, keys in left.items():
-        lines += ["", f"[{table}]", *(f"{key} = {value_text(value)}" for key, value in keys.items())]
+        lines += table_lines(table, keys)
     return "\n".join(lines) + "\n"
-
-
-def _tables(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield every table by its dotted name, with its own plain keys; the top level is ''."""
-    plain = {key: value for key, value in values.items() if not isinstance(value, dict)}
-    if plain or not path:
-        yield path, plain
-    for key, value in values.items():
-        if isinstance(value, dict):
-            yield from _tables(value, f"{path}.{key}" if path else key)
 
 
 def _blocks(text: str) -> Iterator[tuple[str, list[str]]]:

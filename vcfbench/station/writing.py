@@ -1,6 +1,6 @@
 """Writes a bench description as a bench file."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from datetime import date
 from json import dumps
 from typing import Any
@@ -15,21 +15,24 @@ def bench_text(description: BenchDescription) -> str:
     return table_text(msgspec.to_builtins(description))
 
 
-def table_text(tables: dict[str, Any]) -> str:
+def table_text(values: Mapping[str, Any]) -> str:
     """Return nested tables as a TOML file; None is left out."""
-    return "\n".join(_lines(tables, "")) + "\n"
+    return "\n".join(line for path, keys in nested_tables(values) for line in table_lines(path, keys)) + "\n"
 
 
-def _lines(table: dict[str, Any], path: str) -> Iterator[str]:
-    """Yield a nested dict as the lines of a TOML file; None is left out, as in a bench file."""
-    plain = {key: value for key, value in table.items() if not isinstance(value, dict) and value is not None}
-    if path and plain:
-        yield f"\n[{path}]"
-    for key, value in plain.items():
-        yield f"{key} = {value_text(value)}"
-    for key, value in table.items():
+def nested_tables(values: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield every table by its dotted name, with its own plain keys; the top level is ''. None is left out."""
+    plain = {key: value for key, value in values.items() if not isinstance(value, dict) and value is not None}
+    if plain or not path:
+        yield path, plain
+    for key, value in values.items():
         if isinstance(value, dict):
-            yield from _lines(value, f"{path}.{key}" if path else key)
+            yield from nested_tables(value, f"{path}.{key}" if path else key)
+
+
+def table_lines(path: str, keys: Mapping[str, Any]) -> list[str]:
+    """Return one table of its own plain keys as lines of TOML."""
+    return [*(["", f"[{path}]"] if path else []), *(f"{key} = {value_text(value)}" for key, value in keys.items())]
 
 
 def value_text(value: object) -> str:

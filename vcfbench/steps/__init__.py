@@ -1,77 +1,58 @@
 """The steps that come with the project, a page for each instrument."""
 
-from vcfbench.steps.chamber import AwaitTemperature as AwaitTemperature
-from vcfbench.steps.chamber import SetTemperature as SetTemperature
-from vcfbench.steps.chamber import StopFlow as StopFlow
-from vcfbench.steps.chamber import TemperatureReading as TemperatureReading
-from vcfbench.steps.chamber import set_air_by_hand as set_air_by_hand
-from vcfbench.steps.meter import Acquire as Acquire
-from vcfbench.steps.meter import AcquireClipped as AcquireClipped
-from vcfbench.steps.meter import AcquireGapless as AcquireGapless
-from vcfbench.steps.meter import ConfigureMeter as ConfigureMeter
-from vcfbench.steps.meter import LookAtOutput as LookAtOutput
-from vcfbench.steps.meter import OutputSeen as OutputSeen
-from vcfbench.steps.meter import VerifyZero as VerifyZero
-from vcfbench.steps.meter import Window as Window
-from vcfbench.steps.meter import ZeroWindow as ZeroWindow
-from vcfbench.steps.operator import AskOperator as AskOperator
-from vcfbench.steps.operator import OperatorAnswer as OperatorAnswer
-from vcfbench.steps.operator import move_leads as move_leads
-from vcfbench.steps.resistance import MeasureResistance as MeasureResistance
-from vcfbench.steps.resistance import ResistanceSeen as ResistanceSeen
-from vcfbench.steps.sampling import ModulatedRecord as ModulatedRecord
-from vcfbench.steps.sampling import SampleModulated as SampleModulated
-from vcfbench.steps.sampling import SampleSine as SampleSine
-from vcfbench.steps.sampling import SineResponse as SineResponse
-from vcfbench.steps.scope import Amplitudes as Amplitudes
-from vcfbench.steps.scope import CaptureMeanSines as CaptureMeanSines
-from vcfbench.steps.scope import CaptureRotations as CaptureRotations
-from vcfbench.steps.scope import CaptureSines as CaptureSines
-from vcfbench.steps.scope import ConfigureScope as ConfigureScope
-from vcfbench.steps.scope import DriveAmplitudes as DriveAmplitudes
-from vcfbench.steps.scope import DriveReading as DriveReading
-from vcfbench.steps.scope import FindAmplitudes as FindAmplitudes
-from vcfbench.steps.scope import FindDrive as FindDrive
-from vcfbench.steps.scope import MeasureDrive as MeasureDrive
-from vcfbench.steps.scope import RotationRecord as RotationRecord
-from vcfbench.steps.scope import Rotations as Rotations
-from vcfbench.steps.scope import ScopeReady as ScopeReady
-from vcfbench.steps.scope import SineRecord as SineRecord
-from vcfbench.steps.scope import SineRecords as SineRecords
-from vcfbench.steps.source import ConfigureGenerator as ConfigureGenerator
-from vcfbench.steps.source import DisableVibration as DisableVibration
-from vcfbench.steps.source import DisableVvc as DisableVvc
-from vcfbench.steps.source import EnableVibration as EnableVibration
-from vcfbench.steps.source import EnableVvc as EnableVvc
-from vcfbench.steps.source import SetSine as SetSine
-from vcfbench.steps.source import SetVibration as SetVibration
-from vcfbench.steps.source import SetVvc as SetVvc
-from vcfbench.steps.source import VvcSetting as VvcSetting
-from vcfbench.steps.step import Done as Done
-from vcfbench.steps.step import Effect as Effect
-from vcfbench.steps.step import Outcome as Outcome
-from vcfbench.steps.step import Plan as Plan
-from vcfbench.steps.step import Reading as Reading
-from vcfbench.steps.step import Step as Step
-from vcfbench.steps.step import StepResult as StepResult
-from vcfbench.steps.supply import CheckRails as CheckRails
-from vcfbench.steps.supply import ConfigureRail as ConfigureRail
-from vcfbench.steps.supply import DisableSupply as DisableSupply
-from vcfbench.steps.supply import EnableSupply as EnableSupply
-from vcfbench.steps.supply import RailReading as RailReading
-from vcfbench.steps.supply import RailsReading as RailsReading
-from vcfbench.steps.table import AwaitRate as AwaitRate
-from vcfbench.steps.table import DisableTable as DisableTable
-from vcfbench.steps.table import EnableTable as EnableTable
-from vcfbench.steps.table import RateReading as RateReading
-from vcfbench.steps.table import SetRate as SetRate
-from vcfbench.steps.v_vc import AcquireClippedWithVvc as AcquireClippedWithVvc
-from vcfbench.steps.v_vc import AcquireWithVvc as AcquireWithVvc
-from vcfbench.steps.v_vc import ConfigureVvcMeter as ConfigureVvcMeter
-from vcfbench.steps.v_vc import MeasureVvc as MeasureVvc
-from vcfbench.steps.v_vc import PairedReading as PairedReading
-from vcfbench.steps.v_vc import VvcMeasured as VvcMeasured
-from vcfbench.steps.v_vc import VvcWindow as VvcWindow
-from vcfbench.steps.wait import NotChecked as NotChecked
-from vcfbench.steps.wait import Note as Note
-from vcfbench.steps.wait import Settle as Settle
+from vcfbench.steps.chamber import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
+from vcfbench.steps.meter import (
+    Acquire,
+    AcquireClipped,
+    AcquireGapless,
+    ConfigureMeter,
+    LookAtOutput,
+    OutputSeen,
+    VerifyZero,
+    Window,
+    ZeroWindow,
+)
+from vcfbench.steps.operator import AskOperator, OperatorAnswer, move_leads
+from vcfbench.steps.resistance import MeasureResistance, ResistanceSeen
+from vcfbench.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
+from vcfbench.steps.scope import (
+    Amplitudes,
+    CaptureMeanSines,
+    CaptureRotations,
+    CaptureSines,
+    ConfigureScope,
+    DriveAmplitudes,
+    DriveReading,
+    FindAmplitudes,
+    FindDrive,
+    MeasureDrive,
+    RotationRecord,
+    Rotations,
+    ScopeReady,
+    SineRecord,
+    SineRecords,
+)
+from vcfbench.steps.source import (
+    ConfigureGenerator,
+    DisableVibration,
+    DisableVvc,
+    EnableVibration,
+    EnableVvc,
+    SetSine,
+    SetVibration,
+    SetVvc,
+    VvcSetting,
+)
+from vcfbench.steps.step import Done, Effect, Outcome, Plan, Reading, Step, StepResult
+from vcfbench.steps.supply import CheckRails, ConfigureRail, DisableSupply, EnableSupply, RailReading, RailsReading
+from vcfbench.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
+from vcfbench.steps.v_vc import (
+    AcquireClippedWithVvc,
+    AcquireWithVvc,
+    ConfigureVvcMeter,
+    MeasureVvc,
+    PairedReading,
+    VvcMeasured,
+    VvcWindow,
+)
+from vcfbench.steps.wait import NotChecked, Note, Settle

@@ -397,13 +397,10 @@ class ConfigurableDialect(TableDialect):
 
     def message(self, template: str, values: Values | None = None) -> bytes:
         """Return the bytes that a template comes to, framed."""
-        profile = self.profile
-        called = self.axis - 1 + profile.units.first_axis
+        called = self.axis - 1 + self.profile.units.first_axis
         known: dict[str, messages.Value] = {"axis": called, "seq": self._sequence % 100}
         known |= {f"on_{slot}": int(slot == self.axis) for slot in range(1, 7)} | dict(values or {})
-        if profile.binary:
-            return messages.frame_bytes(profile.frame, messages.fill_bytes(template, known, profile.frame.order))
-        return messages.frame_text(profile.frame, messages.fill_text(template, known), profile.link.tx_end)
+        return self.profile.message(template, known)
 
     def _reply(self, line: TableLine, step: Step, within: Deadline, **known: bool) -> Received | None:
         if step.expect is None:

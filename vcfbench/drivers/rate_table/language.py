@@ -5,10 +5,12 @@
 """
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
+from vcfbench.drivers.rate_table import messages
 from vcfbench.drivers.rate_table.line import Link, Pause
 from vcfbench.drivers.rate_table.messages import BinaryType, ByteValue, Frame, Place, TextType, Wrap
 
@@ -209,3 +211,9 @@ class Profile(_Part, frozen=True, kw_only=True):
     def received_frame(self) -> Frame:
         """The frame of replies, which is that of messages unless it is said to differ."""
         return self.reply_frame or self.frame
+
+    def message(self, template: str, values: Mapping[str, messages.Value]) -> bytes:
+        """Return the bytes that a template comes to, framed; ValueError where it cannot be filled with `values`."""
+        if self.binary:
+            return messages.frame_bytes(self.frame, messages.fill_bytes(template, values, self.frame.order))
+        return messages.frame_text(self.frame, messages.fill_text(template, values), self.link.tx_end)

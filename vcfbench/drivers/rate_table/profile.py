@@ -151,10 +151,7 @@ def _step(path: str, name: str, step: Step, profile: Profile) -> Iterator[Row]:
 def _untold(template: str, profile: Profile, values: Mapping[str, Value]) -> ValueError | None:
     """Return why a template cannot be filled with `values`; None if it can."""
     try:
-        if profile.binary:
-            messages.frame_bytes(profile.frame, messages.fill_bytes(template, values, profile.frame.order))
-        else:
-            messages.frame_text(profile.frame, messages.fill_text(template, values), profile.link.tx_end)
+        profile.message(template, values)
     except ValueError as error:
         return error
     return None

@@ -87,8 +87,8 @@ class ProfileReplies:
     def _require_accepted(self, line: TableLine, message: bytes | str) -> None:
         """Raise InstrumentError for a refusal."""
         refusals = self._profile.refusals
-        told = refusals.pattern is not None if isinstance(message, str) else bool(refusals.bytes)
-        if told and _matched(refusals, message) is not None:
+        defined = refusals.pattern is not None if isinstance(message, str) else bool(refusals.bytes)
+        if defined and _matched(refusals, message) is not None:
             raise InstrumentError(f"refused ({_shown(message)})", words=_shown(message), **line.where)
 
     def _require_droppable(self, line: TableLine, message: bytes | str, *, among_others: bool, sent: str) -> None:
