@@ -37,7 +37,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copytree(made.directory, runs / name)
     change(runs / NAMES[0], utc="2026-01-01T00:00:00+00:00")
     change(runs / NAMES[1], utc="2026-01-15T10:00:00+00:00", metadata={"dut": "G-2", "tags": {"batch": "7"}})
-    change(runs / NAMES[2], utc="2026-01-16T00:00:00+00:00", metadata=None, procedure="zero", settings={"dut": "G-3"})
+    change(runs / NAMES[2], utc="2026-01-16T00:00:00+00:00", metadata={"dut": "G-3"}, procedure="zero")
     cut = runs / NAMES[2] / "journal.jsonl"
     cut.write_bytes(cut.read_bytes()[:-50])
     return runs
@@ -80,7 +80,7 @@ def test_what_is_not_stored_is_computed_again(runs: Path, tmp_path: Path) -> Non
     [
         ({}, [0, 1, 2]),
         ({"dut": "G-2"}, [1]),
-        ({"dut": "G-3"}, [2]),  # a record of before: the device is in its settings
+        ({"dut": "G-3"}, [2]),
         ({"since": "2026-01-15"}, [1, 2]),
         ({"since": "2026-01-15T10:00:01"}, [2]),
         ({"since": datetime(2026, 1, 15, 12, 0, tzinfo=timezone(timedelta(hours=2)))}, [1, 2]),

@@ -76,11 +76,6 @@ def test_what_cannot_be_is_refused_with_its_name(stated: dict[str, Any], words: 
         metadata_of(stated)
 
 
-def test_a_record_of_before_tells_the_device_of_its_settings() -> None:
-    assert metadata_from({"settings": {"dut": "G-1", "samples": 3}}) == RunMetadata(dut="G-1")
-    assert metadata_from({"settings": {"samples": 3}}) == metadata_from({}) == RunMetadata()
-
-
 METER = Equipment(
     role="multimeter",
     model="34401A",
@@ -102,15 +97,6 @@ def header(*equipment: Equipment) -> dict[str, Any]:
 def test_equipment_comes_back_from_a_record_with_who_answered() -> None:
     assert equipment_of(header(METER)) == (METER,)
     assert equipment_of({}) == ()
-
-
-def test_a_record_of_before_names_its_instruments_without_dates() -> None:
-    old = header()
-    del old["equipment"]
-    old["bench"] = {"multimeter": {"model": "34401A", "resource": "GPIB0::22::INSTR", "serial_number": None}}
-    [found] = equipment_of(old)
-    assert (found.model, found.resource, found.identity) == (METER.model, METER.resource, METER.identity)
-    assert (found.calibrated, found.overdue) == (None, False)
 
 
 @pytest.mark.parametrize("spoilt", [7, [7], [{}], [{**METER.as_json(), "calibrated": "soon"}]])

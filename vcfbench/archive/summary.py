@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec import Struct, field, structs
+from msgspec import Struct, field
 
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
@@ -151,8 +151,7 @@ def _summary(
         if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
             with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
                 found[name] = _QUANTITY.decode(raw)
-    as_run = structs.replace(outline.metadata, dut=outline.metadata.dut or outline.device)
-    metadata = amended(as_run, outline.amendments)
+    metadata = amended(outline.metadata, outline.amendments)
     return RunSummary(
         run=directory.run,
         directory=directory.path,

@@ -125,41 +125,26 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
 
 
 def metadata_from(header: Mapping[str, Any]) -> RunMetadata:
-    """Return the metadata in the header of a record; records of before tell no more than the device.
+    """Return the metadata in the header of a record.
 
     Raises:
         ConfigError: it cannot be what it is to be.
     """
-    recorded = header.get("metadata")
-    if recorded is None:
-        settings = header.get("settings")
-        return RunMetadata(dut=settings.get("dut") if isinstance(settings, Mapping) else None)
+    recorded = header.get("metadata", {})
     if not isinstance(recorded, Mapping):
         raise ConfigError(f"metadata: expected an object, came a {type(recorded).__name__}")
     return RunMetadata(**{key: value for key, value in recorded.items() if key in RunMetadata.__struct_fields__})
 
 
 def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
-    """Return the instruments that the header of a record names; those of before have no dates.
+    """Return the instruments that the header of a record names.
 
     Raises:
         ConfigError: it cannot be what it is to be.
     """
-    identities, bench = header.get("identities", {}), header.get("bench", {})
-    recorded = header.get("equipment")
-    if recorded is None:
-        parts = ((role, bench.get(role) or {}) for role in identities)
-        recorded = [
-            {
-                "role": role,
-                "model": part.get("model", part.get("dialect", "")),
-                "resource": part.get("resource", ""),
-                "serial_number": part.get("serial_number"),
-            }
-            for role, part in parts
-        ]
+    identities = header.get("identities", {})
     try:
-        rows = [{**each, "identity": identities.get(each["role"])} for each in recorded]
+        rows = [{**each, "identity": identities.get(each["role"])} for each in header.get("equipment", ())]
         made = typed(rows, tuple[Equipment, ...])
     except (msgspec.ValidationError, AttributeError, KeyError, TypeError) as error:
         raise ConfigError(f"equipment: expected the instruments of a run: {error}") from None

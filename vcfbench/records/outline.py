@@ -28,7 +28,7 @@ class ListedMetadata(Struct, frozen=True):
 
 
 class Outline(Struct, frozen=True):
-    """A journal without steps and readings; `device` is that of its settings."""
+    """A journal without steps and readings."""
 
     procedure: str
     bench: str | None
@@ -38,12 +38,7 @@ class Outline(Struct, frozen=True):
     bench_seconds: float | None = None
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
-    device: str | None = None
     amendments: tuple[Amendment, ...] = ()
-
-
-class _Settings(Struct, frozen=True):
-    dut: str | None = None
 
 
 class _Bench(Struct, frozen=True):
@@ -57,7 +52,6 @@ class _Header(Struct, frozen=True, tag_field="type", tag="header"):
     seed: int | None = None
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
-    settings: _Settings = field(default_factory=_Settings)
 
 
 class _Footer(Struct, frozen=True, tag_field="type", tag="footer"):
@@ -85,4 +79,4 @@ def outline_of(path: Path) -> Outline | None:
     if header.format != FORMAT:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points, footer.bench_seconds)
-    return Outline(*head, header.utc, header.metadata, header.settings.dut, amendments)
+    return Outline(*head, header.utc, header.metadata, amendments)
