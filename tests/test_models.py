@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from vcfbench import models
 from vcfbench.bench.check import check_bench
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError
 from vcfbench.models import (
@@ -113,7 +113,7 @@ def test_what_a_row_names_is_there(row: Model) -> None:
 def test_what_a_language_names_is_there(row: TableLanguage) -> None:
     assert resolve(row.twin).errors_class is not None
     if row.dialect is not None:
-        dialect: TableDialect = resolve(row.dialect).for_axis(AxisSettings(steps_per_deg=1000.0))
+        dialect: TableDialect = resolve(row.dialect).for_axis(TableSettings(steps_per_deg=1000.0))
         assert dialect.rate_quantum_deg_s > 0.0
 
 

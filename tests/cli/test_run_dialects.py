@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.drivers.rate_table import language
-from vcfbench.drivers.rate_table.dialect import AxisSettings
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, spoken
 from vcfbench.station.file import embedded_text
 
@@ -41,7 +41,7 @@ def test_the_result_is_the_gyroscope_s_whatever_the_table_speaks(dialect: str, t
     file = tmp_path / "bench.toml"
     file.write_text(bench_file(dialect), encoding="utf-8")
     scale_factor = run(file, tmp_path)["results"]["scale_factor"]["value"]
-    quantum = spoken(dialect, AxisSettings(steps_per_deg=STEPS)).dialect.rate_quantum_deg_s
+    quantum = spoken(dialect, TableSettings(steps_per_deg=STEPS)).dialect.rate_quantum_deg_s
     assert scale_factor == pytest.approx(-0.012542052, rel=max(1e-9, quantum / 2 / max(RATES)))
 
 

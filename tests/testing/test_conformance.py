@@ -8,7 +8,7 @@ import pytest
 
 from vcfbench.clock import VirtualClock
 from vcfbench.drivers.rate_table.acl import AclDialect
-from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.session import Session
@@ -21,7 +21,7 @@ from vcfbench.testing import ConformanceCase, conformance_problems, model_case
 
 def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
     line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
-    return RateTableDriver(line, AclDialect(header="none"), limits=TableLimits(100.0, 100.0))
+    return RateTableDriver(line, AclDialect(header="none"), limits=TableSettings(100.0, 100.0))
 
 
 _TABLE_CASE = ConformanceCase(

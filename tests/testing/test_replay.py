@@ -9,7 +9,7 @@ import pytest
 from vcfbench.bench.bench import open_bench
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.rate_table.acl import AclDialect
-from vcfbench.drivers.rate_table.dialect import AxisSettings, TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.trace import HEADER, traced
 from vcfbench.errors import ConfigError, DeadlineExceeded
@@ -35,7 +35,7 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def table(line: TableLine) -> RateTableDriver:
-    return RateTableDriver(line, AclDialect.for_axis(AxisSettings()), limits=TableLimits(300.0, 200.0))
+    return RateTableDriver(line, AclDialect.for_axis(TableSettings()), limits=TableSettings(300.0, 200.0))
 
 
 def test_a_driver_says_again_what_it_said_and_hears_what_it_heard(trace: Path) -> None:

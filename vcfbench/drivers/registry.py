@@ -1,17 +1,16 @@
 """Opening of instruments: the one way from a name and a resource to a driver."""
 
 import inspect
-import math
 from collections.abc import Callable, Mapping
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from msgspec import Struct
 
 from vcfbench.clock import Clock
-from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableDialect, TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import TableLine, open_serial
+from vcfbench.drivers.rate_table.line import open_serial
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
 from vcfbench.drivers.session import open_session
 from vcfbench.errors import BenchError, ConfigError
@@ -19,24 +18,6 @@ from vcfbench.interfaces import Instrument
 from vcfbench.models import driver_of, find_language, find_model, model_names
 
 _S = TypeVar("_S")
-
-
-class TableSettings(Struct, frozen=True):
-    """Settings of a rate table besides its port; without limits here its own stay as they are."""
-
-    max_rate_deg_s: float = math.inf
-    max_acceleration_deg_s2: float = math.inf
-    timeout_s: float = 2.0
-    axis: int = 1
-    axis_sign: Literal[1, -1] = 1
-    baud_rate: int | None = None
-    reply_header: Header = "auto"
-    steps_per_deg: float | None = None
-    rest_tolerance_deg_s: float = 0.05
-    port: str | None = None
-    """Address that is opened instead of the resource, which messages name all the same."""
-    upon_connecting: Callable[[TableLine, TableDialect], None] | None = None
-    """Called with the open line and its language before anything is asked."""
 
 
 Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
@@ -86,7 +67,7 @@ def _table(name: str) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
         del library  # pyserial opens tables
         parsed = _settings(TableSettings, role, settings)
-        speech = spoken(name, AxisSettings(parsed.axis, parsed.reply_header, parsed.steps_per_deg))
+        speech = spoken(name, parsed)
         line = open_serial(
             parsed.port or resource,
             speech.link,
@@ -102,7 +83,7 @@ def _table(name: str) -> Driver:
             return RateTableDriver(
                 line,
                 speech.dialect,
-                limits=TableLimits(parsed.max_rate_deg_s, parsed.max_acceleration_deg_s2),
+                limits=parsed,
                 axis_sign=parsed.axis_sign,
                 rest_tolerance_deg_s=parsed.rest_tolerance_deg_s,
             )

@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from vcfbench.drivers.rate_table.dialect import AxisSettings
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
@@ -48,7 +48,7 @@ def read_bench(path: Path | str | None = None, *checks: Check) -> BenchDescripti
         laboratory = replace(laboratory, signing_key=str((folder / laboratory.signing_key).absolute()))
     if table is not None and table.dialect.endswith(".toml"):
         table = replace(table, dialect=str(folder / table.dialect))
-        spoken(table.dialect, AxisSettings(table.axis))
+        spoken(table.dialect, TableSettings(axis=table.axis))
     description = replace(description, notify=notice, laboratory=laboratory, rate_table=table)
     for check in checks:
         check(description, source)

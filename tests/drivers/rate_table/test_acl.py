@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers.rate_table.acl import AclDialect, detect_header
-from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.errors import (
     DeadlineExceeded,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from vcfbench.drivers.rate_table.acl import Header
 
 IDENTITY = "Acutronic R&D USA,Acutrol3000,0,A8800-001-01.000-a"
-LIMITS = TableLimits(max_rate_deg_s=100.0, max_acceleration_deg_s2=50.0)
+LIMITS = TableSettings(max_rate_deg_s=100.0, max_acceleration_deg_s2=50.0)
 IDN: Exchange = ("*IDN?", IDENTITY)
 FINE: Exchange = (":Status:STB?", "0")
 STILL: Exchange = (":Read:Rate? 1", "0.00001")

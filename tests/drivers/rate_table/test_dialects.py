@@ -20,7 +20,7 @@ from simrack.rate_tables.zaber import StepperErrors, ZaberTable
 from simrack.wires import serial_backend
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
-from vcfbench.drivers.rate_table.dialect import AxisSettings
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import DIALECTS, SHIPPED, spoken
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, LinkLost, TransportError
@@ -115,7 +115,7 @@ def _unplugged() -> Iterator[None]:
 def test_rates_are_reached_and_read_back(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
-    quantum = spoken(name, AxisSettings(steps_per_deg=640000 / 360)).dialect.rate_quantum_deg_s
+    quantum = spoken(name, TableSettings(steps_per_deg=640000 / 360)).dialect.rate_quantum_deg_s
     for rate in (10.0, -20.0, 0.5, -0.1, 0.0):
         bench.reach(rate)
         assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=quantum)

@@ -15,7 +15,7 @@ from simrack_tests.ports import BUSY_S, PLENTY_S
 from tests.drivers.servers import lines
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import AclDialect
-from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import Link, TableLine, open_serial
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, LinkLost
@@ -34,7 +34,7 @@ def answer(line: str) -> str | None:
 
 
 def table(line: TableLine) -> RateTableDriver:
-    return RateTableDriver(line, AclDialect(), limits=TableLimits(100.0, 100.0))
+    return RateTableDriver(line, AclDialect(), limits=TableSettings(100.0, 100.0))
 
 
 @contextmanager

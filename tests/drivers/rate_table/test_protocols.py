@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from vcfbench.drivers.rate_table.atl import AtlDialect
-from vcfbench.drivers.rate_table.dialect import TableLimits
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.esp import EspDialect
 from vcfbench.drivers.rate_table.messages import checksum
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from vcfbench.clock import VirtualClock
     from vcfbench.testing import Exchange, ScriptedWire
 
-LIMITS = TableLimits(100.0, 50.0)
+LIMITS = TableSettings(100.0, 50.0)
 
 
 def driver(dialect: Any) -> Callable[[ScriptedWire, VirtualClock], RateTableDriver]:

@@ -14,7 +14,7 @@ from typing import Self
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import AxisSettings, Header, TableDialect, TableLimits, decimal
+from vcfbench.drivers.rate_table.dialect import Header, TableDialect, TableSettings, decimal
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import FramingError, InstrumentError, OutOfSync, TransportError
 from vcfbench.interfaces import Identity
@@ -103,9 +103,9 @@ class AclDialect(TableDialect):
         self._identity = b""
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> Self:
+    def for_axis(cls, settings: TableSettings) -> Self:
         """Return the dialect of one axis."""
-        return cls(settings.axis, settings.header)
+        return cls(settings.axis, settings.reply_header)
 
     # Identity and synchronisation
 
@@ -162,7 +162,7 @@ class AclDialect(TableDialect):
         """Let the controller's other interfaces in again; a byte stream has no other way back to local (inferred)."""
         self.command(line, ":Utility:Lockout OFF", deadline)
 
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+    def set_limits(self, line: TableLine, limits: TableSettings, deadline: Deadline) -> None:
         """Set the limits of rate mode (``R``) and the trip on the measured rate."""
         settings: list[str] = []
         if math.isfinite(limits.max_rate_deg_s):

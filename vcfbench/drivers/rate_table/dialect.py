@@ -1,5 +1,7 @@
 """The seam between the rate-table driver and the languages that tables speak, and what several languages need."""
 
+import math
+from collections.abc import Callable
 from typing import Literal, Protocol, Self
 
 from msgspec import Struct
@@ -19,22 +21,26 @@ _QUIET_S = 0.2
 """Silence after which a line counts as drained, s."""
 
 
-class AxisSettings(Struct, frozen=True):
-    """Settings of the axis from the bench file; a dialect takes those of its language.
+class TableSettings(Struct, frozen=True):
+    """Settings of a rate table besides its resource; a dialect takes those of its language.
 
-    `header` is that before replies, `steps_per_deg` the stage's microsteps per degree.
+    The limits are the highest demands, magnitudes; infinite, as without limits here, leaves the table's own.
+    `reply_header` is that before replies, `steps_per_deg` the stage's microsteps per degree.
     """
 
+    max_rate_deg_s: float = math.inf
+    max_acceleration_deg_s2: float = math.inf
+    timeout_s: float = 2.0
     axis: int = 1
-    header: Header = "auto"
+    axis_sign: Literal[1, -1] = 1
+    baud_rate: int | None = None
+    reply_header: Header = "auto"
     steps_per_deg: float | None = None
-
-
-class TableLimits(Struct, frozen=True):
-    """Highest demands on the table, deg/s and deg/s2, magnitudes; infinite leaves the table's own limit."""
-
-    max_rate_deg_s: float
-    max_acceleration_deg_s2: float
+    rest_tolerance_deg_s: float = 0.05
+    port: str | None = None
+    """Address that is opened instead of the resource, which messages name all the same."""
+    upon_connecting: Callable[[TableLine, "TableDialect"], None] | None = None
+    """Called with the open line and its language before anything is asked."""
 
 
 class TableDialect(Protocol):
@@ -49,7 +55,7 @@ class TableDialect(Protocol):
     """Line end that a person types; None where messages cannot be typed."""
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> Self:
+    def for_axis(cls, settings: TableSettings) -> Self:
         """Return the dialect of one axis; ConfigError where something that it needs is not told."""
         return cls()
 
@@ -96,7 +102,7 @@ class TableDialect(Protocol):
         """Give remote control back."""
         del line, deadline
 
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+    def set_limits(self, line: TableLine, limits: TableSettings, deadline: Deadline) -> None:
         """Tell the table its limits and its over-rate trip; the driver checks them before anything is sent, too."""
         del line, limits, deadline
 

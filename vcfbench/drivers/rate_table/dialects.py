@@ -4,7 +4,7 @@ from typing import Final
 
 from msgspec import Struct
 
-from vcfbench.drivers.rate_table.dialect import AxisSettings, TableDialect
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import Link
 from vcfbench.models import LANGUAGES, find_language, resolve
 
@@ -21,13 +21,13 @@ class Spoken(Struct, frozen=True):
     link: Link
 
 
-def spoken(name: str, settings: AxisSettings | None = None) -> Spoken:
+def spoken(name: str, settings: TableSettings | None = None) -> Spoken:
     """Return the dialect `name` for an axis.
 
     Raises:
         ConfigError: there is none of that name, its profile is wrong, or something that it needs is not told.
     """
-    wanted = settings or AxisSettings()
+    wanted = settings or TableSettings()
     row = find_language(name)
     if row is not None and row.dialect is not None:
         return Spoken(resolve(row.dialect).for_axis(wanted), Link(baud=row.baud_rate))

@@ -7,7 +7,7 @@ from typing import Literal, TypeVar
 
 from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
-from vcfbench.drivers.rate_table.dialect import TableDialect, TableLimits
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import safely
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
@@ -52,7 +52,7 @@ class RateTableDriver:
         line: TableLine,
         dialect: TableDialect,
         *,
-        limits: TableLimits,
+        limits: TableSettings,
         axis_sign: Literal[1, -1] = 1,
         rest_tolerance_deg_s: float = 0.05,
     ) -> None:

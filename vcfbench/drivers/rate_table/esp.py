@@ -14,7 +14,7 @@ from typing import Self
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import AxisSettings, SteadyRate, TableDialect, decimal, require_rest
+from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, TableSettings, decimal, require_rest
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
@@ -44,7 +44,7 @@ class EspDialect(TableDialect):
         self._version = ""
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> Self:
+    def for_axis(cls, settings: TableSettings) -> Self:
         """Return the dialect of one axis."""
         return cls(settings.axis)
 

@@ -13,7 +13,7 @@ from typing import Self
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import AxisSettings, SteadyRate, TableDialect, TableLimits, require_rest
+from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, TableSettings, require_rest
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.messages import Frame, checksum, frame_text
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
@@ -97,7 +97,7 @@ class ZaberDialect(TableDialect):
         self._steady = SteadyRate()
 
     @classmethod
-    def for_axis(cls, settings: AxisSettings) -> Self:
+    def for_axis(cls, settings: TableSettings) -> Self:
         """Return the dialect of one axis; raises ConfigError without the stage's microsteps per degree."""
         if settings.steps_per_deg is None:
             raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")
@@ -130,7 +130,7 @@ class ZaberDialect(TableDialect):
         units = max(1, math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION))
         return b"\n" + stop, frame_request(self.axis, None, f"set accel {units}"), stop
 
-    def set_limits(self, line: TableLine, limits: TableLimits, deadline: Deadline) -> None:
+    def set_limits(self, line: TableLine, limits: TableSettings, deadline: Deadline) -> None:
         """Set the highest speed of the axis."""
         if math.isfinite(limits.max_rate_deg_s):
             self._ask(line, f"set maxspeed {math.ceil(self._speed(limits.max_rate_deg_s))}", deadline)
