@@ -18,7 +18,7 @@ from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
 from vcfbench.drivers.plain import plain
 from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
-from vcfbench.procedures.shared.routines import look_at_drive, rails_of
+from vcfbench.procedures.shared.routines import look_at_drive, rails_of, ramp_to
 from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import StopSignals
 from vcfbench.station.limits import LimitChecks, driver_of
@@ -141,23 +141,23 @@ class ByHand:
         if len(values) != len(word.takes):
             raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")
         numbers = [_number(f"{usage}: {what}", value) for what, value in zip(word.takes, values, strict=True)]
-        act: Callable[..., str] = getattr(self, f"_{name.replace('.', '_')}")
+        act: Callable[..., str | None] = getattr(self, f"_{name.replace('.', '_')}")
         try:
-            return act(*numbers)
+            return act(*numbers) or ""
         except LimitError as error:
             if word.limits:
                 error.hint = f"limits.{word.limits.replace(', ', ', limits.')} of bench {self.bench.description.name}"
             error.instrument = error.instrument or word.role
             raise
 
-    def _carry_out(self, routine: Routine[Any]) -> str:
-        """Perform steps as a run does, telling each with its result; return the word's answer, which is none."""
+    def _carry_out(self, routine: Routine[Any]) -> None:
+        """Perform steps as a run does, telling each with its result."""
         advance: Callable[[], Step] = partial(next, routine)
         while True:
             try:
                 step = advance()
             except StopIteration:
-                return ""
+                return
             try:
                 step.within(self._checks)
                 self._context.begin()
@@ -193,7 +193,7 @@ class ByHand:
             for rail in self._settings.rails
         )
 
-    def _power_off(self) -> str:
+    def _power_off(self) -> None:
         def routine() -> Routine[None]:
             try:
                 if "rate_source" in self.bench.instruments:
@@ -201,7 +201,7 @@ class ByHand:
             finally:
                 yield steps.DisableSupply()
 
-        return self._carry_out(routine())
+        self._carry_out(routine())
 
     def _require_power(self) -> None:
         """Refuse to drive the input of a PCB that has no power: its protection would carry the current."""
@@ -214,7 +214,7 @@ class ByHand:
         self._ready.discard("rate_source")
         yield steps.DisableVvc()
 
-    def _v_vc_set(self, volts: float) -> str:
+    def _v_vc_set(self, volts: float) -> None:
         self._checks.v_vc(volts)
         self._require_power()
         first: list[Step] = []
@@ -222,28 +222,26 @@ class ByHand:
             first = [steps.DisableVvc(), steps.ConfigureGenerator(0.0), steps.EnableVvc()]
         self._carry_out(_each(*first))
         self._ready.add("rate_source")
-        return self._carry_out(_each(steps.SetVvc(volts)))
+        self._carry_out(_each(steps.SetVvc(volts)))
 
-    def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> str:
+    def _v_vc_sine(self, frequency_hz: float, peak_v: float) -> None:
         self._checks.v_vc(peak_v, "peak voltage")
         self._require_power()
         self._ready.discard("rate_source")
-        return self._carry_out(_each(steps.SetSine(frequency_hz, peak_v), steps.EnableVvc()))
+        self._carry_out(_each(steps.SetSine(frequency_hz, peak_v), steps.EnableVvc()))
 
-    def _v_vc_off(self) -> str:
-        return self._carry_out(self._v_vc_off_steps())
+    def _v_vc_off(self) -> None:
+        self._carry_out(self._v_vc_off_steps())
 
-    def _vibration_sine(self, frequency_hz: float, peak_v: float) -> str:
+    def _vibration_sine(self, frequency_hz: float, peak_v: float) -> None:
         self._checks.v_vc(peak_v, "peak voltage")
         self._require_power()
         source = self.bench.vibration_source
         source.configure_sine(frequency_hz, 2.0 * peak_v)
         source.enable_output()
-        return ""
 
-    def _vibration_off(self) -> str:
+    def _vibration_off(self) -> None:
         self.bench.vibration_source.disable_output()
-        return ""
 
     # Meters and oscilloscope
 
@@ -261,21 +259,18 @@ class ByHand:
             self._ready.add("v_vc_meter")
         return f"{meter.read_voltage_v():+.8g} V"
 
-    def _scope_drive(self) -> str:
-        return self._carry_out(look_at_drive(self._settings))
+    def _scope_drive(self) -> None:
+        self._carry_out(look_at_drive(self._settings))
 
     # Table
 
     def _table_rate(self, rate_deg_s: float) -> str:
-        table, settings = self.bench.rate_table, self._settings
+        table = self.bench.rate_table
         self._checks.rate(rate_deg_s)
         if "rate_table" not in self._ready:
             self._carry_out(_each(steps.EnableTable()))
             self._ready.add("rate_table")
-        ramp = steps.SetRate(rate_deg_s, settings.acceleration_deg_s2, table.rate_deg_s())
-        deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
-        reached = steps.AwaitRate(rate_deg_s, ramp.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
-        self._carry_out(_each(ramp, reached))
+        self._carry_out(ramp_to(self._settings, rate_deg_s, previous_deg_s=table.rate_deg_s()))
         return f"{table.rate_deg_s():+.4f} deg/s"
 
     def _table_read(self) -> str:
@@ -283,18 +278,18 @@ class ByHand:
         fault = table.fault()
         return f"{table.rate_deg_s():+.4f} deg/s, {table.angle_deg():.4f} deg{f', fault: {fault}' if fault else ''}"
 
-    def _table_stop(self) -> str:
+    def _table_stop(self) -> None:
         table, settings = self.bench.rate_table, self._settings
         rate_deg_s = table.rate_deg_s()
         table.stop(settings.acceleration_deg_s2)
         ramp_s = abs(rate_deg_s) / settings.acceleration_deg_s2
         deadline_s = 2.0 * ramp_s + settings.rate_deadline_s
-        return self._carry_out(_each(steps.AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
+        self._carry_out(_each(steps.AwaitRate(0.0, ramp_s, settings.rate_tolerance_deg_s, deadline_s)))
 
-    def _table_off(self) -> str:
+    def _table_off(self) -> None:
         self._table_stop()
         self._ready.discard("rate_table")
-        return self._carry_out(_each(steps.DisableTable()))
+        self._carry_out(_each(steps.DisableTable()))
 
     # Chamber
 
@@ -311,9 +306,8 @@ class ByHand:
         device = "" if device_c is None else f", device {device_c:+.1f} degC"
         return f"air {chamber.air_temperature_c():+.1f} degC{device}"
 
-    def _chamber_off(self) -> str:
+    def _chamber_off(self) -> None:
         self.bench.chamber.disable_flow()
-        return ""
 
     # The bench
 
@@ -331,11 +325,10 @@ class ByHand:
             lines.append(f"{role}: {states[role](instrument) if role in states else identity.model}")
         return "\n".join(lines)
 
-    def _wait(self, seconds: float) -> str:
+    def _wait(self, seconds: float) -> None:
         if not 0.0 <= seconds <= _LONGEST_WAIT_S:
             raise ConfigError(f"wait {seconds:g}: expected seconds, from 0 to {_LONGEST_WAIT_S:g}")
         sleep(self.bench.clock, seconds)
-        return ""
 
     def _safe(self) -> str:
         for name in ("table.off", "vibration.off", "v_vc.off", "chamber.off", "power.off"):
