@@ -97,12 +97,7 @@ def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
 
     Names can be changed and files copied, so the name's stamp and the file's time count only where there is no header.
     """
-
-    def age(run: RunDirectory) -> tuple[datetime, int, str]:
-        changed_ns = _changed_ns(run)
-        return _started(run) or datetime.fromtimestamp(changed_ns / 1e9, UTC), changed_ns, run.run
-
-    return tuple(sorted(recorded_runs(runs), key=age))
+    return tuple(sorted(recorded_runs(runs), key=lambda run: (_began(run), _changed_ns(run), run.run)))
 
 
 def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
@@ -117,29 +112,20 @@ def _changed_ns(run: RunDirectory) -> int:
         return 0
 
 
-def _started(run: RunDirectory) -> datetime | None:
-    """Return when a run began, by its header or else its name; None if neither tells."""
-    with suppress(ConfigError):
-        return _beginning(run, read_header(run.journal).get("utc"))
-    return _beginning(run, None)
+def _began(run: RunDirectory) -> datetime:
+    try:
+        return began(run, read_header(run.journal).get("utc"))
+    except ConfigError:
+        return began(run, None)
 
 
 def began(run: RunDirectory, utc: object) -> datetime:
     """Return when a run began: as its header has `utc`, or else by its name, or else its file."""
-    return _beginning(run, utc) or datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
-
-
-def _beginning(run: RunDirectory, utc: object) -> datetime | None:
-    with suppress(ValueError):
-        if isinstance(utc, str):
-            return _instant(datetime.fromisoformat(utc))
-    with suppress(ValueError):
-        return _instant(datetime.strptime(run.run[:_STAMP_LENGTH], _STAMP))  # noqa: DTZ007  # the stamp is in UTC
-    return None
-
-
-def _instant(instant: datetime) -> datetime:
-    return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
+    for text in (str(utc), run.run[:_STAMP_LENGTH]):
+        with suppress(ValueError):
+            instant = datetime.fromisoformat(text)
+            return instant if instant.tzinfo is not None else instant.replace(tzinfo=UTC)
+    return datetime.fromtimestamp(_changed_ns(run) / 1e9, UTC)
 
 
 def find_run(runs: Path, name: str) -> RunDirectory:
@@ -153,8 +139,8 @@ def find_run(runs: Path, name: str) -> RunDirectory:
         raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', came nothing")
     known = list_runs(runs)
     if name == "last" and known:
-        newest, started = known[-1], _started(known[-1])
-        if started is not None and started > utc_now() + _CLOCKS_DIFFER:
+        newest, started = known[-1], _began(known[-1])
+        if started > utc_now() + _CLOCKS_DIFFER:
             raise ConfigError(
                 f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which "
                 "is still to come: the clock was set back",

@@ -27,7 +27,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import failing_as, opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.records.damage import first_damage
 from vcfbench.records.schema import FORMAT, Point, Status
-from vcfbench.records.seal import SealChecker, Sealer
+from vcfbench.records.seal import Sealer
 from vcfbench.records.signing import SigningKey
 
 _EXPECTED = "the journal of a run"
@@ -344,20 +344,20 @@ def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | Non
     What comes after such a line proves nothing.
     """
     lines: list[dict[str, Any]] = []
-    checker, wrong = SealChecker(), None
+    sealer, wrong = Sealer(), None
     while line := file.readline(_LONGEST_LINE):
         number = len(lines) + 1
         if not line.endswith(b"\n"):
             if len(line) == _LONGEST_LINE:
                 wrong = wrong or f"line {number} has more than {_LONGEST_LINE} bytes"
-            elif lines and checker.holds(line[:-1] + b"\n"):
+            elif lines and sealer.holds(line[:-1] + b"\n"):
                 wrong = wrong or f"line {number} is not what was written there: its end is another"
             return lines, True, wrong
         if (values := _decoded(line)) is None:
             return lines, False, wrong or f"line {number} is no JSON object"
         lines.append(values)
         plain = line[:-2] + b"\n" if line.endswith(b"\r\n") else line  # a copy may have made that of it
-        if wrong is None and not checker.holds(plain):
+        if wrong is None and not sealer.holds(plain):
             wrong = f"line {number} is not what was written there: its seal is another"
     return lines, not lines, wrong
 
