@@ -10,10 +10,11 @@ import pytest
 from simrack_tests.cells import few
 from typer.testing import CliRunner
 
+from tests.drivers.rate_table import DIALECTS
 from vcfbench.cli.main import app
 from vcfbench.drivers.rate_table import language
 from vcfbench.drivers.rate_table.dialect import TableSettings
-from vcfbench.drivers.rate_table.dialects import DIALECTS, spoken
+from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.station.file import embedded_text
 
 STEPS = 640000 / 360

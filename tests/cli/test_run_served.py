@@ -17,8 +17,8 @@ from simrack_tests.ports import free_port
 from typer.testing import CliRunner
 
 from tests import warm
+from tests.drivers.rate_table import DIALECTS
 from vcfbench.cli.main import app
-from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.station.file import embedded_text
 

@@ -85,14 +85,6 @@ def test_another_specimen_is_refused_when_one_is_asked_for() -> None:
     assert wire.closed
 
 
-def test_a_reset_is_a_reset_and_its_errors_are_read() -> None:
-    exchanges: list[Exchange] = [("*RST", None), NO_ERROR, ("*RST", None), ("SYST:ERR?", '-330,"Self-test failed"')]
-    with expected_exchange(OPEN, [*OPENING, *exchanges, NO_ERROR]) as meter:
-        meter.reset()
-        with pytest.raises(InstrumentError, match="-330"):
-            meter.reset()
-
-
 def test_what_is_in_the_error_queue_is_raised_when_asked_for() -> None:
     exchanges: list[Exchange] = [NO_ERROR, ("SYST:ERR?", '+550,"Command not allowed in local"'), NO_ERROR]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:

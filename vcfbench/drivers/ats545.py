@@ -91,15 +91,14 @@ class TemptronicATS545(ScpiInstrument):
             raise self._error(
                 InterlockError, "its head is up, no air was let out", hint="lower the head onto the device by hand"
             )
-        self._session.write("FLOW 1")
-        self._require_flow(on=True)
+        self._switch(on=True)
 
     def disable_flow(self) -> None:
         """Stop the air."""
-        self._session.write("FLOW 0")
-        self._require_flow(on=False)
+        self._switch(on=False)
 
-    def _require_flow(self, *, on: bool) -> None:
+    def _switch(self, *, on: bool) -> None:
+        self._session.write(f"FLOW {on:d}")
         if self.flow_enabled() is not on:
             raise self._error(
                 InstrumentError,

@@ -147,10 +147,6 @@ class ScpiInstrument:
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
         self._session.check_errors()
 
-    def reset(self) -> None:
-        """Bring every setting to its ``*RST`` value (outputs off)."""
-        self._session.write("*RST")
-
     def close(self) -> None:
         """Give the connection back."""
         self._session.close()

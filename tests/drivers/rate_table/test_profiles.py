@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.drivers.rate_table import SHIPPED
 from vcfbench.clock import Deadline, VirtualClock
 from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
-from vcfbench.drivers.rate_table.dialects import SHIPPED
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.rate_table.profile import load_profile
 from vcfbench.drivers.rate_table.profile_replies import ProfileReplies

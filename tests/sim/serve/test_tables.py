@@ -16,8 +16,8 @@ from simrack_tests.ports import eventually
 from simrack_tests.rate_tables.ideal import IdealMotion
 from simrack_tests.serve.lamp import Served, serving
 
+from tests.drivers.rate_table import DIALECTS
 from vcfbench.clock import Deadline, ScaledClock, sleep
-from vcfbench.drivers.rate_table.dialects import DIALECTS
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.station.file import embedded_text

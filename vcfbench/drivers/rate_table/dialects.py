@@ -1,17 +1,10 @@
 """The languages of rate tables by name: built in, shipped as a profile, or told by a TOML file of one's own."""
 
-from typing import Final
-
 from msgspec import Struct
 
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import Link
-from vcfbench.models import LANGUAGES, find_language, resolve
-
-DIALECTS: Final = tuple(row.name for row in LANGUAGES)
-"""The languages that come with the project."""
-SHIPPED: Final = tuple(row.name for row in LANGUAGES if row.dialect is None)
-"""Those of them that a profile tells."""
+from vcfbench.models import find_language, resolve
 
 
 class Spoken(Struct, frozen=True):
