@@ -10,12 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock, WallClock
-from vcfbench.drivers.trace import HEADER, TraceLine, escaped, tapping, traced, unescaped
+from vcfbench.drivers.trace import BEHIND, HEADER, TraceLine, escaped, traced, unescaped
 from vcfbench.errors import BenchError, ConfigError, DeadlineExceeded
 from vcfbench.testing import ScriptedWire, read_trace
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from vcfbench.clock import Clock
+    from vcfbench.drivers.trace import Connect
+    from vcfbench.drivers.wire import Wire
 
 
 @settings(max_examples=20)
@@ -25,6 +29,18 @@ def test_any_bytes_come_back_from_their_text(data: bytes) -> None:
     assert text.isascii()
     assert text == "" or text.isprintable()
     assert unescaped(text) == data
+
+
+def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:
+    """Return a function that puts a new wire behind what stands before wires here."""
+
+    def tapped(wire: Wire) -> Wire:
+        connect: Connect = lambda _: wire  # noqa: E731
+        for behind in BEHIND.get():
+            connect = behind(name, resource, clock, connect)
+        return connect(Deadline.after(clock, 1.0))
+
+    return tapped
 
 
 def speak(wire: ScriptedWire, clock: Clock) -> None:

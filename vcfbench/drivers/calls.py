@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from vcfbench.clock import Deadline, WallClock
-from vcfbench.drivers.trace import ATTENDANT, Connect
+from vcfbench.clock import Clock, Deadline, WallClock
+from vcfbench.drivers.trace import BEHIND, Connect
 from vcfbench.drivers.wire import Interface, Wire
 
 _T = TypeVar("_T")
@@ -41,18 +41,18 @@ class Calls:
 def attended(calls: Calls) -> Iterator[None]:
     """Note in `calls` the calls on the wires that are opened in here, as long as they are used."""
 
-    def attendant(name: str, connect: Connect) -> Connect:
+    def attendant(name: str, _resource: str, _clock: Clock, connect: Connect) -> Connect:
         def reach(deadline: Deadline) -> Wire:
             wire = calls.call(f"{name}: connecting", deadline, lambda: connect(deadline))
             return AttendedWire(wire, calls, name)
 
         return reach
 
-    token = ATTENDANT.set(attendant)
+    token = BEHIND.set((*BEHIND.get(), attendant))
     try:
         yield
     finally:
-        ATTENDANT.reset(token)
+        BEHIND.reset(token)
 
 
 class AttendedWire:

@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, ClassVar, Self
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
-from vcfbench.drivers.trace import attending, tapping
+from vcfbench.drivers.trace import BEHIND
 from vcfbench.drivers.wire import Wire
 from vcfbench.errors import LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import UnprovedCommand
@@ -59,14 +59,14 @@ class Conversation:
         **more: Any,
     ) -> Self:
         """Return one on the wire that `connect` opens, now and whenever it has to be opened anew."""
-        tap = tapping(name, resource, clock)
-        reach = attending(name, lambda deadline: tap(connect(deadline)))
+        for behind in BEHIND.get():
+            connect = behind(name, resource, clock, connect)
         try:
-            wire = reach(Deadline.after(clock, timeout_s if open_timeout_s is None else open_timeout_s))
+            wire = connect(Deadline.after(clock, timeout_s if open_timeout_s is None else open_timeout_s))
         except TransportError as error:
             error.instrument, error.resource = name, resource
             raise
-        return cls(wire, name=name, resource=resource, clock=clock, timeout_s=timeout_s, reconnect=reach, **more)
+        return cls(wire, name=name, resource=resource, clock=clock, timeout_s=timeout_s, reconnect=connect, **more)
 
     @property
     def closed(self) -> bool:

@@ -22,6 +22,12 @@ from vcfbench.drivers.wire import Interface, Wire
 from vcfbench.errors import BenchError, ConfigError, TransportError
 
 Connect = Callable[[Deadline], Wire]
+Behind = Callable[[str, str, Clock, Connect], Connect]
+"""Puts the wires of an instrument, of that name, resource and clock, behind others."""
+
+BEHIND: ContextVar[tuple[Behind, ...]] = ContextVar("vcfbench_behind", default=())
+"""What stands before the wires that are opened here. It belongs to a context and not to the process: two threads may
+have two."""
 
 HEADER = "# vcfbench trace 1"
 
@@ -71,10 +77,6 @@ class _Trace:
                 self.failure = error if isinstance(error, OSError) else None
 
 
-_NOW: ContextVar[_Trace | None] = ContextVar("vcfbench_trace", default=None)
-"""The trace of whoever opens instruments. It belongs to a context and not to the process: two threads may have two."""
-
-
 @contextmanager
 def traced(path: Path | str | None) -> Iterator[None]:
     """Write everything that passes between here and the instruments that are opened in here to the file at `path`.
@@ -95,11 +97,15 @@ def traced(path: Path | str | None) -> Iterator[None]:
         raise ConfigError(f"--trace {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
     trace = _Trace(file)
     trace.write(HEADER)
-    token = _NOW.set(trace)
+
+    def tapped(name: str, resource: str, clock: Clock, connect: Connect) -> Connect:
+        return lambda deadline: TracedWire(connect(deadline), trace, name, resource, clock)
+
+    token = BEHIND.set((*BEHIND.get(), tapped))
     try:
         yield
     finally:
-        _NOW.reset(token)
+        BEHIND.reset(token)
         try:
             file.close()
         except OSError as error:
@@ -111,22 +117,6 @@ def traced(path: Path | str | None) -> Iterator[None]:
 def _opened(path: str, flags: int) -> int:
     """Open without waiting for who reads a pipe, and never to wait for its room: a run does not stop for its trace."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
-
-
-def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:
-    """Return a function that puts a new wire of instrument `name` behind the trace, if there is one."""
-    trace = _NOW.get()
-    return (lambda wire: wire) if trace is None else lambda wire: TracedWire(wire, trace, name, resource, clock)
-
-
-ATTENDANT: ContextVar[Callable[[str, Connect], Connect] | None] = ContextVar("vcfbench_attendant", default=None)
-"""Attendant of calls that never return (`vcfbench.drivers.calls`, which few load)."""
-
-
-def attending(name: str, connect: Connect) -> Connect:
-    """Return `connect` of instrument `name` with its calls attended; the same where nobody attends."""
-    attendant = ATTENDANT.get()
-    return connect if attendant is None else attendant(name, connect)
 
 
 class TracedWire:
