@@ -292,13 +292,10 @@ _RATES = "rates of the table, in their order; -5:5:0.5 is a range"
 class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
 
-    frequency_hz: Annotated[bounds.FrequencyWindow, Meta(description="frequency of the drive signal")] = (
-        3475.0,
-        3503.0,
-    )
-    amplitude_v: Annotated[bounds.AmplitudeWindow, Meta(description="its amplitude")] = (0.05, 10.0)
-    phase_deg: Annotated[bounds.PhaseWindow, Meta(description="phase of the carrier against it")] = (-180.0, 180.0)
-    start_up_s: Annotated[bounds.StartUp, Meta(description="time given to the drive loop after power-on")] = 5.0
+    frequency_hz: Annotated[bounds.FrequencyWindow, bounds.said("frequency of the drive signal")] = (3475.0, 3503.0)
+    amplitude_v: Annotated[bounds.AmplitudeWindow, bounds.said("its amplitude")] = (0.05, 10.0)
+    phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against it")] = (-180.0, 180.0)
+    start_up_s: Annotated[bounds.StartUp, bounds.said("time given to the drive loop after power-on")] = 5.0
 
 
 class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -310,23 +307,21 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             loops: Annotated[int, Meta(ge=1, le=100, description="times up and down")] = 1
     """
 
-    positive_rail_v: Annotated[bounds.PositiveRail, Meta(description="level of the positive rail")] = 10.0
-    negative_rail_v: Annotated[bounds.NegativeRail, Meta(description="level of the negative rail")] = -10.0
-    rail_current_limit_a: Annotated[bounds.Current, Meta(description="set before the outputs go on")] = 0.1
-    rail_tolerance_v: Annotated[bounds.VoltageTolerance, Meta(description="of the read-back of a rail")] = 0.1
-    warm_up_s: Annotated[bounds.WarmUp, Meta(description="wait after power-on")] = 0.0
-    acceleration_deg_s2: Annotated[bounds.Acceleration, Meta(description="of every ramp")] = 100.0
-    rate_tolerance_deg_s: Annotated[bounds.RateTolerance, Meta(description="of the read-back of the table")] = 0.05
-    rate_deadline_s: Annotated[bounds.Seconds, Meta(description="for a rate to settle, beyond twice its ramp")] = 10.0
-    settle_s: Annotated[bounds.Settling, Meta(description="wait after each step of rate or V_Vc")] = 2.0
-    sample_interval_s: Annotated[bounds.Interval, Meta(description="from reading to reading")] = 1.0
-    samples: Annotated[bounds.Samples, Meta(description="readings a mean", extra={"option": True})] = 10
-    nplc: Annotated[Literal[1, 10, 100], Meta(description="integration time in power-line cycles")] = 10
-    meter_range_v: Annotated[Literal[1, 10, 100], Meta(description="fixed range of the multimeter")] = 10
-    rates_deg_s: Annotated[bounds.Rates, Meta(description=_RATES, extra={"option": "--rates"})] = PAPER_RATES_DEG_S
-    k_vc_guess_deg_s_per_v: Annotated[bounds.Slope, Meta(description="rate that 1 V of V_Vc stands for, roughly")] = (
-        150.0
-    )
+    positive_rail_v: Annotated[bounds.PositiveRail, bounds.said("level of the positive rail")] = 10.0
+    negative_rail_v: Annotated[bounds.NegativeRail, bounds.said("level of the negative rail")] = -10.0
+    rail_current_limit_a: Annotated[bounds.Current, bounds.said("set before the outputs go on")] = 0.1
+    rail_tolerance_v: Annotated[bounds.VoltageTolerance, bounds.said("of the read-back of a rail")] = 0.1
+    warm_up_s: Annotated[bounds.WarmUp, bounds.said("wait after power-on")] = 0.0
+    acceleration_deg_s2: Annotated[bounds.Acceleration, bounds.said("of every ramp")] = 100.0
+    rate_tolerance_deg_s: Annotated[bounds.RateTolerance, bounds.said("of the read-back of the table")] = 0.05
+    rate_deadline_s: Annotated[bounds.Seconds, bounds.said("for a rate to settle, beyond twice its ramp")] = 10.0
+    settle_s: Annotated[bounds.Settling, bounds.said("wait after each step of rate or V_Vc")] = 2.0
+    sample_interval_s: Annotated[bounds.Interval, bounds.said("from reading to reading")] = 1.0
+    samples: Annotated[bounds.Samples, bounds.said("readings a mean", option=True)] = 10
+    nplc: Annotated[Literal[1, 10, 100], bounds.said("integration time in power-line cycles")] = 10
+    meter_range_v: Annotated[Literal[1, 10, 100], bounds.said("fixed range of the multimeter")] = 10
+    rates_deg_s: Annotated[bounds.Rates, bounds.said(_RATES, option="--rates")] = PAPER_RATES_DEG_S
+    k_vc_guess_deg_s_per_v: Annotated[bounds.Slope, bounds.said("rate that 1 V of V_Vc stands for, roughly")] = 150.0
     drive: DriveWindow = field(default_factory=DriveWindow)
     station: Station = field(default_factory=Station)
 
@@ -454,7 +449,7 @@ class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     dut: Annotated[
         Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        Meta(description="serial number of the gyroscope, as --dut: what is known of it, and kept"),
+        bounds.said("serial number of the gyroscope, as --dut: what is known of it, and kept"),
     ] = None
     devices: Annotated[
         str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
