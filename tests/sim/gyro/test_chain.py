@@ -142,8 +142,8 @@ def test_two_intervals_are_one_interval(rate: float, slope: float, duration: flo
 def test_reversed_inputs_give_the_reversed_signal_on_ideal(rate: float, virtual: float, at: float) -> None:
     chain = locked_chain(IDEAL)
     start = chain.modal(ChainState.at_rest(4), 1)
-    seen = chain.respond(start, still(rate, virtual), 1).filtered.value(at)
-    mirrored = chain.respond(start, still(-rate, -virtual), 1).filtered.value(at)
+    seen = chain.respond(start, still(rate, virtual), 1).filtered.at(np.array([at]))[0]
+    mirrored = chain.respond(start, still(-rate, -virtual), 1).filtered.at(np.array([at]))[0]
     assert mirrored == pytest.approx(-seen, rel=1e-12, abs=1e-18)
 
 
@@ -177,7 +177,7 @@ def test_filter_takes_the_whole_product_of_v_s_and_reference_through_a_ramp() ->
     v_s = (response.sense.at(times) * np.exp(1j * phase)).real
     product = sense.multiplier_per_v * sense.reference_amplitude_v * np.sin(phase + sense.demodulator_phase_rad) * v_s
     wanted = float(np.sum(cut_off * np.exp(-cut_off * (stop - times)) * product)) * stop / count
-    assert response.filtered.value(stop).real == pytest.approx(wanted, rel=1e-6)
+    assert response.filtered.at(np.array([stop]))[0].real == pytest.approx(wanted, rel=1e-6)
 
 
 @given(

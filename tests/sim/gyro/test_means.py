@@ -16,6 +16,7 @@ from vcfbench.clock import VirtualClock
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.gyro.design import ideal_bench
+from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.noise import FlickerNoise, NoisyChain
 from vcfbench.sim.gyro.signals import ExponentialSum
@@ -122,7 +123,7 @@ def sine(mean_v: float, amplitude_v: float, frequency_hz: float) -> ExponentialS
 @pytest.mark.parametrize(("mean", "amplitude"), [(6.0, 5.0), (0.0, 20.0), (8.4, 0.2), (12.0, 2.0), (-7.0, 1.6)])
 def test_the_mean_of_a_clipped_sine_is_the_closed_form(mean: float, amplitude: float) -> None:
     """Between limits +-8.5 V: each half of a period adds (a cos x0 - (limit - mean)(pi/2 - x0)) / pi beyond it."""
-    seen = output_integral(IDEAL_STAGE, (-8.5, 8.5), sine(mean, amplitude, 25.0), 0.2, 0.0, 0.0) / 0.2
+    seen = output_integral(LIMITS, sine(mean, amplitude, 25.0), 0.2, 0.0, 0.0) / 0.2
     wanted = mean
     for sign in (1.0, -1.0):
         beyond = (8.5 - sign * mean) / amplitude
@@ -131,7 +132,9 @@ def test_the_mean_of_a_clipped_sine_is_the_closed_form(mean: float, amplitude: f
     assert seen == pytest.approx(wanted, abs=1e-6)
 
 
-IDEAL_STAGE = replace(IDEAL.output_stage, gain=1.0)
+LIMITS = OutputLimits(
+    replace(IDEAL.output_stage, gain=1.0, headroom_v=1.5), Oscillation(10.0, []), Oscillation(-10.0, [])
+)
 
 
 @pytest.mark.parametrize("level", [8.5, 8.4985, 8.503, -8.5012])
@@ -139,5 +142,5 @@ def test_noise_about_a_limit_is_averaged_between_the_limits(level: float) -> Non
     """1.4 mV rms about a limit: the mean of a million clipped draws, known to 1.4 uV."""
     draws = np.random.default_rng(1).standard_normal(1_000_000) * 1.4e-3
     still = ExponentialSum(level + 0j, 0j, np.zeros(0, complex), np.zeros(0, complex))
-    seen = output_integral(IDEAL_STAGE, (-8.5, 8.5), still, 0.5, 0.0, 1.4e-3**2) / 0.5
+    seen = output_integral(LIMITS, still, 0.5, 0.0, 1.4e-3**2) / 0.5
     assert seen == pytest.approx(np.clip(level + draws, -8.5, 8.5).mean(), abs=7e-6)

@@ -237,12 +237,17 @@ def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> t
     return min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
 
 
-class MovingLimits(Struct, frozen=True):
-    """Where the output saturates while the rails move; times from the origin of both rails, ripple left out."""
+class OutputLimits(Struct, frozen=True):
+    """Where the output saturates on its rails; times from the origin of both, ripple left out."""
 
     stage: OutputStage
     positive: Oscillation
     negative: Oscillation
+
+    @property
+    def moving(self) -> bool:
+        """Whether a rail moves."""
+        return bool(self.positive.terms or self.negative.terms)
 
     def at(self, elapsed_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return lowest and highest voltage at times."""

@@ -31,7 +31,7 @@ from vcfbench.sim.gyro.drive import (
     wanted_m,
     weaker_v,
 )
-from vcfbench.sim.gyro.electronics import Pin, output_limits, passage, rail_current_a
+from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.noise_course import NoiseCourse
 from vcfbench.sim.gyro.stretch import Situation, Stretch
@@ -296,10 +296,6 @@ class Gyro:
         """Return the stretch from now to `stop_s`."""
         # The situation while a forcing acts; somebody looks
         if self._given is None:
-            (up, down), limits_v = self._pins, None
-            if not up.approach.terms and not down.approach.terms:  # rails at rest
-                stage = self._bench.output_stage
-                limits_v = output_limits(stage, up.smooth_v(self.now_s), down.smooth_v(self.now_s))
             self._given = Situation(
                 acting.bench,
                 Answer(self._course, self.now_s),
@@ -308,7 +304,6 @@ class Gyro:
                 acting.passage,
                 self._pins,
                 self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
-                limits_v,
             )
         since_s, given = self.now_s - acting.since_s, self._given
         return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)

@@ -16,11 +16,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vcfbench.sim.gyro.electronics import MovingLimits, amplify, curved
+from vcfbench.sim.gyro.electronics import OutputLimits, amplify, curved
 from vcfbench.sim.gyro.signals import ExponentialSum
 from vcfbench.sim.parameters import OutputStage
-
-_Volts = float | NDArray[np.float64]
 
 STEADY_V = 1e-3
 PANEL_S = 0.02
@@ -34,20 +32,14 @@ HALVINGS = 50
 UNLIMITED = (-math.inf, math.inf)
 
 
-def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
-    stage: OutputStage,
-    limits_v: tuple[float, float],
-    filtered: ExponentialSum,
-    duration_s: float,
-    noise_mean_v: float,
-    noise_variance_v2: float,
-    moving: MovingLimits | None = None,
+def output_integral(
+    limits: OutputLimits, filtered: ExponentialSum, duration_s: float, noise_mean_v: float, noise_variance_v2: float
 ) -> float:
     """Return the integral of the output over `duration_s` from the signal's origin on, V s.
 
     `noise_mean_v` is the mean of the filtered noise over that time, `noise_variance_v2` its variance about that mean.
-    Of limits that move `limits_v` are the tightest.
     """
+    stage, tightest_v = limits.stage, limits.tightest(duration_s)
     mean_v = filtered.integral(duration_s).real / duration_s + noise_mean_v
     middle_v = curved(stage, mean_v)
     moved_v = abs(stage.gain) * (filtered.swing() + abs(filtered.slope) * duration_s)
@@ -58,8 +50,10 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     bend_v = bent_per_v * noise_variance_v2
     middle_v = middle_v + bend_v if abs(bend_v) >= LEAST_BEND_V else middle_v
     reach_v = 1.5 * moved_v + FAR * noise_v
-    if not limits_v[0] + reach_v < middle_v < limits_v[1] - reach_v:
-        return _clipped(stage, limits_v, filtered, duration_s, noise_mean_v, middle_v, moved_v, noise_v, moving)
+    if not tightest_v[0] + reach_v < middle_v < tightest_v[1] - reach_v:
+        if moved_v < STEADY_V and not limits.moving:
+            return duration_s * _limited_mean(middle_v, noise_v, tightest_v)
+        return _clipped(limits, filtered, duration_s, noise_mean_v)
     if moved_v < STEADY_V:
         return duration_s * middle_v
     times, weights = _nodes(0.0, duration_s)
@@ -68,53 +62,33 @@ def output_integral(  # noqa: PLR0917  (a stage, a signal, its noise)
     return duration_s * (middle_v + float(weights @ bent))
 
 
-def _clipped(  # noqa: PLR0917  (as above)
-    stage: OutputStage,
-    limits_v: tuple[float, float],
-    filtered: ExponentialSum,
-    duration_s: float,
-    noise_mean_v: float,
-    middle_v: float,
-    moved_v: float,
-    noise_v: float,
-    moving: MovingLimits | None,
-) -> float:
+def _clipped(limits: OutputLimits, filtered: ExponentialSum, duration_s: float, noise_mean_v: float) -> float:
     """Return the integral where the output may reach a limit."""
-    if moved_v < STEADY_V and moving is None:
-        return duration_s * _limited_mean(middle_v, noise_v, limits_v)
 
     def unlimited(times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        return amplify(stage, filtered.at(times_s).real + noise_mean_v, UNLIMITED)
+        return amplify(limits.stage, filtered.at(times_s).real + noise_mean_v, UNLIMITED)
 
-    def limit(side: int) -> Callable[[NDArray[np.float64]], _Volts]:
-        return lambda times_s: limits(times_s)[side]
-
-    def limits(times_s: NDArray[np.float64]) -> tuple[_Volts, _Volts]:
-        return limits_v if moving is None else moving.at(times_s)
-
-    cuts = {0.0, duration_s} if moving is None else {0.0, duration_s, *moving.cuts_s(duration_s)}
+    cuts = {0.0, duration_s, *limits.cuts_s(duration_s)}
     for side in (0, 1):
-        cuts.update(_crossings(unlimited, limit(side), duration_s))
+        cuts.update(_crossings(unlimited, limits, side, duration_s))
     total = 0.0
     for start, stop in pairwise(sorted(cuts)):
         times, weights = _nodes(start, stop)
-        total += (stop - start) * float(weights @ np.clip(unlimited(times), *limits(times)))
+        total += (stop - start) * float(weights @ np.clip(unlimited(times), *limits.at(times)))
     return total
 
 
 def _crossings(
-    signal: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    limit: Callable[[NDArray[np.float64]], _Volts],
-    stop_s: float,
+    signal: Callable[[NDArray[np.float64]], NDArray[np.float64]], limits: OutputLimits, side: int, stop_s: float
 ) -> list[float]:
-    """Return when a signal crosses a limit before `stop_s`."""
+    """Return when a signal crosses the lowest (side 0) or highest voltage (1) before `stop_s`."""
     looks = np.linspace(0.0, stop_s, max(2, math.ceil(stop_s / LOOK_S) + 1))
-    above = signal(looks) > limit(looks)
+    above = signal(looks) > limits.at(looks)[side]
     places = np.flatnonzero(above[1:] != above[:-1])
     early, late, first = looks[places], looks[places + 1], above[places]
     for _ in range(HALVINGS if len(places) else 0):
         middle = 0.5 * (early + late)
-        same = (signal(middle) > limit(middle)) == first
+        same = (signal(middle) > limits.at(middle)[side]) == first
         early, late = np.where(same, middle, early), np.where(same, late, middle)
     return [float(each) for each in 0.5 * (early + late)]
 

@@ -27,11 +27,6 @@ class Resonance(Struct, frozen=True, dict=True):
         ringing = self.natural_rad_s * math.sqrt(1 - 1 / (4 * self.quality**2))
         return complex(-damping, ringing), complex(-damping, -ringing)
 
-    def steady(self, drive_rad_s: float) -> complex:
-        """Return the steady envelope per unit force per mass, 1/(P + jR), s^2."""
-        natural = self.natural_rad_s
-        return 1 / complex(natural**2 - drive_rad_s**2, natural * drive_rad_s / self.quality)
-
     def displacement(self, parts: tuple[complex, complex]) -> complex:
         """Return the envelope Y of the displacement from its two parts."""
         plus, minus = self.poles

@@ -54,10 +54,6 @@ class ExponentialSum(Struct, frozen=True):
         many = turned.shape[-1] > FEW_TERMS
         return np.asarray((turned * self.amplitudes).sum(axis=-1) if many else turned @ self.amplitudes)
 
-    def value(self, time_s: float) -> complex:
-        """Return the signal at one time."""
-        return complex(self.at(np.array([time_s]))[0])
-
     def integral(self, duration_s: float) -> complex:
         """Return the integral from 0 to `duration_s`."""
         grown = np.expm1(self.exponents * duration_s)

@@ -14,7 +14,7 @@ from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.chain import Response
 from vcfbench.sim.gyro.course import Answer
 from vcfbench.sim.gyro.drive import DriveSegment
-from vcfbench.sim.gyro.electronics import MovingLimits, Oscillation, Passage, Pin, PlayedVoltage, amplify
+from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits, Passage, Pin, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.parameters import BenchParameters
@@ -36,8 +36,6 @@ class Situation(Struct, frozen=True):
     passage: Passage
     pins: tuple[Pin, Pin]
     alive: bool
-    limits_v: tuple[float, float] | None
-    """Where the output saturates; None while the rails move."""
 
 
 class Stretch(Struct, frozen=True):
@@ -122,11 +120,7 @@ class Stretch(Struct, frozen=True):
         variance = 0.0 if self.noise is None else self.noise.variance_v2(duration)
         noise = self.noise_integral_v_s / duration
         filtered = self._response.filtered.later(self.responding_s)
-        moving, limits_v = None, self.given.limits_v
-        if limits_v is None:
-            moving = self._moving_limits()
-            limits_v = moving.tightest(duration)
-        output = output_integral(self.given.bench.output_stage, limits_v, filtered, duration, noise, variance, moving)
+        output = output_integral(self._limits(), filtered, duration, noise, variance)
         if rippling is not None:
             output += rippling.integral(duration)
         return output
@@ -141,11 +135,11 @@ class Stretch(Struct, frozen=True):
         terms = [(share * size, speed) for size, speed in ripples]
         return Oscillation(0.0, terms) if terms else None
 
-    def _moving_limits(self) -> MovingLimits:
-        """Return where the output saturates while the rails move."""
+    def _limits(self) -> OutputLimits:
+        """Return where the output saturates."""
         positive, negative = self.given.pins
         stage = self.given.bench.output_stage
-        return MovingLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s))
+        return OutputLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s))
 
     def _carrier_level_integral(self, node: str, duration: float) -> float:
         turn = cmath.exp(1j * self.phase_rad)
@@ -196,8 +190,7 @@ class Stretch(Struct, frozen=True):
         if node == "output":
             filtered = self._response.filtered.at(self.responding_s + elapsed).real
             noisy = filtered if self.noise is None else filtered + self.noise.filtered(elapsed)
-            limits = self._moving_limits().at(elapsed) if self.given.limits_v is None else self.given.limits_v
-            volts = amplify(self.given.bench.output_stage, noisy, limits)
+            volts = amplify(self.given.bench.output_stage, noisy, self._limits().at(elapsed))
             rippling = self._rippling()
             return volts if rippling is None else volts + rippling.at(elapsed)
         return self._carrier_level(node, times_s)
