@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import BEHIND
 from vcfbench.drivers.wire import Wire
-from vcfbench.errors import LinkLost, OutOfSync, TransportError
+from vcfbench.errors import InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import UnprovedCommand
 
 _BLIND_S = 0.3
@@ -94,6 +94,19 @@ class Conversation:
                 yield
             except TransportError as error:
                 raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+
+    @contextmanager
+    def resynchronising(self, question: str, deadline: Deadline) -> Iterator[None]:
+        """Find the place again by `question`; where that fails the error is OutOfSync, or LinkLost."""
+        try:
+            yield
+        except LinkLost as error:
+            raise self.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
+        except (TransportError, InstrumentError) as error:
+            what = f"the answers no longer belong to the questions ({error.what}), the connection was closed"
+            lost = OutOfSync(what, hint="check the cable; --trace FILE shows what was sent and what came")
+            raise self.locate(lost, question, deadline) from error
+        self.dirty = False
 
     def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
         """Tell `error` where it happened; a lost connection is closed."""

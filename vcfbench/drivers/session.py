@@ -244,18 +244,8 @@ class Session(Conversation):
         limit = deadline or self.deadline()
         with self._lock:
             self._require_open()
-            try:
+            with self.resynchronising("*IDN?", limit):
                 self._find_the_place(limit)
-            except errors.LinkLost as error:
-                raise self.locate(error, "*IDN?", limit)  # noqa: B904 - the same error, now knowing where
-            except errors.TransportError as error:
-                self._give_up("answers no longer belonged to their questions")
-                raise errors.OutOfSync(
-                    "the answers no longer belong to the questions, the connection was closed",
-                    elapsed_s=limit.elapsed(),
-                    hint="check the cable and the interface, then start again",
-                    **self.where,
-                ) from error
 
     def _find_the_place(self, deadline: Deadline) -> None:
         if self._identity is None:
@@ -275,7 +265,6 @@ class Session(Conversation):
         if doubled:  # the last answer has a second one too
             with suppress(errors.DeadlineExceeded):
                 self._read_line(Deadline.after(self.clock, min(_ECHO_S, deadline.remaining())))
-        self.dirty = False
 
     def _next_line(self, deadline: Deadline) -> bytes:
         return self._read_line(deadline).rstrip(b"\r\n")

@@ -50,7 +50,7 @@ class AtlDialect(TableDialect):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain, send the status question, and drop everything up to the prompt after its data."""
-        with line.resynchronising("STA", deadline, "the table does not answer any more"):
+        with line.resynchronising("STA", deadline):
             line.take_unasked()
             line.send(b"\rSTA\r", deadline)
             self._data_then_prompt(line, "STA", deadline)

@@ -1,29 +1,19 @@
 """The line to a rate table: whatever pyserial opens by URL, with deadlines."""
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
+from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.conversation import Conversation
 from vcfbench.drivers.wire import Interface, Wire
-from vcfbench.errors import (
-    ConnectFailed,
-    DeadlineExceeded,
-    FramingError,
-    InstrumentError,
-    LinkLost,
-    OutOfSync,
-    TransportError,
-)
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _LONGEST_LINE = 32_768
 """The longest message of any table's language known so far (ACL manual, section 2)."""
-_LOST = "the answers no longer belong to the questions"
 
 
 Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
@@ -84,7 +74,7 @@ def open_serial(
                 port.exclusive = True  # one owner a connection; only real ports know how
             port.open()
         except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
-            raise ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
+            raise errors.ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
         sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
         return SerialWire(port, serial.SerialTimeoutException)
 
@@ -106,7 +96,7 @@ class SerialWire:
             self._port.write_timeout = _left(deadline)
             self._port.write(data)
         except self._late as error:
-            raise DeadlineExceeded("the table does not take the command") from error
+            raise errors.DeadlineExceeded("the table does not take the command") from error
         except OSError as error:
             raise _lost(error) from error
 
@@ -119,7 +109,7 @@ class SerialWire:
         except OSError as error:
             raise _lost(error) from error
         if not data:
-            raise DeadlineExceeded("no answer")
+            raise errors.DeadlineExceeded("no answer")
         return data, False
 
     def pending(self) -> bytes:
@@ -145,12 +135,12 @@ class SerialWire:
 def _left(deadline: Deadline) -> float:
     left = deadline.remaining()
     if left <= 0.0:
-        raise DeadlineExceeded("the time is up")
+        raise errors.DeadlineExceeded("the time is up")
     return left
 
 
-def _lost(error: OSError) -> LinkLost:
-    return LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
+def _lost(error: OSError) -> errors.LinkLost:
+    return errors.LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
 
 
 class TableLine(Conversation):
@@ -191,19 +181,6 @@ class TableLine(Conversation):
             self._fill(deadline)
         self._received = self._received[found + len(known) :]
 
-    @contextmanager
-    def resynchronising(self, question: str, deadline: Deadline, lost: str = _LOST) -> Iterator[None]:
-        """Find the place again by `question`; where that fails the error is OutOfSync, or LinkLost."""
-        try:
-            yield
-        except LinkLost as error:
-            raise self.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
-        except (TransportError, InstrumentError) as error:
-            what = f"{lost} ({error.what}), the connection was closed"
-            hint = "--trace FILE shows what was sent and what came"
-            raise self.locate(OutOfSync(what, hint=hint), question, deadline) from error
-        self.dirty = False
-
     def take_unasked(self) -> bytes:
         """Return the unasked bytes, and forget them."""
         self._require_open()
@@ -212,7 +189,7 @@ class TableLine(Conversation):
 
     def _fill(self, deadline: Deadline) -> None:
         if len(self._received) > _LONGEST_LINE:
-            raise FramingError(f"{len(self._received)} bytes came without an end")
+            raise errors.FramingError(f"{len(self._received)} bytes came without an end")
         self._received += self._wire.receive(deadline)[0]
 
     def revive(self, deadline: Deadline, words: Sequence[bytes] = (), gap_s: float = 0.0) -> None:
