@@ -33,11 +33,9 @@ def compare(
         raise ConfigError("--dut: it chooses the runs, name none")
     found = run_summaries(directory, dut=dut, status=None if dut is None else "complete")
     alike = [each.directory for each in found if dut is None or each.procedure == found[-1].procedure]
-    chosen = runs or alike[-2:]
-    if not runs and len(chosen) < 2:
-        whose = "" if dut is None else f" of {dut}"
-        hint = "one of elsewhere is named by its path: vcfbench compare DIRECTORY/RUN last"
-        raise ConfigError(f"{directory}: expected two runs{whose} to compare, found {len(chosen)}", hint=hint)
+    if len(chosen := runs or alike[-2:]) < 2:
+        said = f"{directory}: expected two runs{f' of {dut}' if dut else ''} to compare, found {len(chosen)}"
+        raise ConfigError(said, hint="one of elsewhere is named by its path: vcfbench compare DIRECTORY/RUN last")
     comparison = compare_runs(*(load_run(each, directory) for each in chosen))
     if output is not None:
         both = " and ".join(run.name or run.procedure for run in comparison.runs)
