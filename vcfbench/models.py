@@ -19,7 +19,6 @@ from types import MappingProxyType
 from typing import Any, Final, Literal, TypeVar
 
 from msgspec import Struct, field
-from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 
@@ -88,10 +87,6 @@ class Model(Struct, frozen=True):
     def recognises(self, maker: str, model: str) -> bool:
         """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
         return maker.upper().startswith(self.makers) and bare_model(model).startswith(self.name.upper())
-
-    def speaking_as(self, name: str) -> "Model":
-        """Return the row of the model `name`, which speaks the same words under its own name."""
-        return replace(self, name=name)
 
 
 class TableLanguage(Struct, frozen=True):

@@ -7,7 +7,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from vcfbench import errors
-from vcfbench.archive.results import evaluation_of, printable
+from vcfbench.archive.results import evaluation_of
 from vcfbench.archive.run import Run, breaks
 from vcfbench.archive.summary import run_summaries
 from vcfbench.errors import BenchError, ConfigError
@@ -17,6 +17,7 @@ from vcfbench.records.directory import list_runs as recorded_runs
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.metadata import equipment_of, metadata_from
 from vcfbench.records.schema import Status
+from vcfbench.reports.text import printable
 
 
 def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:

@@ -20,6 +20,7 @@ from vcfbench.records.plain import plain, read_only
 from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Report, Text, report_from
 from vcfbench.reports.generic import generic_report, points_table, results_table
+from vcfbench.reports.text import printable
 from vcfbench.station.acceptance import Acceptance, judged
 from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
@@ -100,12 +101,6 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
         raise ConfigError(f"the points give no result: {error.what}") from error
     finally:
         measured.read_again_from(partial(lines_of, directory.journal))  # and are not held in memory
-
-
-def printable(value: object) -> str:
-    """Return a text of a record as it can be printed: a file must not write on the terminal by itself."""
-    text = str(value)
-    return text if text.isprintable() else ascii(text)
 
 
 def _stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:

@@ -12,7 +12,6 @@ import typer
 
 from vcfbench.archive.batch_sheet import SheetRow, device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
-from vcfbench.archive.results import printable
 from vcfbench.archive.summary import run_summaries
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
@@ -23,7 +22,7 @@ from vcfbench.records.devices import Device, DeviceStore, Entry, SelfCalibration
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
-from vcfbench.reports.text import table_text, text_of
+from vcfbench.reports.text import printable, table_text, text_of
 
 _COLUMNS = {
     "entry": Column("entry"),

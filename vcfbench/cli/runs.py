@@ -13,7 +13,6 @@ from msgspec import structs, to_builtins
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.export import export_run
 from vcfbench.archive.recorded import recorded_run
-from vcfbench.archive.results import printable
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.verified import verify_run
@@ -36,7 +35,7 @@ from vcfbench.records import signing
 from vcfbench.records.directory import RunDirectory, find_run
 from vcfbench.records.journal import JournalRecord
 from vcfbench.reports.document import Column, Table
-from vcfbench.reports.text import table_text
+from vcfbench.reports.text import printable, table_text
 from vcfbench.station.equipment import overdue_words
 
 app = typer.Typer(no_args_is_help=True, help="List and show records.")

@@ -15,6 +15,7 @@ from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.progress import HOW_ON, line_of, paused_words, wanted_words
 from vcfbench.reports.shielded import NoProgress
+from vcfbench.reports.text import printable
 from vcfbench.safety.control import RunState
 from vcfbench.steps import Acquire, Note, Window
 from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
@@ -207,11 +208,8 @@ class LiveProgress(NoProgress):
 
     def _print(self, line: str, style: str, *, whole: bool = False) -> None:
         """Print a line; one that must be read to its end goes on in the next where the terminal is narrow."""
-        shown = line if line.isprintable() else ascii(line)
-        if whole:
-            self._console.print(Text(shown, style=style))
-        else:
-            self._console.print(Text(shown, style=style), no_wrap=True, overflow="crop")
+        cropped: Any = {} if whole else {"no_wrap": True, "overflow": "crop"}
+        self._console.print(Text(printable(line), style=style), **cropped)
 
     def _draw(self) -> None:
         """Draw the block anew, if that was not just done and the terminal takes it."""

@@ -28,12 +28,12 @@ def text_of(report: Report, width: int = WIDTH) -> str:
 def _part(part: Part, width: int) -> str:
     match part:
         case Heading():
-            title = _line(part.text)
+            title = printable(part.text)
             return "\n".join([title, *(rule * len(title) for rule in _RULES[part.level - 1 : part.level])])
         case Table():
             return table_text(part, width)
         case Text() | Notice():
-            return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(_line(line), width))
+            return "\n".join(wrapped for line in part.text.split("\n") for wrapped in _wrapped(printable(line), width))
         case Figure():  # left out
             return ""
 
@@ -44,7 +44,7 @@ def table_text(table: Table, most: float = math.inf) -> str:
     Texts of the last column that would make lines longer than `most` go on under themselves, or stand below their rows
     where there is no room for that.
     """
-    rows = [[_line(cell) for cell in row] for row in ([each.head for each in table.columns], *table.printed())]
+    rows = [[printable(cell) for cell in row] for row in ([each.head for each in table.columns], *table.printed())]
     sides = [str.ljust if column.align == "left" else str.rjust for column in table.columns]
     *others, last = (max(map(len, column)) for column in zip(*rows, strict=True))
     room = most - sum(others) - 3 * len(others)
@@ -62,7 +62,7 @@ def table_text(table: Table, most: float = math.inf) -> str:
         lines = [line for one, more in zip(beside, below, strict=True) for line in (one, *more)]
     head, *lines = lines
     above = [head, "-" * len(head)] if table.has_heads else []
-    return "\n".join([*([_line(table.title)] if table.title else []), *above, *lines])
+    return "\n".join([*([printable(table.title)] if table.title else []), *above, *lines])
 
 
 def _in_columns(
@@ -87,9 +87,10 @@ def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def printable_lines(text: str) -> str:
     """Return `text` with its lines as they are, those escaped that hold characters that cannot be printed."""
-    return "\n".join(map(_line, text.split("\n")))
+    return "\n".join(map(printable, text.split("\n")))
 
 
-def _line(text: str) -> str:
-    """Return `text` as one line that can be printed: a record must not write on the terminal by itself."""
+def printable(value: object) -> str:
+    """Return a text as one line that can be printed: a record must not write on the terminal by itself."""
+    text = str(value)
     return text if text.isprintable() else ascii(text)

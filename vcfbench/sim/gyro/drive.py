@@ -40,12 +40,6 @@ class Motion(Struct, frozen=True):
     drive_rad_s: float
     phase_rad: float
 
-    def displacement_m(self, mode: Resonance, instant_s: float) -> complex:
-        """Return the analytic displacement D at `instant_s`; x = Re D."""
-        elapsed = instant_s - self.start_s
-        parts = mode.step(self.parts, self.force_m_s2, self.drive_rad_s, elapsed)
-        return mode.displacement(parts) * cmath.exp(1j * (self.phase_rad + self.drive_rad_s * elapsed))
-
     def waveform(self, mode: Resonance) -> ExponentialSum:
         """Return the analytic displacement D as a signal from `start_s` on."""
         plus, minus = mode.poles

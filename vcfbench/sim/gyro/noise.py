@@ -178,11 +178,6 @@ class NoisyChain:
         after = once.whole @ np.concatenate((state.made, random.standard_normal(len(once.factor))))
         return NoiseState(after[:-1], self._n), float(after[-1])
 
-    def gathered(self, interval_s: float, random: np.random.Generator) -> NDArray[np.float64]:
-        """Return the noise of a chain at rest after `interval_s`: Re modal, Im modal, flicker, integral."""
-        once = self._kept_interval(round(interval_s * 1e9))
-        return once.factor @ random.standard_normal(len(once.factor))
-
     def _interval(self, interval_ns: int) -> Interval:
         return self.interval(interval_ns * 1e-9)
 
