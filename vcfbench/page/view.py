@@ -9,8 +9,7 @@ import numpy as np
 
 from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
-from vcfbench.reports.plot import thinned
-from vcfbench.reports.progress import line_of
+from vcfbench.reports.plot import line_of, thinned
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.decode import Recorded

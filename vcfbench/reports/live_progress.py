@@ -13,7 +13,8 @@ from vcfbench.clock import WallClock, utc_now
 from vcfbench.records.schema import Point
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.outlet import Outlet
-from vcfbench.reports.progress import HOW_ON, line_of, paused_words, wanted_words
+from vcfbench.reports.plot import line_of
+from vcfbench.reports.progress import HOW_ON, paused_words, wanted_words
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.reports.text import printable
 from vcfbench.safety.control import RunState

@@ -14,8 +14,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vcfbench.analysis.regression import LineFit, line_so_far
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Series
 from vcfbench.reports.typography import in_unicode, marked_up_in_svg
 
@@ -90,6 +92,18 @@ def save_figure(figure: Figure, path: Path) -> None:
             drawing.savefig(path, dpi=200, metadata=_METADATA.get(path.suffix[1:].lower()))
         except (ValueError, OSError) as error:
             raise ConfigError(f"{shown(path)}: no picture can be written: {error}") from error
+
+
+def line_of(points: Sequence[Point], step: int) -> tuple[list[int], LineFit | None]:
+    """Return the places of the points of a step, and the line through them; None while they have less than three rates.
+
+    Args:
+        points: those of a run so far, each step of which is a calibration with a line of its own.
+        step: that of the points.
+    """
+    numbers = [number for number, each in enumerate(points) if each.step == step]
+    of_step = [points[number] for number in numbers]
+    return numbers, line_so_far([each.rate_deg_s for each in of_step], [each.output_v for each in of_step])
 
 
 def thinned(

@@ -1,10 +1,7 @@
 """Progress of a run: measured points, the step, and the time left."""
 
-from collections.abc import Sequence
 from typing import Self, TextIO
 
-from vcfbench.analysis.regression import LineFit, line_so_far
-from vcfbench.records.schema import Point
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.safety.control import RunState
@@ -12,18 +9,6 @@ from vcfbench.steps import Note
 from vcfbench.steps.executor import Event, Paused, StepFailed, StepFinished, StepStarted, WentOn
 
 HOW_ON = "p or Enter goes on, Ctrl-C stops"
-
-
-def line_of(points: Sequence[Point], step: int) -> tuple[list[int], LineFit | None]:
-    """Return the places of the points of a step, and the line through them; None while they have less than three rates.
-
-    Args:
-        points: those of a run so far, each step of which is a calibration with a line of its own.
-        step: that of the points.
-    """
-    numbers = [number for number, each in enumerate(points) if each.step == step]
-    of_step = [points[number] for number in numbers]
-    return numbers, line_so_far([each.rate_deg_s for each in of_step], [each.output_v for each in of_step])
 
 
 def wanted_words(by: str) -> str:
