@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import socket
 from contextlib import ExitStack, suppress
@@ -248,7 +249,9 @@ def test_without_a_token_of_the_run_none_is_right(client: Client, shown: PageCon
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": ""}).status_code == 403
 
 
-def test_a_browser_that_takes_nothing_is_let_go(shown: PageContent, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_browser_that_takes_nothing_is_let_go(
+    shown: PageContent, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     monkeypatch.setattr(page_app, "_ALIVE_S", 0.05)
     Going(shown)
     sent: list[Any] = []
@@ -264,6 +267,25 @@ def test_a_browser_that_takes_nothing_is_let_go(shown: PageContent, monkeypatch:
     asyncio.run(EventStream(shown, "live")({}, receive, send))
     assert len(sent) == 2
     assert shown.browsers == 0
+    gc.collect()
+    assert "never retrieved" not in caplog.text
+
+
+def test_nothing_is_told_any_more_to_a_browser_that_has_gone(shown: PageContent) -> None:
+    Going(shown)
+
+    async def receive() -> Any:
+        return {"type": "http.disconnect"}
+
+    async def send(_message: Any) -> None:
+        await asyncio.sleep(0.0)
+
+    async def watched() -> int:
+        await EventStream(shown, "live")({}, receive, send)
+        await asyncio.sleep(0.05)
+        return len(asyncio.all_tasks()) - 1
+
+    assert asyncio.run(watched()) == 0
 
 
 def test_too_many_browsers_are_refused(client: Client, shown: PageContent) -> None:

@@ -143,11 +143,16 @@ class EventStream:
                 pass
 
         self._shown.browsers += 1
+        gone, events = asyncio.ensure_future(gone_from()), asyncio.ensure_future(self._tell(send))
         try:
-            gone = asyncio.ensure_future(gone_from())
-            await asyncio.wait({gone, asyncio.ensure_future(self._tell(send))}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({gone, events}, return_when=asyncio.FIRST_COMPLETED)
+            if events.done():
+                events.result()
+        except TimeoutError:  # it takes nothing any more
+            pass
         finally:
             gone.cancel()
+            events.cancel()
             self._shown.browsers -= 1
 
     async def _tell(self, send: Send) -> None:
