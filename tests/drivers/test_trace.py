@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import warnings
 import os
 import threading
 from pathlib import Path
@@ -29,6 +30,13 @@ def test_any_bytes_come_back_from_their_text(data: bytes) -> None:
     assert text.isascii()
     assert text == "" or text.isprintable()
     assert unescaped(text) == data
+
+
+@pytest.mark.parametrize("text", ["*IDN?\\<n", "\\x4", "\\", "\t", "\\u0041", "caf\xe9"])
+def test_what_is_no_escape_is_refused_without_a_warning(text: str) -> None:
+    with warnings.catch_warnings(), pytest.raises(ValueError, match="not escaped so"):
+        warnings.simplefilter("error")
+        unescaped(text)
 
 
 def tapping(name: str, resource: str, clock: Clock) -> Callable[[Wire], Wire]:

@@ -8,6 +8,7 @@ escaped as ``\n``, ``\r``, ``\t``, ``\\`` and ``\xNN``; docs/console.md has the 
 """
 
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ BEHIND: ContextVar[tuple[Behind, ...]] = ContextVar("vcfbench_behind", default=(
 have two."""
 
 HEADER = "# vcfbench trace 1"
+_ESCAPED = re.compile(r"(?:[ -\[\]-~]|\\(?:[nrt\\]|x[0-9a-f]{2}))*")
 
 
 class TraceLine(Struct, frozen=True):
@@ -52,10 +54,9 @@ def escaped(data: bytes) -> str:
 
 def unescaped(text: str) -> bytes:
     """Return the bytes that :func:`escaped` made `text` of; ValueError if it did not."""
-    data = text.encode("ascii").decode("unicode_escape").encode("latin-1")
-    if escaped(data) != text:
+    if not _ESCAPED.fullmatch(text):  # of others the codec warns
         raise ValueError(f"{text!r} holds what is not escaped so")
-    return data
+    return text.encode("ascii").decode("unicode_escape").encode("latin-1")
 
 
 class _Trace:
