@@ -90,7 +90,7 @@ def test_a_first_window_with_a_step_is_found_by_the_second() -> None:
     [
         (0.04 * np.exp(-np.arange(N) / 0.8), SETTLES),
         (0.04 * np.exp(-np.arange(N) / 2.0) * np.cos(3.0 * np.arange(N)), SETTLES),
-        (np.where(np.arange(N) == 0, 0.005, 0.0), f"{SETTLES}, or a step: the first reading alone is off"),
+        (np.where(np.arange(N) == 0, 0.005, 0.0), f"a step, for the first reading alone is off, or {SETTLES}"),
         (np.where(np.arange(N) == 4, 0.005, 0.0), "as a contact or a bump (leads, fixture)"),
         (np.where(np.arange(N) == 9, 0.005, 0.0), "as a contact or a bump (leads, fixture), or a step"),
         (np.where(np.arange(N) < 4, 0.0, -0.05), "it stepped by -0.05 V at reading 5 of 10, and stayed there"),

@@ -61,7 +61,10 @@ WORDS: Final = (
     StepWord("vibration.sine", "vibration_source", ("HZ", "VOLTS"), "second generator a sine, output on", "max_v_vc_v"),
     StepWord("vibration.off", "vibration_source", (), "its output off"),
     StepWord("scope.drive", "oscilloscope", (), "frequency, amplitude and phase of the drive signal"),
-    StepWord("table.rate", "rate_table", ("DEG_S",), "ramp to a rate and wait for it", "max_rate_deg_s"),
+    StepWord(
+        *("table.rate", "rate_table", ("DEG_S",), "ramp to a rate and wait for it"),
+        "max_rate_deg_s, max_acceleration_deg_s2",
+    ),
     StepWord("table.read", "rate_table", (), "rate and angle read back"),
     StepWord("table.stop", "rate_table", (), "ramp to rest, servo kept"),
     StepWord("table.off", "rate_table", (), "to rest, servo open"),

@@ -221,6 +221,6 @@ def _likeness(readings_v: Sequence[float]) -> str:
     early = [each * each for each in off[:half]]
     if early[0] == max(each * each for each in off) and math.fsum(early) > quiet_v2 * half:
         alone = math.fsum(early[1:]) <= quiet_v2 * (half - 1)
-        step = ", or a step: the first reading alone is off" * alone
-        return f": it dies away from the first reading on, as what has not settled does (a longer settle_s){step}"
+        step = "a step, for the first reading alone is off, or " * alone
+        return f": {step}it dies away from the first reading on, as what has not settled does (a longer settle_s)"
     return ""

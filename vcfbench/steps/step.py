@@ -128,9 +128,9 @@ class Context(Struct):
         return answer
 
 
-def problem(instrument: Instrument, what: str) -> MeasurementError:
+def problem(instrument: Instrument, what: str, hint: str | None = None) -> MeasurementError:
     """Return a MeasurementError at `instrument`, with its words."""
-    return MeasurementError(what, instrument=instrument.name, resource=instrument.resource)
+    return MeasurementError(what, instrument=instrument.name, resource=instrument.resource, hint=hint)
 
 
 _OURS: Final = f"{__name__.partition('.')[0]}."

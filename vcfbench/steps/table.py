@@ -108,7 +108,8 @@ class AwaitRate(Step, Struct, frozen=True):
                 raise problem(
                     table,
                     f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
-                    f"at-rate flag {'set' if at_rate else 'not set'}",
+                    f"{self.tolerance_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table tells it",
+                    "rate_tolerance_deg_s allows more; where a profile takes the rate from angles, a longer span_s",
                 )
             sleep(clock, _POLL_S)
 

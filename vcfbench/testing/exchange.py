@@ -66,8 +66,8 @@ class ScriptedWire:
         raise self._complaint
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return the answer, or wait for the deadline in vain."""
-        if not self._answers:
+        """Return the answer, or wait for the deadline in vain; when that is over nothing is received any more."""
+        if not self._answers or deadline.expired():
             self._clock.sleep_until(deadline.expires_s)
             raise DeadlineExceeded("no answer")
         return self._answers.popleft(), True

@@ -56,6 +56,17 @@ def soon(on: TableLine) -> Deadline:
     return Deadline.after(on.clock, 1.0)
 
 
+def test_a_rate_by_angles_may_take_longer_than_one_answer() -> None:
+    slope = 'rate = { differentiate = "position", span_s = 2.0 }'
+    text = (
+        LEAST.replace("LINK", "")
+        .replace(" ACK", "")
+        .replace('rate = { from = "read_all", group = "v", scale = 6.0 }', slope)
+    )
+    on = line(("R", "1.5,0.0"), ("R", "7.5,0.0"))
+    assert ConfigurableDialect(parse_profile(text, "lab.toml")).rate_deg_s(on, soon(on)) == pytest.approx(3.0)
+
+
 def test_units_are_the_table_s() -> None:
     on = line(("A20", "OK"), ("V2.000", "OK"), ("R", "1.5,2.0"))
     dialect = table()

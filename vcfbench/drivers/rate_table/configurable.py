@@ -266,9 +266,10 @@ class ConfigurableDialect(TableDialect):
         return self._replies.number(spec, self._fetch(line, spec.source, deadline))
 
     def _slope(self, line: TableLine, name: str, span_s: float, deadline: Deadline) -> float:
-        first, started_s = self.number(line, name, deadline), line.clock.now()
+        generous = line.deadline(deadline.remaining() + span_s)
+        first, started_s = self.number(line, name, generous), line.clock.now()
         sleep(line.clock, span_s)
-        then = self.number(line, name, deadline)
+        then = self.number(line, name, generous)
         duration_s = line.clock.now() - started_s
         endless = self.profile.fields[name].wrap == "continuous"
         return (then - first) / duration_s if endless else turned_deg_s(first, then, duration_s)
