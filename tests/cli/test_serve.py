@@ -28,7 +28,7 @@ def call(*arguments: str) -> Result:
         ("--ports ²", "expected a port number"),
         ("--port-mapper 99999999", "less than or equal to 65535"),
         ("--speed 1e300", "a speed is from 1e-06 to 1e+06"),
-        ("--speed nan", "expected a number above 0"),
+        ("--speed nan", "expected a number of at least"),
         ("--faults /dev/zero", "expected a fault script, this is a device"),
         ("--faults /", "expected a fault script, this is a directory"),
         ("--offer power", "expected ROLE:KIND,... as in rate_source:hislip,power:vxi11"),

@@ -217,22 +217,16 @@ def _cells(row: SheetRow) -> list[Any]:
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
     drift += "" if row.u_drift_ppm is None else f"±{2.0 * row.u_drift_ppm:.0f}"
     ppm = None if not scale or u95 is None else 1e6 * u95 / abs(scale)
+    mark = "*" * bool(row.missing)
+    unjudged = "no record" if not row.run else "-" if row.status is Status.COMPLETE else row.status.value
     return [
         scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
-        ppm if ppm is None or not row.missing else f"{ppm:.0f}*",
+        ppm if ppm is None or not mark else f"{ppm:.0f}{mark}",
         bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),
         row.nonlinearity_ppm,
         drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
-        _verdict(row),
+        row.verdict.upper() + mark if row.verdict else unjudged,
     ]
-
-
-def _verdict(row: SheetRow) -> str:
-    if row.verdict:
-        return row.verdict.upper() + "*" * bool(row.missing)
-    if not row.run:
-        return "no record"
-    return "-" if row.status is Status.COMPLETE else row.status.value
 
 
 def _footnote(rows: Sequence[SheetRow]) -> list[Part]:

@@ -15,6 +15,7 @@ from msgspec import structs
 from simrack.faults import FaultScript, fault_from
 from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, Rs232, ServedClock, ServerSettings
 
+from vcfbench.bench.ground import FASTEST, pace_of
 from vcfbench.cli.options import Bench_, argument, flag, option, seed_option
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import failing_as
@@ -82,7 +83,7 @@ def serve(
         rs232=cast("Rs232", rs232),
     )
     try:
-        clock = ServedClock(_speed(speed))
+        clock = ServedClock(MAX_SPEED if speed == FASTEST else pace_of(speed, f"--speed {speed}"))
         server = BenchServer(build_served(description, seed, clock), clock, settings)
     except ValueError as error:
         raise ConfigError(str(error)) from error
@@ -157,14 +158,6 @@ def _value(text: str) -> Any:
         return encoder.loads(text)
     except (ValueError, RecursionError):
         return text
-
-
-def _speed(text: str) -> float:
-    with contextlib.suppress(ValueError):
-        speed = MAX_SPEED if text == "max" else float(text)
-        if speed > 0:
-            return speed
-    raise ConfigError(f"--speed {text}: expected a number above 0, or 'max'")
 
 
 def _offers(texts: list[str]) -> dict[str, frozenset[Offer]]:

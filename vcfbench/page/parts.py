@@ -5,12 +5,22 @@ from typing import Any
 from msgspec import to_builtins
 
 from vcfbench.archive.run import Run
-from vcfbench.reports.document import Figure, Part, Report, Table
+from vcfbench.reports.document import Figure, Report, Table
 
 
 def parts_of(report: Report) -> list[dict[str, Any]]:
     """Return the parts one after the other; numbers of tables as they are printed, those of figures as they are."""
-    return [{**to_builtins(part), **_shown(part)} for part in report.parts]
+    parts = []
+    for part in report.parts:
+        shown: dict[str, Any] = to_builtins(part)
+        if isinstance(part, Table):
+            columns = [{"head": column.head, "align": column.align} for column in part.columns]
+            shown |= {"columns": columns, "rows": part.printed()}
+        elif isinstance(part, Figure):
+            axes = (("x", part.x), ("y", part.y))
+            shown |= {name: {"title": axis.title, "log": axis.scale == "log"} for name, axis in axes}
+        parts.append(shown)
+    return parts
 
 
 def end_of(run: Run) -> dict[str, Any]:
@@ -22,16 +32,3 @@ def end_of(run: Run) -> dict[str, Any]:
         "record": None if run.directory is None else str(run.directory),
         "parts": parts_of(run.report()),
     }
-
-
-def _shown(part: Part) -> dict[str, Any]:
-    """Return what a page has otherwise than the part itself."""
-    match part:
-        case Table():
-            columns = [{"head": column.head, "align": column.align} for column in part.columns]
-            return {"columns": columns, "rows": part.printed()}
-        case Figure():
-            return {
-                name: {"title": axis.title, "log": axis.scale == "log"} for name, axis in (("x", part.x), ("y", part.y))
-            }
-    return {}

@@ -26,19 +26,6 @@ _GAP = "  "
 _LEAST_MV = 1e-3
 
 
-def _line_words(points: Sequence[Point]) -> str:
-    """Describe the line through the points of the last step that began; empty while there is none."""
-    step = [*dict.fromkeys(each.step for each in points)][-1]
-    numbers, line = line_of(points, step)
-    if line is None:
-        return ""
-    worst = max(range(len(numbers)), key=lambda place: abs(line.residuals_v[place]))
-    return (
-        f"line through {len(numbers)} points: {1e3 * line.scale_factor:.5f} mV/(deg/s), {1e3 * line.bias:+.3f} mV; "
-        f"largest residual {1e3 * line.residuals_v[worst]:+.3f} mV at {points[numbers[worst]].rate_deg_s:+.6g} deg/s"
-    )
-
-
 class PointRow(Struct, frozen=True):
     """A window as it stands in the table: bench time of its end (s), the window, and its residual (V) if it has one."""
 
@@ -203,9 +190,19 @@ class LiveProgress(NoProgress):
 
     def _end_part(self) -> None:
         """Print the line through the points of the part that ends, and have the next begin with a heading."""
-        if self._head is not None and self._points and (words := _line_words(self._points)):
-            self._print(f"  {words}", "green", whole=True)
-        self._head = None
+        points, begun, self._head = self._points, self._head is not None, None
+        if not (begun and points):
+            return
+        numbers, line = line_of(points, [*dict.fromkeys(each.step for each in points)][-1])
+        if line is None:
+            return
+        worst = max(range(len(numbers)), key=lambda place: abs(line.residuals_v[place]))
+        words = (
+            f"  line through {len(numbers)} points: {1e3 * line.scale_factor:.5f} mV/(deg/s), "
+            f"{1e3 * line.bias:+.3f} mV; largest residual {1e3 * line.residuals_v[worst]:+.3f} mV "
+            f"at {points[numbers[worst]].rate_deg_s:+.6g} deg/s"
+        )
+        self._print(words, "green", whole=True)
 
     def _print(self, line: str, style: str, *, whole: bool = False) -> None:
         """Print a line; one that must be read to its end goes on in the next where the terminal is narrow."""

@@ -1,6 +1,6 @@
 """Conducts a study: checks all of it, does the runs that are missing, keeps each, and sums up."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from itertools import chain
 from pathlib import Path
@@ -116,7 +116,11 @@ def conduct(asked: Study, how: StudyOptions, progress: Progress) -> StudyResult:
         if not rows and missing and "*" not in asked.metrics:  # done here: a metric's name that fits none is seen
             first = [perform(_work(asked, *missing[0], how.keep_records))]
             _require_some_metrics(asked, first[0])
-        for row in _kept(chain(first, _rows(asked, missing[len(first) :], how)), journal):
+        left = missing[len(first) :]
+        works = (_work(asked, case, seed, how.keep_records) for case, seed in left)
+        workers = min(_workers(how), len(left))
+        done = in_processes(works, workers) if workers > 1 else map(perform, works)
+        for row in _kept(chain(first, done), journal):
             rows[row.case, row.seed] = row
             progress.done(row)
     drawn = begun.drawn_for(asked.seeds)
@@ -176,13 +180,6 @@ def _check(asked: Study, how: StudyOptions, progress: Progress) -> None:
 
 def _workers(how: StudyOptions) -> int:
     return processors() if how.workers is None else how.workers
-
-
-def _rows(asked: Study, missing: Sequence[tuple[int, int]], how: StudyOptions) -> Iterator[RunRow]:
-    """Do the missing runs where they are to be done, and yield each row when it is there."""
-    works = (_work(asked, case, seed, how.keep_records) for case, seed in missing)
-    workers = min(_workers(how), len(missing))
-    yield from in_processes(works, workers) if workers > 1 else map(perform, works)
 
 
 def _require_some_metrics(asked: Study, row: RunRow) -> None:
