@@ -67,6 +67,8 @@ def test_a_table_of_ones_own_is_checked_and_turned_by_its_stand_in(station: Path
     checked, turned = done(check, station=station), done(talk, station=station)
     assert (checked.exit_code, turned.exit_code) == (0, 0), checked.stderr + turned.stderr
     assert re.search(r"rate_table +ok .*table in the corner", checked.stdout)
+    assert "can run: no procedure: each needs other instruments" in checked.stdout
+    assert "cannot run" not in checked.stdout
     assert re.search(r"^\+(9\.9|10\.0)\d* deg/s, [\d.]+ deg$", turned.stdout, re.MULTILINE)
 
 

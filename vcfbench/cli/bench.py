@@ -163,8 +163,8 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                 said = ", ".join(f"{key} {_shown(value)}" for key, value in given.items())
                 typer.echo(f"{name}: {said or otherwise}")
             able = [name for name, lacking in station["procedures"].items() if lacking is None]
-            typer.echo(f"can run: {', '.join(able) or 'nothing'}")
-            for lacking in filter(None, station["procedures"].values()):
+            typer.echo(f"can run: {', '.join(able) or 'no procedure: each needs other instruments beside these'}")
+            for lacking in filter(None, station["procedures"].values() if able else ()):
                 typer.echo(f"cannot run: {lacking}")
 
     answer(show, done.failure())

@@ -19,6 +19,7 @@ from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
+from vcfbench.reports.digits import incomplete
 from vcfbench.reports.progress import LineProgress
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.conduct import conduct as conducted
@@ -182,7 +183,7 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
         typer.echo(f"expected with {expectation.noise}:")
     for value in expectation.values:
         causes = ", ".join(f"{source} {u:.2g}" for source, u in value.causes)
-        u95 = f"  {value.name}: U95 {value.u95:.2g} {value.unit}".rstrip()
+        u95 = f"  {value.name}: U95 {value.u95:.2g} {value.unit}".rstrip() + incomplete(value.missing)
         typer.echo(f"{u95}; u of {causes}" if causes else u95)
     for why in dict.fromkeys(why for _, why in expectation.unknown):
         names = ", ".join(name for name, of in expectation.unknown if of == why)

@@ -39,12 +39,16 @@ _DIGITS = 1e-9  # Relative uncertainty below which only rounding remains
 
 
 class ExpectedValue(Struct, frozen=True):
-    """A result and its U95 before the run, with its largest causes and the u of each, as far as results tell them."""
+    """A result and its U95 before the run, with its largest causes and the u of each, as far as results tell them.
+
+    It will be incomplete without what is `missing`.
+    """
 
     name: str
     unit: str
     u95: float
     causes: tuple[tuple[str, float], ...]
+    missing: tuple[str, ...] = ()
 
 
 class Expectation(Struct, frozen=True):
@@ -198,7 +202,7 @@ def _stated(
         for name, value in named_values(found).items():
             u95 = value.stated_u95
             if u95 and u95 > _DIGITS * abs(value.value) and name.rpartition(".")[2] not in of.unforeseen:
-                values.append(ExpectedValue(before + name, value.unit, u95, value.causes[:_LARGEST]))
+                values.append(ExpectedValue(before + name, value.unit, u95, value.causes[:_LARGEST], value.missing))
     return tuple(values), tuple(unknown)
 
 

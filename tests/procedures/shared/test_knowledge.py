@@ -122,6 +122,8 @@ def test_a_file_that_says_nothing_is_marked_and_its_assumptions_are_said() -> No
     assert complete == {"scale_factor": False, "bias": False, "bias_deg_s": False, "asymmetry": True}
     assert sum("assumed" in each for each in silent.known_from) >= 8, silent.known_from
     assert plain(silent)["missing"] == ["temperature", "demodulator phase"]
+    gaps = [each for each in silent.not_in_u if each.startswith("MISSING")]
+    assert len(gaps) == 2, gaps  # none of K_Vc, which this procedure does not measure
 
 
 CERTIFICATE = """

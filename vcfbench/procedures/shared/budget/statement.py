@@ -112,7 +112,8 @@ def statement(
     if difference is not None and (stated := next(v for v in values if v.name == difference)).u95 > 0.0:
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
-    not_in_u = [*(f"MISSING {gap.words}" for gap in known.gaps()), *_OUTSIDE]
+    kinds = {result.name.rpartition(".")[2] for result in budget.results}
+    not_in_u = [*(f"MISSING {gap.words}" for gap in known.gaps() if kinds & {*gap.kinds}), *_OUTSIDE]
     if earth_left_deg_s(settings) is None:
         not_in_u.append("Earth's rate: it is in the bias")
     known_from = [f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"]
