@@ -261,6 +261,40 @@ def warmup(seed: int, where: str) -> Iterator[Stated]:
         yield from stated("time_constant", found.time_constant, of.thermal.time_constant_s)
 
 
+def repeatability(seed: int, where: str) -> Iterator[Stated]:
+    """Spreads of 5 to 50 mdeg/s and 20 to 200 ppm, noise in them, by their logarithms; a warm-up of 25 mdeg/s."""
+    draw = np.random.default_rng([20261129, seed])
+    of_bias, of_slope = (low * 10.0 ** float(draw.uniform()) for low in (5e-3, 2e-5))
+    bench = drawn_bench(seed)
+    simulation = bench.simulation
+    assert simulation is not None  # noqa: S101 - as above
+    spreads = {"switch_on_bias_deg_s": of_bias, "switch_on_scale_factor": of_slope}
+    thermal = {"self_heating_k": 3.0, "bias_coefficient_deg_s_k": 30.0 / 3600.0}
+    override = {**simulation.override, "noise": {**simulation.override["noise"], **spreads}, "thermal": thermal}
+    bench = structs.replace(bench, simulation=structs.replace(simulation, override=override))
+    told = {"scale_factor_v_per_deg_s": Truth.of(bench).scale_factor, "off_s": 7200.0}
+    done = run("repeatability", bench, seed, where, **told)
+    found, of = done.results, physical_parameters(bench).thermal
+    for name, spread, own in (("bias", found.bias, of_bias), ("scale factor", found.scale_factor, 1e6 * of_slope)):
+        low, high = math.log(spread.low), math.log(spread.high)
+        half, truth = (high - low) / 2.0, math.log(math.hypot(own, spread.by_noise))
+        yield Stated(f"ln spread of {name}", (high + low) / 2.0, truth, half / 1.96, half)
+    # The gyroscope as warm as it was in the window after power-on and in the zeros of the block; all are alike
+    lines = [json.loads(line) for line in (done.directory / "journal.jsonl").read_text("utf-8").splitlines()]
+    steps = [line for line in lines if line.get("step_kind") in {"EnableSupply", "Acquire"}]
+    rest = [line["result"]["readings"] for line in steps[1:7] if not line["point"]["rate_deg_s"]]
+
+    def output_v(readings: list[dict[str, float]]) -> float:
+        since_s = float(np.mean([each["t_s"] for each in readings])) - steps[0]["end_s"]
+        warmed = {**thermal, "self_heating_k": of.self_heating_k * -math.expm1(-since_s / of.time_constant_s)}
+        as_warm = structs.replace(simulation, override={**override, "thermal": warmed})
+        return true_output(structs.replace(bench, simulation=as_warm))(0.0, None)
+
+    early, *warm = map(output_v, rest)
+    transient = (early - float(np.mean(warm))) / told["scale_factor_v_per_deg_s"]
+    yield from stated("turn-on transient", found.turn_on_transient, transient)
+
+
 def kvc(seed: int, where: str) -> Iterator[Stated]:
     """K_Vc on the table."""
     bench = drawn_bench(seed)
@@ -735,6 +769,7 @@ def g_sensitivity(seed: int, where: str) -> Iterator[Stated]:
 STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
     "zero": zero,
     "warmup": warmup,
+    "repeatability": repeatability,
     "kvc": kvc,
     "kvc-as-set": kvc_as_set,
     "self-calibration": self_calibration,
