@@ -160,11 +160,14 @@ def fields_of(node: ast.ClassDef, text: str) -> Iterator[str]:
 
 
 def described_type(annotation: ast.expr) -> tuple[ast.expr, str]:
-    """Return the type of ``Annotated[type, Meta(description=words)]`` and the words; any other as it is."""
+    """Return the type of ``Annotated[type, Meta(description=words)]``, or ``said(words)``, and the words."""
     if isinstance(annotation, ast.Subscript) and isinstance(annotation.slice, ast.Tuple):
         kind, *more = annotation.slice.elts
-        given = {key.arg: key.value for each in more if isinstance(each, ast.Call) for key in each.keywords}
-        if isinstance(words := given.get("description"), ast.Constant):
+        calls = [each for each in more if isinstance(each, ast.Call)]
+        given = {key.arg: key.value for each in calls for key in each.keywords}
+        said = [each.args[0] for each in calls if ast.unparse(each.func).endswith("said")]
+        words = said[0] if said else given.get("description")
+        if isinstance(words, ast.Constant):
             return kind, str(words.value)
     return annotation, ""
 

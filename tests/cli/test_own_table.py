@@ -86,7 +86,10 @@ def test_a_table_that_cannot_be_told_the_limit_of_the_bench_is_stopped_all_the_s
 @pytest.mark.exhaustive  # at real time
 def test_a_simulated_gyroscope_turns_on_the_stand_in(tmp_path: Path) -> None:
     """The rate of the world, 20 times faster here, is that of the stand-in; its angle is looked at in real time."""
-    shown("corner.toml", tmp_path)
+    profile = shown("corner.toml", tmp_path)
+    # A busy machine asks late: over a second that is less of a rate, and more of it is let pass
+    slowly = 'group = "deg" }\nrate = { differentiate = "position", span_s = 1 }'
+    profile.write_text(profile.read_text("utf-8").replace('group = "deg" }', slowly), "utf-8")
     bench, port = tmp_path / "served.toml", str(free_port())
     command = f"vcfbench sim serve --bench ideal --speed 20 --control-port {port} --write-bench {bench}"
     with warm.running(shlex.split(command), tmp_path) as process, standing_in(port) as address:
@@ -96,7 +99,7 @@ def test_a_simulated_gyroscope_turns_on_the_stand_in(tmp_path: Path) -> None:
         bench.write_text(text.partition("\n[served]")[0], "utf-8")
         found = re.search(r"`(vcfbench run turntable --bench served.toml .*?)`", PAGE)
         assert found is not None
-        quickly = "--set settle_s=0.2 --set sample_interval_s=0.3 --set nplc=1"
+        quickly = "--set settle_s=0.2 --set sample_interval_s=0.3 --set nplc=1 --set rate_tolerance_deg_s=3"
         run = done(f"{found[1]} --json --quiet {quickly} --runs {tmp_path.as_posix()}", served=bench)
     assert run.exit_code == 0, run.output
     assert json.loads(run.stdout)["results"]["scale_factor"]["value"] == pytest.approx(-0.012542, rel=1e-3)
