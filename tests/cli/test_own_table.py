@@ -88,7 +88,7 @@ def test_a_simulated_gyroscope_turns_on_the_stand_in(tmp_path: Path) -> None:
     """The rate of the world, 20 times faster here, is that of the stand-in; its angle is looked at in real time."""
     profile = shown("corner.toml", tmp_path)
     # A busy machine asks late: over a second that is less of a rate, and more of it is let pass
-    slowly = 'group = "deg" }\nrate = { differentiate = "position", span_s = 1 }'
+    slowly = 'group = "deg" }\nrate = { differentiate = "position", span_s = 1 }\n[at_rate]\ntolerance_deg_s = 2'
     profile.write_text(profile.read_text("utf-8").replace('group = "deg" }', slowly), "utf-8")
     bench, port = tmp_path / "served.toml", str(free_port())
     command = f"vcfbench sim serve --bench ideal --speed 20 --control-port {port} --write-bench {bench}"
