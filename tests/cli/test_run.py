@@ -19,7 +19,7 @@ from vcfbench.cli import runs as runs_module
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, NotSafe, PlanError
 from vcfbench.interfaces import SafeReport
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.station.file import template
 
 if TYPE_CHECKING:

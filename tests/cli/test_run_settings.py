@@ -14,8 +14,9 @@ from typer.testing import CliRunner
 from vcfbench.cli.main import app
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError
-from vcfbench.procedures import catalogue
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 if TYPE_CHECKING:
@@ -169,9 +170,9 @@ def test_a_list_of_the_procedures_imports_none() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     shown = " ".join(done.stdout.split())
-    for name, title in catalogue.BUILT_IN.items():
+    for name, title in BUILT_IN.items():
         assert f"{name} {title}" in shown
-        assert catalogue.PROCEDURES[name].title == title
+        assert PROCEDURES[name].title == title
     assert shown.endswith("[]")
 
 

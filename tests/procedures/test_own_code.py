@@ -13,7 +13,8 @@ import pytest
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.procedures import catalogue
-from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES, procedure
+from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.procedures.titles import BUILT_IN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis import rate_band
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
@@ -349,7 +348,6 @@ def characteristics(found: Bandwidth) -> devices.Characteristics:
 
 BANDWIDTH = Procedure(
     name="bandwidth",
-    title=BUILT_IN["bandwidth"],
     method=(
         "A sine on V_Vc makes a virtual rate of known frequency and amplitude; the response in the output, over the "
         "static gain, is fitted by the closed form of the two sense modes and the demodulator."

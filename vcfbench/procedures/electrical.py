@@ -15,7 +15,6 @@ from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsResistance
 from vcfbench.models import data_sheet_of
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.records.schema import Point
@@ -203,7 +202,6 @@ def report(settings: ElectricalSettings, _points: Sequence[Point], found: Electr
 
 ELECTRICAL = Procedure(
     name="electrical",
-    title=BUILT_IN["electrical"],
     method=(
         "All outputs off, the multimeter's leads are put on each line in turn, and its resistance is held against "
         "limits; a line outside them ends the run before anything gets power."

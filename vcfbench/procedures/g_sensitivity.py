@@ -17,7 +17,6 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
@@ -219,7 +218,6 @@ def report(settings: GSensitivitySettings, _points: Sequence[Point], found: GSen
 
 G_SENSITIVITY = Procedure(
     name="g-sensitivity",
-    title=BUILT_IN["g-sensitivity"],
     method=(
         "An operator turns the case so that each axis points up and down in turn, there and back; half the difference "
         "of the outputs at rest, as a rate and less the Earth's, over gravity is the sensitivity along the axis."

@@ -28,7 +28,6 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.found import Health, beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
@@ -440,7 +439,6 @@ def k_vc(settings: KVcSettings) -> Plan:
 
 KVC = Procedure(
     name="kvc",
-    title=BUILT_IN["kvc"],
     method=(
         "The table turns the gyroscope at rates of both signs; at each, V_Vc is adjusted with the table at rest until "
         "the output, less its zero, is the same (a null comparison), and V_Vc is measured. Rate over V_Vc, as a curve "

@@ -18,7 +18,6 @@ from vcfbench import steps
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import FunctionGenerator
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
@@ -423,7 +422,6 @@ def phase_characteristics(_settings: PhaseSettings, found: Phases) -> devices.Ch
 
 PHASE = Procedure(
     name="phase",
-    title=BUILT_IN["phase"],
     method=(
         "Waveforms of drive, carrier, sense signal and output are captured by the oscilloscope, the table turning and "
         "V_Vc standing for a rate in turn. Sines fitted to them give the phases of carrier, Coriolis and virtual "

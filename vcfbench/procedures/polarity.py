@@ -17,7 +17,6 @@ from msgspec import Meta, Struct, structs
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import both_signs, ready_v_vc_meter
@@ -306,7 +305,6 @@ _LONG: Mapping[What, str] = MappingProxyType(
 
 POLARITY = Procedure(
     name="polarity",
-    title=BUILT_IN["polarity"],
     method=(
         "The table turns a little either way, then V_Vc is set to either sign; the signs of what the output does tell "
         "whether table, V_Vc and output are connected the right way round."

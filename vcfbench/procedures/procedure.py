@@ -8,10 +8,12 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from msgspec import Struct, field
+from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import ForcesTemperature, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.models import ROLES
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.reports.generic import generic_report
 from vcfbench.station.settings import ProcedureSettings
 
@@ -58,7 +60,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
 
     Args:
         name: of its command, of its table in the bench file and in its records: ``turntable``.
-        title: one line, the help of its command.
+        title: one line, the help of its command; those that come along have it by their names.
         method: what is done, in some sentences for the reader of a report; empty: the title says it.
         settings: the class of its settings, each with its range and its default.
         plan: makes the plan, a generator of steps, from the settings.
@@ -76,7 +78,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     """
 
     name: str
-    title: str
+    title: str = ""
     settings: type[S]
     plan: Callable[[S], Plan]
     results: Callable[[S, Measured], R]
@@ -92,6 +94,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
             raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', came {self.name!r}")
+        force_setattr(self, "title", self.title or BUILT_IN.get(self.name, ""))
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
         for asked, what in ((self.needs, "needs"), (self.uses, "uses")):

@@ -14,7 +14,6 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.analysis.input_limits import Limit, Line, limit_of
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import as_rate
@@ -246,7 +245,6 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
 
 RATE_LIMITS = Procedure(
     name="rate-limits",
-    title=BUILT_IN["rate-limits"],
     method=(
         "A straight line is taken through small rates of both signs; the rate (V_Vc, or the table) is raised until "
         "the output falls short of it, the limit is bisected, and one rate beyond and the small one are taken."

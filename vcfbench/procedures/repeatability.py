@@ -18,7 +18,6 @@ from vcfbench import steps
 from vcfbench.analysis.allan import Sampling, Term
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
@@ -190,7 +189,6 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
 
 REPEATABILITY = Procedure(
     name="repeatability",
-    title=BUILT_IN["repeatability"],
     method=(
         "The gyroscope is switched on, warms up, and its output is taken at rest and at a rate of both signs, chopped "
         "against drift; then it is switched off and cools. The standard deviations of bias and scale factor from one "

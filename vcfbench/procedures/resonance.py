@@ -18,7 +18,6 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
@@ -299,7 +298,6 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
 
 RESONANCE = Procedure(
     name="resonance",
-    title=BUILT_IN["resonance"],
     method=(
         "Frequency and quality factor of the drive mode and of both sense modes are measured by ring-down and by "
         "sweep with the generator and the oscilloscope, and compared by E_n. The mode split is the difference of the "

@@ -20,7 +20,6 @@ from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
 from vcfbench.clock import utc_now
 from vcfbench.errors import MeasurementError
 from vcfbench.files import shown
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known import v_vc
@@ -314,7 +313,6 @@ def report(settings: ThresholdSettings, _points: Sequence[Point], found: Thresho
 
 THRESHOLD = Procedure(
     name="threshold",
-    title=BUILT_IN["threshold"],
     method=(
         "V_Vc, or the table, is stepped to both sides of rest, and of a rate, by less and less, chopped against drift. "
         "A line through the steps to either side tells the dead band between them, threshold and resolution."

@@ -6,7 +6,6 @@ from typing import Any
 from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
@@ -146,7 +145,6 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
 
 TURNTABLE = Procedure(
     name="turntable",
-    title=BUILT_IN["turntable"],
     method=(
         "The rate table turns the gyroscope at each rate in turn, the generator off. At each rate the table's "
         "read-back is checked and the output is the mean of repeated readings of the multimeter. A least-squares line "

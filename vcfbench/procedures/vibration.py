@@ -19,7 +19,6 @@ from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
@@ -313,7 +312,6 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
 
 VIBRATION = Procedure(
     name="vibration",
-    title=BUILT_IN["vibration"],
     method=(
         "A second generator adds a sine to V_Vc, which the gyroscope feels as a vibrating rate. The response in the "
         "output is compared with the closed form."

@@ -20,7 +20,6 @@ from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
 from vcfbench.clock import sleep
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
@@ -432,7 +431,6 @@ def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
 
 WARMUP = Procedure(
     name="warmup",
-    title=BUILT_IN["warmup"],
     method=(
         "From power-on the output is recorded at rest until three means in a row agree. Turn-on is when the output "
         "first stays within its tolerance; an exponential fitted to the readings gives amplitude, time constant and "

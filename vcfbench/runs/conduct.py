@@ -21,9 +21,9 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import shown
 from vcfbench.interfaces import Identity, Operator, SafeReport, nobody
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.procedures.procedure import AnyProcedure, Provenance
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.directory import create_run
 from vcfbench.records.export import points_csv, result_text, write_text
 from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal

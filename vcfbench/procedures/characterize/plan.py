@@ -18,7 +18,7 @@ from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.models import data_sheet_of, driver_of, find_model
-from vcfbench.procedures.catalogue import BUILT_IN, PROCEDURES
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
@@ -441,7 +441,6 @@ def entry(settings: CharacterizeSettings, found: CharacterizeResult, made: Prove
 
 CHARACTERIZE = Procedure(
     name="characterize",
-    title=BUILT_IN["characterize"],
     method=(
         "The procedures of a characterisation are done one after the other in one session, each as by itself; the "
         "data sheet brings their results together."

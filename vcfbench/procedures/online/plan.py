@@ -9,7 +9,6 @@ from typing import Literal
 
 from vcfbench import steps
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.online.results import online_report, online_results
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure, roles
@@ -72,7 +71,6 @@ def _sample(
 
 ONLINE = Procedure(
     name="online",
-    title=BUILT_IN["online"],
     method=(
         "While the gyroscope measures a true rate, a sine on V_Vc adds a known virtual one. Its lock-in in the output "
         "gives the scale factor window by window; the output with the sine taken out is the true rate."

@@ -12,7 +12,6 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.power import results
 from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
 from vcfbench.procedures.procedure import Procedure, roles
@@ -179,7 +178,6 @@ def power_characteristics(settings: PowerSettings, found: PowerResult) -> Charac
 
 POWER = Procedure(
     name="power",
-    title=BUILT_IN["power"],
     method=(
         "Currents of both rails are logged from power-on, in the orders in which rails can come on, with the output "
         "beside them; then each rail is stepped about its level, and what the output does gives the rejection of the "

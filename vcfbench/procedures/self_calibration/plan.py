@@ -6,7 +6,6 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 """
 
 from vcfbench.analysis.chopped import CHOPPED
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.self_calibration import results
@@ -54,7 +53,6 @@ def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:
 
 SELF_CALIBRATION = Procedure(
     name="self-calibration",
-    title=BUILT_IN["self-calibration"],
     method=(
         "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
         "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "

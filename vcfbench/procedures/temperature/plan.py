@@ -13,7 +13,6 @@ from statistics import fmean
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bandwidth import sweep
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
@@ -146,7 +145,6 @@ def temperature_characteristics(settings: TemperatureSettings, found: results.Te
 
 TEMPERATURE = Procedure(
     name="temperature",
-    title=BUILT_IN["temperature"],
     method=(
         "At each temperature of a cycle, up and down again, the gyroscope is left to settle; then scale factor, bias "
         "and drive frequency are measured. Polynomials through the results give the temperature coefficients, the two "

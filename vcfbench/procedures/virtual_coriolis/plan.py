@@ -10,7 +10,6 @@ from functools import partial
 from itertools import groupby
 
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
@@ -161,7 +160,6 @@ def _virtual_sweep(
 
 VIRTUAL_CORIOLIS = Procedure(
     name="virtual-coriolis",
-    title=BUILT_IN["virtual-coriolis"],
     method=(
         "Step 1: the output is read at rest and at the match rate on the rate table. Step 2: the table at rest, V_Vc "
         "is adjusted until the output changes by as much; rate over V_Vc is K_Vc. Step 3: the turntable calibration. "

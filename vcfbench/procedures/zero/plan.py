@@ -16,7 +16,6 @@ from msgspec import Meta
 
 from vcfbench import steps
 from vcfbench.analysis.allan import Sampling, block_means
-from vcfbench.procedures.catalogue import BUILT_IN
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import KeptSettings, conditions_of
@@ -194,7 +193,6 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
 
 ZERO = Procedure(
     name="zero",
-    title=BUILT_IN["zero"],
     method=(
         "After the wait under power the output is recorded at rest, the generator off and the table, where there is "
         "one, held under servo. Overlapping Allan deviations with 95 % confidence intervals give the noise "
