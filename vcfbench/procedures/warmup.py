@@ -162,14 +162,13 @@ def warmup_results(
     weight = float(ones @ ones)
     bias, u_bias = float(ones @ white) / weight, 1.0 / math.sqrt(weight)
     chi_square = float(((white - bias * ones) ** 2).sum())
-    dof, creep = means.size - 1, None
+    dof, creep = means.size - 1, dict[str, Measurand]()
     if creeps and means.size > _PARAMETERS:
-        found = _creep(begin_s, end_s, means, root, instability_deg_s)
-        if chi_square - found.chi_square > _SHOWS**2:
-            creep, (bias, u_bias) = found, found.bias
-            chi_square, dof = found.chi_square, means.size - _PARAMETERS
+        least, about, found = _creep(begin_s, end_s, means, root, instability_deg_s)
+        if chi_square - least > _SHOWS**2:
+            chi_square, (bias, u_bias), creep, dof = least, about, found, means.size - _PARAMETERS
     # An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then
-    begun_s, ended_s, seen = float(begin_s[0]), float(end_s[-1]), creep is not None
+    begun_s, ended_s, seen = float(begin_s[0]), float(end_s[-1]), bool(creep)
     around = parts_at_rest(settings, bias * scale.value, scale.value, ended_s)
     flicker = Flicker(3600.0 * instability_deg_s, math.inf, "bias_instability_deg_h")
     per_deg_h = abs(scale.value) / 3600.0 * about_horizon([begun_s], [ended_s], known.horizon_h)
@@ -179,23 +178,22 @@ def warmup_results(
         *(part for part in around if not (seen and part.source == "warm-up")),
     ]
     missing = [name for name in known.missing("bias") if not (seen and name == "warm-up")]
-    each = [(float(t_s.mean()), float(rate.mean()), float(np.std(rate, ddof=1)), rate.size) for t_s, rate in windows]
     return WarmupResult(
         turn_on_s=_turn_on(log, settings.turn_on_tolerance_deg_s),
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=ended_s,
         bias_end=as_rate(measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u),
-        amplitude=None if creep is None else creep.amplitude,
-        time_constant=None if creep is None else creep.time_constant,
-        warm_up=None if creep is None else creep.warm_up,
+        amplitude=creep.get("amplitude"),
+        time_constant=creep.get("time_constant"),
+        warm_up=creep.get("warm_up"),
         bias_instability_deg_s=instability_deg_s,
         chi_square=chi_square,
         dof=dof,
         scale_factor_v_per_deg_s=scale,
-        means_t_s=tuple(t_s for t_s, _, _, _ in each),
-        means_deg_s=tuple(mean for _, mean, _, _ in each),
-        means_u_deg_s=tuple(std / math.sqrt(n) for _, _, std, n in each),
+        means_t_s=tuple(float(t_s.mean()) for t_s, _ in windows),
+        means_deg_s=tuple(float(rate.mean()) for _, rate in windows),
+        means_u_deg_s=tuple(float(np.std(rate, ddof=1)) / math.sqrt(rate.size) for _, rate in windows),
     )
 
 
@@ -240,19 +238,12 @@ def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instabi
     return np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
 
 
-class _Creep(Struct, frozen=True):
-    """Exponential b_inf + a exp(-t / tau) of the means."""
+def _creep(
+    begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instability_deg_s: float
+) -> tuple[float, tuple[float, float], dict[str, Measurand]]:
+    """Return chi-square, b_inf with its u (deg/s), and the exponential of the means, weighed by its likelihood.
 
-    bias: tuple[float, float]
-    """b_inf and its standard uncertainty, deg/s."""
-    amplitude: Measurand
-    time_constant: Measurand
-    warm_up: Measurand
-    chi_square: float
-
-
-def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instability_deg_s: float) -> _Creep:
-    """Return the exponential of the means, each the integral over its seconds, weighed by its likelihood.
+    Each mean is the integral over its seconds.
 
     A time constant that noise has made short looks better known than it is, a long one worse: the slope of the fit at
     what was found is no measure of its uncertainty. So every time constant counts by its best fit, any logarithm being
@@ -280,13 +271,13 @@ def _creep(begin_s: Floats, end_s: Floats, means: Floats, root: Floats, instabil
     by_amplitude, cools = np.zeros(tau_s.size), warm_up_s > 0.0
     by_amplitude[cools] = (tau_s**2 / squares)[cools] / amplitudes[cools] ** 2
     amplitude, u_amplitude = known(amplitudes, 1.0 / squares)
-    return _Creep(
-        known(mean - amplitudes * shares, 1.0 / weight + shares**2 / squares),
-        measurand(amplitude, "deg/s", [UncertaintyPart("fit", u_amplitude)]),
-        _stated(tau_s, likely, known(tau_s, 0.0 * tau_s)),
-        _stated(warm_up_s, likely, known(warm_up_s, by_amplitude)),
-        float(chi_square.min()),
-    )
+    bias = known(mean - amplitudes * shares, 1.0 / weight + shares**2 / squares)
+    exponential = {
+        "amplitude": measurand(amplitude, "deg/s", [UncertaintyPart("fit", u_amplitude)]),
+        "time_constant": _stated(tau_s, likely, known(tau_s, 0.0 * tau_s)),
+        "warm_up": _stated(warm_up_s, likely, known(warm_up_s, by_amplitude)),
+    }
+    return float(chi_square.min()), bias, exponential
 
 
 def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Measurand:
@@ -308,29 +299,25 @@ def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -
     ]
     named = (("a", found.amplitude, "deg/s"), ("tau", found.time_constant, "s"), ("warm-up", found.warm_up, "s"))
     rows += [(name, *((None,) * 3 if each is None else each.printed()), unit) for name, each, unit in named]
-    said = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
     ended = "three means in a row agree" if found.steady else "NOT steady: the last three means do not agree"
-    said.append(f"{ended}, {found.lasted_s:.0f} s after power-on")
-    if found.time_constant is None:
-        said.append(
-            "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings"
-        )
-    level_deg_h = 3600.0 * found.bias_instability_deg_s
-    said.append(
-        f"warm-up: until a exp(-t / tau) is below the bias instability, {level_deg_h:.3g} deg/h; turn-on is seen to "
-        f"{found.turn_on_resolution_s:.2g} s"
+    unseen = (
+        "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings"
     )
-    said.append(
+    said = [
+        f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}",
+        f"{ended}, {found.lasted_s:.0f} s after power-on",
+        *([unseen] if found.time_constant is None else []),
+        "warm-up: until a exp(-t / tau) is below the bias instability, "
+        f"{3600.0 * found.bias_instability_deg_s:.3g} deg/h; turn-on is seen to {found.turn_on_resolution_s:.2g} s",
         "u: noise of the readings, and flicker of that size; b_inf is that of the mean over horizon_h, with "
-        "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"
-    )
-    budget = budget_table("b_inf", found.bias_end)
+        "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on",
+    ]
     times = found.means_t_s
     means = Series("means", times, found.means_deg_s, found.means_u_deg_s)
     curve = Series("fit", times, [found.curve_deg_s(t_s) for t_s in times], kind="line")
     axes = Axis("time from power-on", "s"), Axis("rate", "deg/s")
     figure = Figure("Warm-up of the output at rest", *axes, [means, curve])
-    return Report([Text("\n".join(said)), Table(columns, rows), budget, figure])
+    return Report([Text("\n".join(said)), Table(columns, rows), budget_table("b_inf", found.bias_end), figure])
 
 
 class SwitchedOn(StepResult, Struct, frozen=True):

@@ -36,19 +36,18 @@ class _Logged:
     rails: tuple[steps.ConfigureRail, ...]
     seconds: float
 
+    def describe(self) -> str:
+        done: str = super().describe()  # type: ignore[misc]
+        return f"{done}; currents and output as fast as they come for {self.seconds:g} s"
+
     @property
     def physical_s(self) -> float:
         return self.seconds
 
-    def predict(self, gyro: LinearGyro) -> Any:
-        times = [number * _ROUND_S for number in range(max(8, int(self.seconds / _ROUND_S)))]
-        drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in self.rails)
-        return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
-
-    def log(self, context: Context, begun_s: float) -> RailsLogged:
-        """Read until `seconds` after the bench time `begun_s`."""
+    def perform(self, context: Context) -> Any:
         clock, power, meter = context.bench.clock, context.bench.power, context.bench.multimeter
-        drawn, outputs = [], []
+        drawn, outputs, begun_s = [], [], clock.now()
+        super().perform(context)  # type: ignore[misc]
         while (round_s := clock.now()) < begun_s + self.seconds:
             for rail in self.rails:
                 current_a = power.measure_current_a(rail.output)  # its time is that of the answer
@@ -57,6 +56,11 @@ class _Logged:
             sleep(clock, max(0.0, round_s + _ROUND_S - clock.now()))
         return RailsLogged(begun_s, tuple(drawn), tuple(outputs))
 
+    def predict(self, gyro: LinearGyro) -> Any:
+        times = [number * _ROUND_S for number in range(max(8, int(self.seconds / _ROUND_S)))]
+        drawn = tuple(RailDraw(t_s, rail.output, None, 0.0) for t_s in times for rail in self.rails)
+        return RailsLogged(0.0, drawn, tuple(Reading(t_s, gyro.output_v(0.0)) for t_s in times))
+
 
 class SuppliedAndLogged(_Logged, steps.EnableSupply, frozen=True):
     """Switch the supply on; from then on currents and output are read as fast as they come, for `seconds`."""
@@ -64,28 +68,12 @@ class SuppliedAndLogged(_Logged, steps.EnableSupply, frozen=True):
     rails: tuple[steps.ConfigureRail, ...]
     seconds: float
 
-    def describe(self) -> str:
-        return f"supply outputs on; currents and output as fast as they come for {self.seconds:g} s"
-
-    def perform(self, context: Context) -> Any:
-        begun_s = context.bench.clock.now()
-        context.bench.power.enable_outputs()
-        return self.log(context, begun_s)
-
 
 class RailOnAndLog(_Logged, steps.ConfigureRail, frozen=True):
     """Set a rail to its level while the outputs are on, and log as :class:`SuppliedAndLogged` does."""
 
     rails: tuple[steps.ConfigureRail, ...]
     seconds: float
-
-    def describe(self) -> str:
-        return f"{steps.ConfigureRail.describe(self)}; currents and output as fast as they come for {self.seconds:g} s"
-
-    def perform(self, context: Context) -> Any:
-        begun_s = context.bench.clock.now()
-        steps.ConfigureRail.perform(self, context)
-        return self.log(context, begun_s)
 
 
 @does(Effect.MEASURES, "rails")
