@@ -217,7 +217,7 @@ def test_a_warm_up_is_in_one_piece(whole: Run, tmp_path: Path) -> None:
 OWN = '''
 """Two windows at rest; the second fails as often as the file beside it says."""
 from pathlib import Path
-from vcfbench import Note, Outcome, Procedure, ProcedureSettings, Step, energised, take
+from vcfbench import Note, Procedure, ProcedureSettings, Step, energised, take
 from vcfbench.errors import MeasurementError
 from vcfbench.steps.step import Effect
 from vcfbench.steps import Done
@@ -248,7 +248,6 @@ def work(settings):
         yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
     yield Shaky()
     yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
-    return Outcome("done")
 
 SHAKY = Procedure(name="shaky", title="shaky", settings=ProcedureSettings,
     plan=lambda settings: energised(settings, work(settings)), results=lambda settings, points: {}, uses={})

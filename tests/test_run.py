@@ -422,7 +422,6 @@ def test_records_need_a_directory_with_a_name() -> None:
 def too_fast(settings: Any) -> vcfbench.Plan:
     yield Settle(3600.0, "an hour")
     yield SetRate(4000.0, settings.acceleration_deg_s2, 0.0)
-    return vcfbench.Outcome("never")
 
 
 def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
@@ -443,7 +442,6 @@ def test_a_step_that_lasts_no_time_that_could_be_is_refused(seconds: float, tmp_
     def plan(_settings: Any) -> vcfbench.Plan:
         yield vcfbench.Note("Begin")
         yield Settle(seconds, "what for")
-        return vcfbench.Outcome("never")
 
     with pytest.raises(vcfbench.PlanError, match=rf"step 2 \(wait {seconds:g} s: what for\): expected to last 0 s"):
         vcfbench.run(own(plan=plan), runs=tmp_path)

@@ -33,7 +33,7 @@ from vcfbench.sim.served import on_wires
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.writing import bench_text
-from vcfbench.steps import CheckRails, DisableSupply, Outcome, SetRate, Settle
+from vcfbench.steps import CheckRails, DisableSupply, SetRate, Settle
 from vcfbench.steps.executor import ReadingTaken
 from vcfbench.testing import serve_simulated
 
@@ -67,12 +67,11 @@ def plan(settings: ProcedureSettings) -> Plan:
     return (yield from energised(settings, levels(settings)))
 
 
-def levels(settings: ProcedureSettings) -> Routine[Outcome]:
+def levels(settings: ProcedureSettings) -> Routine[None]:
     yield from v_vc_on()
     for level_v in LEVELS_V:
         v_vc_v = yield from set_v_vc(settings, level_v)
         yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=v_vc_v)
-    return Outcome("levels")
 
 
 def results(_settings: ProcedureSettings, points: Sequence[vcfbench.Point]) -> dict[str, Any]:
@@ -196,7 +195,6 @@ def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
         try:
             yield from rails_on(settings, settings.start_up_s)
             yield CheckRails(rails_of(settings), settings.rail_tolerance_v)
-            return Outcome("rails")
         finally:
             yield DisableSupply()
 
@@ -225,7 +223,6 @@ from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
 from vcfbench.procedures.shared.routines import energised, set_v_vc, take, v_vc_on
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps import Outcome
 
 
 def levels(settings):
@@ -233,7 +230,6 @@ def levels(settings):
     for level_v in (-0.5, 0.0, 0.5):
         v_vc_v = yield from set_v_vc(settings, level_v)
         yield from take(settings, 1, rate_deg_s=0.0, v_vc_v=v_vc_v)
-    return Outcome("levels")
 
 
 LEVELS = Procedure(
@@ -335,9 +331,8 @@ def test_a_step_on_what_is_missing_ends_the_run_and_says_what_the_bench_file_nee
     def careless(settings: ProcedureSettings) -> Plan:
         return (yield from energised(settings, turned(settings)))
 
-    def turned(_settings: ProcedureSettings) -> Routine[Outcome]:
+    def turned(_settings: ProcedureSettings) -> Routine[None]:
         yield SetRate(10.0, 100.0, 0.0)
-        return Outcome("turned")
 
     with pytest.raises(vcfbench.LimitError, match=r"nothing is allowed \(limits\.max_rate_deg_s\).*nothing was opened"):
         vcfbench.run(procedure(plan=careless), SMALL, runs=tmp_path)

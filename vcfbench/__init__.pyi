@@ -126,7 +126,6 @@ from vcfbench.steps.executor import StepStarted as StepStarted
 from vcfbench.steps.executor import WentOn as WentOn
 from vcfbench.steps.measured import Measured as Measured
 from vcfbench.steps.step import Context as Context
-from vcfbench.steps.step import Outcome as Outcome
 from vcfbench.steps.step import Plan as Plan
 from vcfbench.steps.step import Routine as Routine
 from vcfbench.steps.step import Step as Step

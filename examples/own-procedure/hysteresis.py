@@ -22,10 +22,10 @@ class Hysteresis:
 
 
 def plan(settings: HysteresisSettings) -> vb.Plan:
-    return (yield from vb.powered(settings, up_and_down(settings)))
+    yield from vb.powered(settings, up_and_down(settings))
 
 
-def up_and_down(settings: HysteresisSettings) -> vb.Routine[vb.Outcome]:
+def up_and_down(settings: HysteresisSettings) -> vb.Plan:
     rates, previous_deg_s = sorted(set(settings.rates_deg_s)), 0.0
     for way, sweep in settings.loops * [(UP, rates), (DOWN, rates[::-1])]:
         yield vb.Note("Up" if way == UP else "Down")
@@ -33,7 +33,6 @@ def up_and_down(settings: HysteresisSettings) -> vb.Routine[vb.Outcome]:
             yield from vb.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
             yield from vb.take(settings, way, rate_deg_s=rate_deg_s, v_vc_v=0.0, table_deg_s=rate_deg_s)
             previous_deg_s = rate_deg_s
-    return vb.Outcome(f"{settings.loops} times up and down {len(rates)} rates")
 
 
 def results(settings: HysteresisSettings, points: Sequence[vb.Point]) -> Hysteresis:

@@ -21,7 +21,7 @@ from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 from vcfbench.station.file import embedded_text
 from vcfbench.station.layering import setting_keys
 from vcfbench.station.settings import Match
-from vcfbench.steps import Note, Outcome, Plan
+from vcfbench.steps import Note, Plan
 
 if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription
@@ -35,7 +35,6 @@ class LoopSettings(vcfbench.ProcedureSettings, frozen=True, kw_only=True):
 
 def plan(_settings: LoopSettings) -> Plan:
     yield Note("nothing")
-    return Outcome("nothing")
 
 
 LOOP = vcfbench.Procedure(

@@ -30,7 +30,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from vcfbench import Note, Outcome, Plan, Procedure, ProcedureSettings, Settle
+from vcfbench import Note, Plan, Procedure, ProcedureSettings, Settle
 
 
 class WaitSettings(ProcedureSettings, frozen=True):
@@ -45,7 +45,6 @@ class Waited:
 def plan(settings: WaitSettings) -> Plan:
     for _ in range(settings.times):
         yield Settle(1.0, "for nothing")
-    return Outcome("waited")
 
 
 def results(settings: WaitSettings, _points: object) -> Waited:
@@ -120,7 +119,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
     [
         ('        yield Settle(1.0, "for nothing")', "        yield 1 / 0", "wait.py, line 22: ZeroDivisionError"),
         ('        yield Settle(1.0, "for nothing")', "        yield 7", "step 1: expected a step, the plan yields 7"),
-        ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, came Outcome"),
+        ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, came None"),
         (
             "    times: A",
             "    def contradictions(self):\n        return self.x\n\n    times: A",
@@ -143,7 +142,7 @@ def test_a_mistake_that_only_a_bench_brings_out_leaves_a_record_and_a_safe_bench
     asked = "def plan(settings: WaitSettings, asked=[]) -> Plan:\n    asked.append(1)"
     wrong = '        if len(asked) == 2:\n            yield {}["x"]\n'
     text = GOOD.replace("def plan(settings: WaitSettings) -> Plan:", asked)
-    text = text.replace("    return Outcome", f"{wrong.replace('        if', '    if', 1)}    return Outcome")
+    text = text.replace("\n\ndef results", f"{wrong.replace('        if', '    if', 1)}\n\ndef results")
     with pytest.raises(PlanError, match=r"'wait' has a mistake: .*wait.py, line 25: KeyError: 'x'") as caught:
         vcfbench.run(write(text), runs=tmp_path)
     assert caught.value.exit_code == 2

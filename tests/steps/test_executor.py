@@ -28,7 +28,6 @@ from vcfbench.steps.executor import (
 )
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.replay import TakenOver
-from vcfbench.steps.step import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -351,7 +350,6 @@ def test_same_seed_gives_the_same_points() -> None:
 def plan_of(*steps: Step) -> Plan:
     for step in steps:  # noqa: UP028  # a tuple cannot be sent results
         yield step
-    return Outcome("done")
 
 
 class Pausing:
@@ -474,7 +472,6 @@ def test_no_pause_keeps_a_run_that_failed_from_coming_to_rest() -> None:
             yield WINDOW
         finally:
             yield SetVvc(0.0)
-        return Outcome("done")
 
     bench, journal, pausing = FakeBench(), MemoryJournal(), Pausing({})
     bench.multimeter.overload_at = 3

@@ -19,7 +19,7 @@ from vcfbench.procedures.shared.routines import rails_of
 from vcfbench.procedures.warmup import SwitchedOn, SwitchOnAndLog
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources
-from vcfbench.steps import Acquire, Note, Outcome, RailsReading, Step, StepResult, VerifyZero, Window
+from vcfbench.steps import Acquire, Note, RailsReading, Step, StepResult, VerifyZero, Window
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.sampling import ModulatedRecord, SampleModulated, SampleSine, SineResponse
@@ -70,7 +70,6 @@ def measured(*steps: Step) -> Measured:
     def plan() -> Plan:
         for step in steps:  # noqa: UP028  # a tuple cannot be sent results
             yield step
-        return Outcome("measured")
 
     bench, journal = FakeBench(Gyro(noise_v=1e-4, rng=np.random.default_rng(3))), MemoryJournal()
     execution = Executor(bench, journal).execute(plan())

@@ -43,7 +43,7 @@ from vcfbench.steps import (
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.executor import Execution, Executor, StepFinished, StepStarted
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, set_again, start_up_again, taken_over
-from vcfbench.steps.step import Effect, Outcome, abandon
+from vcfbench.steps.step import Effect, abandon
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -244,7 +244,6 @@ def test_steps_that_only_differ_in_what_is_not_shown_are_told_apart() -> None:
 
 def short(asked: ProcedureSettings) -> Plan:
     yield ConfigureMeter(float(asked.meter_range_v), float(asked.nplc))
-    return Outcome("nothing more")
 
 
 def test_a_kind_that_is_not_known_is_refused() -> None:
@@ -317,7 +316,7 @@ def test_the_gyroscope_is_as_warm_as_before(*, measured: bool) -> None:
     assert isinstance(again[-1], DisableVvc)
 
 
-def rails_moved(asked: ProcedureSettings) -> Routine[Outcome]:
+def rails_moved(asked: ProcedureSettings) -> Routine[None]:
     """Start up, move one rail, measure, move the leads away and back, measure."""
     yield ConfigureRail("positive", "P25V", 9.5, 0.1)
     yield from take(asked, 1, rate_deg_s=0.0, v_vc_v=0.0)
@@ -325,7 +324,6 @@ def rails_moved(asked: ProcedureSettings) -> Routine[Outcome]:
     yield SetVvc(0.5)
     yield move_leads("multimeter", "output")
     yield from take(asked, 1, rate_deg_s=0.0, v_vc_v=0.0)
-    return Outcome("done")
 
 
 def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
@@ -386,12 +384,10 @@ def test_what_is_taken_over_is_written_down_and_counted_and_what_is_done_beside_
     assert [line["type"] for line in journal.lines[window + 1 :]] == ["restored"] * 2
 
 
-def test_the_rest_of_a_plan_ends_with_the_outcome_of_the_plan() -> None:
+def test_the_rest_of_a_plan_that_had_ended_is_nothing() -> None:
     plan = PROCEDURES["turntable"].plan(settings_of("turntable"))
     rest = rest_of(plan, taken_over(record_of(unbroken("turntable").steps), BEFORE))
-    with pytest.raises(StopIteration) as end:
-        next(rest)
-    assert isinstance(end.value.value, Outcome)
+    assert next(rest, None) is None
 
 
 def test_a_look_at_the_drive_right_after_the_last_window_is_not_believed() -> None:

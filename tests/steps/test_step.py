@@ -15,7 +15,7 @@ from vcfbench.station.limits import LimitChecks
 from vcfbench.station.parts import Limits, RailWiring
 from vcfbench.steps import Done, SetRate, Settle
 from vcfbench.steps.dry_run import dry_run
-from vcfbench.steps.step import _OF_PROCEDURES, Effect, Outcome, Step, StepResult
+from vcfbench.steps.step import _OF_PROCEDURES, Effect, Step, StepResult
 
 if TYPE_CHECKING:
     from vcfbench.station.linear_gyro import LinearGyro
@@ -73,7 +73,6 @@ def test_what_sets_something_that_has_limits_is_held_against_them() -> None:
 def test_a_step_of_ones_own_needs_nothing_but_itself() -> None:
     def plan() -> Plan:
         yield Blink(3)
-        return Outcome("blinked")
 
     (planned,) = dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
     assert planned.step.describe() == "lamp blinks 3 times"
@@ -111,7 +110,6 @@ def test_a_plan_that_would_leave_a_limit_in_its_third_hour_is_refused() -> None:
         yield SetRate(100.0, 100.0, 0.0)
         yield Settle(3.0 * 3600.0, "a long time")
         yield SetRate(301.0, 100.0, 100.0)
-        return Outcome("never")
 
     with pytest.raises(LimitError) as caught:
         dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
@@ -128,7 +126,6 @@ def test_an_adaptive_plan_is_walked_with_predicted_answers() -> None:
         found = yield steps.SetVvc(6.0)
         assert isinstance(found, steps.VvcSetting)
         yield steps.SetVvc(2.0 * found.v_vc_v)
-        return Outcome("never")
 
     with pytest.raises(LimitError, match=r"voltage 12 V is beyond the bench's limit of 10 V, step 2 \(V_Vc = \+12 V"):
         dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)

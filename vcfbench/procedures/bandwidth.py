@@ -193,7 +193,6 @@ def plan(settings: BandwidthSettings) -> steps.Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
     found = yield from sweep(settings)
     yield from phases_of(settings, settings.sine_amplitude_v, found)
-    return steps.Outcome(f"response at {len(found)} frequencies")
 
 
 Responses = list[tuple[float, steps.SineResponse]]

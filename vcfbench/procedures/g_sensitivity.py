@@ -93,7 +93,6 @@ def g_sensitivity(settings: GSensitivitySettings) -> steps.Plan:
             previous = up
     if previous != upright:
         yield _turned(settings, upright)
-    return steps.Outcome(f"{len(settings.positions) // 2} positions, there and back, {settings.cycles} times")
 
 
 def _turned(settings: GSensitivitySettings, up: str) -> steps.AskOperator:

@@ -52,7 +52,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.steps import Outcome, Plan, Settle
+from vcfbench.steps import Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
 
@@ -434,7 +434,6 @@ def k_vc(settings: KVcSettings) -> Plan:
     )
     yield from examined(settings, None, looked_for=settings.health)
     yield from measured_levels(settings, (0.0, *found.levels_v.values()))
-    return Outcome(f"V_Vc matched at {2 * len(settings.magnitudes_deg_s)} rates, {settings.cycles} times")
 
 
 KVC = Procedure(

@@ -150,7 +150,6 @@ def polarity(settings: PolaritySettings) -> steps.Plan:
             step=str(points[-1].step),
             hint=LOOK_AT_SIGNALS,
         )
-    return steps.Outcome("both ways")
 
 
 def _carrier_has_a_sign(settings: PolaritySettings) -> bool:

@@ -148,7 +148,6 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
         if bad < math.inf:
             points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
             points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
-    return steps.Outcome(f"both signs, within {settings.most_deg_s:g} deg/s")
 
 
 def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:

@@ -107,7 +107,6 @@ def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
         yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
         yield steps.Settle(settings.start_up_s, "warm-up")
         yield from watched(settings, chopped(settings, settings.cycles))
-    return steps.Outcome(f"{settings.power_cycles} switch-ons")
 
 
 def results(settings: RepeatabilitySettings, measured: Measured) -> RepeatabilityResult:

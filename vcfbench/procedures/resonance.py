@@ -172,7 +172,7 @@ NOT_HELD = (
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
-    swept = yield from sweep(settings)
+    yield from sweep(settings)
     yield steps.Note("The sense modes ring down as V_Vc is switched off")
     yield from routines.v_vc_level_again()
     expected_hz, splits_hz = fmean(settings.drive.frequency_hz), (settings.split_guess_hz, settings.in_phase_split_hz)
@@ -194,8 +194,6 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
             yield steps.Settle(settings.drive.start_up_s, "rails up, drive loop starts")
             yield steps.CheckRails(rails, settings.rail_tolerance_v)
         yield ReleaseDrive(channel, drive_v, points, drive_hz)
-    rung = f"{settings.sense_ring_downs} ring-downs of the sense modes, {settings.drive_ring_downs} of the drive"
-    return steps.Outcome(f"response at {len(swept)} frequencies; {rung}")
 
 
 def ring_downs(

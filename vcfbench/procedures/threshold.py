@@ -165,7 +165,6 @@ def threshold(settings: ThresholdSettings) -> steps.Plan:
         taken += 1
     if by_v_vc:
         yield from v_vc.measured_levels(settings, sorted(used))
-    return steps.Outcome(f"{len(sizes)} steps about rest and {settings.at_rate_deg_s:g} deg/s, {blocks} times")
 
 
 def _window(

@@ -20,7 +20,7 @@ from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, swe
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps import Note, Outcome, Plan, Settle
+from vcfbench.steps import Note, Plan, Settle
 from vcfbench.steps.step import Routine
 
 STEP = 1
@@ -33,7 +33,6 @@ def turntable(settings: schedule.SweepSettings) -> Plan:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
-    return Outcome(f"turntable calibration at {len(settings.rates_deg_s)} rates{schedule.sweep_words(settings)}")
 
 
 def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:

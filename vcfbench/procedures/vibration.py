@@ -111,7 +111,7 @@ NOT_HELD = (
 
 def _unshaken(_settings: VibrationSettings, work: steps.Plan) -> steps.Plan:
     yield steps.DisableVibration()
-    return (yield from work)
+    yield from work
 
 
 @routines.framed(_unshaken, routines.energised, routines.drive_seen, routines.held_at_rest)
@@ -137,7 +137,6 @@ def vibration(settings: VibrationSettings) -> steps.Plan:
     finally:
         yield steps.DisableVibration()
     yield from _meters(settings, float(settings.nplc))
-    return steps.Outcome(f"{len(settings.frequencies_hz)} vibrations")
 
 
 def _meters(settings: VibrationSettings, nplc: float) -> Routine[None]:

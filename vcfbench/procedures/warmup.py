@@ -386,7 +386,6 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
         alike = is_steady(points[-3:], window.physical_s, _instability_v(settings))
         steady = elapsed_s >= settings.shortest_s and alike
     yield from routines.require_answer(settings)
-    return steps.Outcome(f"{'steady after' if steady else 'not seen to be steady in'} {len(points)} means")
 
 
 def _instability_v(settings: WarmupSettings) -> float:

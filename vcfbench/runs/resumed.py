@@ -1,6 +1,6 @@
 """Runs that were broken off and are taken up again: the same procedure and settings, the same bench, a record anew."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from functools import partial
 from hashlib import sha256
@@ -41,7 +41,7 @@ from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.dry_run import PlannedStep, dry_run
 from vcfbench.steps.executor import Execution, Executor, Observer
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, start_up_again, taken_over
-from vcfbench.steps.step import Effect, Outcome, Plan, Routine
+from vcfbench.steps.step import Effect, Plan, Routine
 from vcfbench.typed import typed
 from vcfbench.version import other_versions
 
@@ -261,7 +261,7 @@ class Resumed(Prepared):
             return DryRun(whole.procedure, ())
         with blamed_on(self.procedure):
             gyro, limits = self.settings.expected_gyro(), LimitChecks.of(self.description)
-            again = dry_run(_alone(self._start_up()), gyro, limits)
+            again = dry_run(self._start_up(), gyro, limits)
         came_s = again[-1].t_s + again[-1].step.duration_s if again else 0.0
         left = whole.steps[len(self.taken) :]
         later = (PlannedStep(each.number, came_s + each.t_s - left[0].t_s, each.step) for each in left)
@@ -326,7 +326,7 @@ class Resumed(Prepared):
         """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
         executor.take_over(self.taken)
         if not self._is_left():
-            return executor.execute(_alone())
+            return executor.execute(_nothing_left())
         executor.restore(self._start_up())
         return executor.execute(rest_of(self.plan(), self.taken))
 
@@ -348,7 +348,5 @@ class Resumed(Prepared):
 _WHO = ("maker", "model", "serial")
 
 
-def _alone(routine: Iterable[Any] = ()) -> Plan:
-    """Return the plan of a routine and nothing else; without one that of a run that had nothing left to do."""
-    yield from routine
-    return Outcome("started up" if routine else "everything had been measured")
+def _nothing_left() -> Plan:
+    yield from ()

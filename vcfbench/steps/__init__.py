@@ -43,7 +43,7 @@ from vcfbench.steps.source import (
     SetVvc,
     VvcSetting,
 )
-from vcfbench.steps.step import Done, Effect, Outcome, Plan, Reading, Step, StepResult
+from vcfbench.steps.step import Done, Effect, Plan, Reading, Step, StepResult
 from vcfbench.steps.supply import CheckRails, ConfigureRail, DisableSupply, EnableSupply, RailReading, RailsReading
 from vcfbench.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
 from vcfbench.steps.v_vc import (

@@ -35,7 +35,7 @@ from vcfbench.steps import (
 )
 from vcfbench.steps.decode import result_of, step_of
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import Effect, Outcome, Plan, Routine, Step, StepResult, abandon
+from vcfbench.steps.step import Effect, Plan, Routine, Step, StepResult, abandon
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
 _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
@@ -121,9 +121,8 @@ def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:
     while True:
         try:
             step = advance()
-        except StopIteration as end:
-            outcome: Outcome = end.value
-            return outcome
+        except StopIteration:
+            return
         try:
             result = yield step
         except BenchError as error:

@@ -305,14 +305,8 @@ def does(
     return said
 
 
-class Outcome(Struct, frozen=True):
-    """End of a plan: a summary in one line, the measured values being in the points."""
-
-    summary: str
-
-
-Plan = Generator[Step, StepResult, Outcome]
-"""A generator of steps, to which their results are sent back; it returns its outcome."""
+Plan = Generator[Step, StepResult, None]
+"""A generator of steps, to which their results are sent back."""
 Routine = Generator[Step, StepResult, _T]
 """Part of a plan, which returns its finding."""
 

@@ -30,7 +30,7 @@ from vcfbench.station.bounds import said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
-from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Outcome, Plan, Settle
+from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
@@ -280,7 +280,7 @@ class _Session(Struct):
 
 def plan(settings: CharacterizeSettings) -> Plan:
     """Do the plan of every part that the bench allows, the supply on all the time; whatever happens, off in the end."""
-    session, done = _Session(), []
+    session = _Session()
     for name in settings.parts:
         if why := settings.lacking(name):
             yield NotChecked(name, why)
@@ -290,11 +290,9 @@ def plan(settings: CharacterizeSettings) -> Plan:
                 continue
             yield BeginPart(name)
             yield from _kept_on(PROCEDURES[name].plan(settings.of(name)), session)
-            done.append(name)
     finally:
         if session.left_on:
             yield DisableSupply()
-    return Outcome(f"data sheet from {', '.join(done)}")
 
 
 def _kept_on(part: Plan, session: _Session) -> Plan:
@@ -308,9 +306,9 @@ def _kept_on(part: Plan, session: _Session) -> Plan:
     while True:
         try:
             step = advance()
-        except StopIteration as end:
+        except StopIteration:
             session.left_on = session.left_on or held
-            return cast("Outcome", end.value)
+            return
         try:
             if held:
                 held = False

@@ -20,7 +20,7 @@ from vcfbench.steps.step import Routine
 def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
     yield from routines.look_at_drive(settings)
     yield from ready_v_vc_meter(settings, settings.v_vc_range_v)
-    return (yield from work)
+    yield from work
 
 
 @routines.framed(routines.energised, _metered, routines.held_at_rest)
@@ -51,7 +51,6 @@ def online(settings: OnlineSettings) -> steps.Plan:
         yield steps.Settle(settings.settle_s, "the generator settles")
         yield _sample(settings, settings.amplitude_v, "v_vc", None)
         yield steps.move_leads("multimeter", "output")
-    return steps.Outcome(f"{settings.bursts * settings.windows_a_burst} windows of {settings.window_s:g} s")
 
 
 def _sampled(

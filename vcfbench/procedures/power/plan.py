@@ -131,7 +131,6 @@ def plan(settings: PowerSettings) -> steps.Plan:
     yield steps.Note("Steady currents")
     yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
     yield from watched(settings, _moved(settings))
-    return steps.Outcome(f"power-on in {len(settings.orders)} orders, {len(settings.rails_varied)} rails moved")
 
 
 def _moved(settings: PowerSettings) -> Routine[None]:

@@ -14,7 +14,7 @@ from vcfbench.procedures.shared.known.device import level_for
 from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
 from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
+from vcfbench.steps import DisableVvc, Note, Plan, Settle
 from vcfbench.steps.step import Routine
 
 
@@ -43,7 +43,6 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     known = settings.known
     yield from examined(settings, known.characteristics, looked_for=settings.health, source=known.source)
     yield from measured_levels(settings, levels_v.values())
-    return Outcome(f"V_Vc at {2 * len(settings.magnitudes_deg_s)} levels, {settings.cycles} times")
 
 
 def _at_rest(settings: SelfCalibrationSettings) -> Routine[None]:

@@ -265,10 +265,10 @@ def _has_source(settings: ProcedureSettings) -> bool:
     return "rate_source" in settings.station.instruments
 
 
-def held_at_rest(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
+def held_at_rest(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:
     """Do `work` with the table held at rest under servo, where the bench has one."""
     held = settings.station.limits.max_rate_deg_s is not None
-    return (yield from (under_servo(settings, work) if held else work))
+    yield from under_servo(settings, work) if held else work
 
 
 def drive_seen(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
@@ -277,9 +277,9 @@ def drive_seen(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     return (yield from work)
 
 
-def off_afterwards(settings: ProcedureSettings, work: Routine[steps.Outcome]) -> Routine[steps.Outcome]:
+def off_afterwards(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:
     """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
     try:
-        return (yield from work)
+        yield from work
     finally:
         yield from power_down(settings)

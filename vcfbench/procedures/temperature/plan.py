@@ -33,17 +33,17 @@ def _looked_at(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
     yield from routines.look_at_drive(settings)
     if not settings.split:
         yield steps.NotChecked("the mode split", "not measured here; --set split=true does, at each temperature")
-    return (yield from work)
+    yield from work
 
 
 def _air_off(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
     """Do `work`; whatever happens, the air is off afterwards, or a person is asked to bring the room back."""
     if settings.chamber is None:
-        outcome = yield from work
+        yield from work
         yield steps.set_air_by_hand(settings.room_c, settings.chamber_takes_s)
-        return outcome
+        return
     try:
-        return (yield from work)
+        yield from work
     finally:
         yield steps.StopFlow()
 
@@ -71,7 +71,6 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
             yield steps.ConfigureGenerator(0.0)
             yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
         previous_c = temperature_c
-    return steps.Outcome(f"{len(settings.temperatures_c)} temperatures")
 
 
 def directions(temperatures_c: Sequence[float]) -> list[str]:

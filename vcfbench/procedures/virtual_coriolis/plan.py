@@ -16,7 +16,7 @@ from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_mete
 from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep import agreement
-from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy, sweep_words
+from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis import results
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -24,7 +24,7 @@ from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, nul
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V
-from vcfbench.steps import DisableVvc, Note, Outcome, Plan, Settle
+from vcfbench.steps import DisableVvc, Note, Plan, Settle
 from vcfbench.steps.step import Routine
 
 
@@ -65,7 +65,6 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     yield from table_sweep(settings, 3, points)
     yield Note(f"Step 4: table at rest, V_Vc stands for each rate, K_Vc = {rates.k_vc:.6g} (deg/s)/V")
     yield from _virtual_sweep(settings, rates, driven)
-    return Outcome(f"four-step calibration at {len(settings.rates_deg_s)} rates{sweep_words(settings)}")
 
 
 def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tuple[list[Point], Matching]]:

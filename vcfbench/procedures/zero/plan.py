@@ -145,7 +145,6 @@ def zero(settings: ZeroSettings) -> steps.Plan:
         taken = yield steps.Acquire(1, 0.0, 0.0, table_deg_s, **window)
     routines.require_alive(settings, answer(taken, steps.Window).point)
     yield from routines.require_answer(settings)
-    return steps.Outcome(f"static record of {settings.duration_s:g} s")
 
 
 def results(settings: ZeroSettings, measured: Measured) -> Any:
