@@ -241,7 +241,7 @@ def test_the_page_has_it_pause_and_go_on(tmp_path: Path) -> None:
         assert asked("pause")["state"] == "paused"
         assert asked("go-on") == {"state": "running"}
         assert "goes on (the page)" in next(line for line in said if "goes on" in line)
-        assert asked("stop") == {"stopping": True}
+        assert asked("stop") == {"state": "stopping"}
         process.communicate(timeout=60)
         assert process.returncode == Aborted.exit_code
 

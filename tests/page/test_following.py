@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
-from vcfbench.page.following import JournalFollower, RunFollower
+from vcfbench.page.following import JournalFollower, introduce
 from vcfbench.page.view import BrowserPosition, View
 from vcfbench.records.journal import Journal, being_written
 from vcfbench.runs.request import Request, prepare
@@ -23,14 +23,14 @@ class Watching:
 
     def __init__(self, runs: Path) -> None:
         self.view = View()
-        self._follower = RunFollower(self.view, prepare(Request("turntable")))
+        introduce(self.view, prepare(Request("turntable")))
         self._runs = runs
         self.journal: JournalFollower | None = None
         self.written: bool | None = None
         self.counts: list[int] = []
 
     def handle(self, event: Event) -> None:
-        self._follower.handle(event)
+        self.view.handle(event)
         if self.journal is None:
             path = next(self._runs.glob("*/journal.jsonl"))
             self.journal, self.written = JournalFollower(path), being_written(path)

@@ -3,6 +3,7 @@
 import asyncio
 import hmac
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
@@ -16,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -24,7 +25,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.reported import full_report, title_of
 from vcfbench.clock import WallClock
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, ConfigError
 from vcfbench.page.following import JournalFollower
 from vcfbench.page.panel import Panel
 from vcfbench.page.parts import end_of
@@ -68,9 +69,6 @@ _HEADERS: Final = {
 }
 
 
-_NO_RUN = "no run goes on here: look at the station, /"
-
-
 @dataclass(slots=True)
 class PageContent:
     """Content of the page: a station, and the run of this process, if there is one.
@@ -89,22 +87,20 @@ class PageContent:
     followers: dict[str, JournalFollower] = field(default_factory=dict)
 
     def follower(self, name: str) -> JournalFollower:
-        """Return the follower of the journal of the run called `name`; HTTPException where there is none."""
+        """Return the follower of the journal of the run called `name`; ConfigError where there is none."""
         known = self.followers.get(name)
         if known is None:
-            directory = self.station.directory(name)
-            if directory is None:
-                raise HTTPException(404, "there is no such run")
+            journal = self.station.directory(name).journal
             while len(self.followers) >= _MOST_VIEWS:
                 self.followers.pop(next(iter(self.followers)))
-            known = self.followers[name] = JournalFollower(directory.journal)
+            known = self.followers[name] = JournalFollower(journal)
         return known
 
     def view(self, name: str) -> View:
         """Return the run called `name` as far as it is known now."""
         if name == LIVE:
             if self.live is None:
-                raise HTTPException(404, _NO_RUN)
+                raise ConfigError("no run goes on here: look at the station, /")
             return self.live
         follower = self.follower(name)
         try:
@@ -121,7 +117,7 @@ class PageContent:
             elif view.end is None and not being_written(follower.path) and not follower.read_on() and view.end is None:
                 view.finished({"status": "incomplete", "error": "the record ends here, nobody writes it any more"})
         except OSError as error:
-            raise HTTPException(404, f"the record cannot be read: {error.strerror}") from error
+            raise ConfigError(f"the record cannot be read: {error.strerror}") from error
         return follower.view
 
 
@@ -209,15 +205,14 @@ def application(shown: PageContent) -> Starlette:
             Route("/run/{name}/events", routes.events),
             Route("/run/{name}/readings", routes.readings),
             Route("/run/{name}/report", routes.report),
-            Route("/run/live/stop", routes.stop, methods=["POST"]),
-            Route("/run/live/pause", routes.pause, methods=["POST"]),
-            Route("/run/live/go-on", routes.go_on, methods=["POST"]),
+            Route("/run/live/{act}", routes.run_act, methods=["POST"]),
             Route("/panel", routes.panel_page),
             Route("/panel/state", routes.panel_state),
-            Route("/panel/{act:str}", routes.panel_act, methods=["POST"]),
+            Route("/panel/{act}", routes.panel_act, methods=["POST"]),
             Mount("/assets", StaticFiles(directory=_HERE / "assets")),
             Mount("/vendor", StaticFiles(directory=_HERE / "vendor")),
         ],
+        exception_handlers={BenchError: lambda _request, error: PlainTextResponse(str(error), 404)},
         middleware=[
             Middleware(_Guarded),
             Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"], www_redirect=False),
@@ -226,88 +221,64 @@ def application(shown: PageContent) -> Starlette:
 
 
 class _Routes:
+    """What is answered, in threads of the pool: reading a record holds up nobody else."""
+
     def __init__(self, shown: PageContent) -> None:
         self._shown = shown
 
-    async def station_page(self, request: Request) -> Response:
+    def station_page(self, request: Request) -> Response:
         return FileResponse(_HERE / "assets" / "station.html")
 
-    async def station(self, request: Request) -> Response:
-        listed = await run_in_threadpool(self._shown.station.listed)
-        return _json({**listed, "live": self._shown.live is not None})
+    def station(self, request: Request) -> Response:
+        return _json({**self._shown.station.listed(), "live": self._shown.live is not None})
 
-    async def device(self, request: Request) -> Response:
-        try:
-            return _json(await run_in_threadpool(self._shown.station.history, request.path_params["serial"]))
-        except BenchError as error:
-            raise HTTPException(404, str(error)) from error
+    def device(self, request: Request) -> Response:
+        return _json(self._shown.station.history(request.path_params["serial"]))
 
-    async def sheet(self, request: Request) -> Response:
+    def sheet(self, request: Request) -> Response:
         name, kind = request.path_params["name"], request.path_params["kind"]
         if kind not in _SHEETS:
             raise HTTPException(404, f"a sheet is one of {', '.join(_SHEETS)}")
-        try:
-            data = await run_in_threadpool(self._shown.station.sheet, name, kind)
-        except BenchError as error:
-            raise HTTPException(404, str(error)) from error
-        return Response(data, media_type=_SHEETS[kind], headers={"content-security-policy": _OF_REPORTS})
+        return _document(self._shown.station.sheet(name, kind), _SHEETS[kind])
 
-    async def run_page(self, request: Request) -> Response:
+    def run_page(self, request: Request) -> Response:
         name = request.path_params["name"]
-        if name != LIVE:
-            await run_in_threadpool(self._shown.follower, name)
-        elif self._shown.live is None:
-            raise HTTPException(404, _NO_RUN)
+        (self._shown.view if name == LIVE else self._shown.follower)(name)  # there is one
         return FileResponse(_HERE / "assets" / "run.html")
 
-    async def events(self, request: Request) -> Any:
+    def events(self, request: Request) -> Any:
         if self._shown.browsers >= _MOST_BROWSERS:
             raise HTTPException(503, f"{_MOST_BROWSERS} browsers look at this already")
         name = request.path_params["name"]
-        await run_in_threadpool(self._shown.view, name)
+        self._shown.view(name)  # there is one
         return EventStream(self._shown, name)
 
-    async def readings(self, request: Request) -> Response:
-        view = await run_in_threadpool(self._shown.view, request.path_params["name"])
+    def readings(self, request: Request) -> Response:
+        view = self._shown.view(request.path_params["name"])
         first_s, last_s = _number(request, "from"), _number(request, "to")
-        most = min(max(int(_number(request, "most") or 2000), 2), _MOST_POINTS)
-        return _json(await run_in_threadpool(view.drawn, first_s, last_s, most))
+        return _json(view.drawn(first_s, last_s, min(max(int(_number(request, "most") or 2000), 2), _MOST_POINTS)))
 
-    async def report(self, request: Request) -> Response:
-        directory = self._shown.station.directory(request.path_params["name"])
-        if directory is None:
-            raise HTTPException(404, "there is no such run")
+    def report(self, request: Request) -> Response:
+        path = self._shown.station.directory(request.path_params["name"]).path
+        with _DRAWING:
+            run = load_run(path)
+            return _document(page_of(full_report(run), title_of(run), path.name).encode(), _SHEETS["html"])
 
-        def whole_report(path: Path) -> str:
-            with _DRAWING:
-                run = load_run(path)
-                return page_of(full_report(run), title_of(run), path.name)
-
-        try:
-            text = await run_in_threadpool(whole_report, directory.path)
-        except BenchError as error:
-            raise HTTPException(404, str(error)) from error
-        return Response(text, media_type="text/html", headers={"content-security-policy": _OF_REPORTS})
-
-    async def stop(self, request: Request) -> Response:
-        self._control(request).stop(_BY)
-        return _json({"stopping": True})
-
-    async def pause(self, request: Request) -> Response:
-        control = self._control(request)
-        control.pause(_BY)
+    def run_act(self, request: Request) -> Response:
+        """Stop the run of this process, have it pause or go on."""
+        self._require_token(request)
+        control, live = self._shown.control, self._shown.live
+        if control is None or live is None or live.end is not None:
+            raise HTTPException(409, "no run goes here any more")
+        acts = {"stop": control.stop, "pause": control.pause, "go-on": control.go_on}
+        _chosen(request, acts)(_BY)
         return _json({"state": control.state})
 
-    async def go_on(self, request: Request) -> Response:
-        control = self._control(request)
-        control.go_on(_BY)
-        return _json({"state": control.state})
-
-    async def panel_page(self, request: Request) -> Response:
+    def panel_page(self, request: Request) -> Response:
         self._panel()
         return FileResponse(_HERE / "assets" / "panel.html")
 
-    async def panel_state(self, request: Request) -> Response:
+    def panel_state(self, request: Request) -> Response:
         return _json(self._panel().shown())
 
     async def panel_act(self, request: Request) -> Response:
@@ -315,26 +286,16 @@ class _Routes:
         self._require_token(request)
         panel, words = self._panel(), (await request.body())[:_MOST_TYPED].decode("utf-8", "replace")
         acts = {"name": lambda: panel.name(words), "start": panel.start, "answer": lambda: panel.answer(words)}
-        if (act := acts.get(request.path_params["act"])) is None:
-            raise HTTPException(404, f"a panel knows {', '.join(acts)}")
         try:
-            await run_in_threadpool(act)
+            await run_in_threadpool(_chosen(request, acts))
         except BenchError as error:
             raise HTTPException(409, str(error)) from error
         return _json(panel.shown())
 
     def _panel(self) -> Panel:
         if self._shown.panel is None:
-            raise HTTPException(404, "no panel is here: vcfbench panel PLAN.toml shows one")
+            raise ConfigError("no panel is here: vcfbench panel PLAN.toml shows one")
         return self._shown.panel
-
-    def _control(self, request: Request) -> RunControl:
-        """Return the control of the run, for a caller with the token; HTTPException for anybody else."""
-        self._require_token(request)
-        shown = self._shown
-        if shown.control is None or shown.live is None or shown.live.end is not None:
-            raise HTTPException(409, "no run goes here any more")
-        return shown.control
 
     def _require_token(self, request: Request) -> None:
         token = self._shown.token
@@ -353,6 +314,17 @@ def _number(request: Request, name: str) -> float | None:
     if number is not None and not math.isfinite(number):
         raise HTTPException(400, f"{name}: expected a number, came {text!r}")
     return number
+
+
+def _chosen(request: Request, acts: Mapping[str, Callable[..., None]]) -> Callable[..., None]:
+    """Return the act that the address names."""
+    if (act := acts.get(request.path_params["act"])) is None:
+        raise HTTPException(404, f"expected one of {', '.join(acts)}")
+    return act
+
+
+def _document(data: bytes, kind: str) -> Response:
+    return Response(data, media_type=kind, headers={"content-security-policy": _OF_REPORTS})
 
 
 def _json(value: Any) -> Response:

@@ -1,4 +1,4 @@
-"""Followers that fill a view: from the events of a run in this process, or from a growing journal of another's."""
+"""What fills a view: the beginning of a run in this process, or the growing journal of another's."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -9,13 +9,14 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from vcfbench.errors import BenchError
 from vcfbench.files import shown
 from vcfbench.page.view import View
 from vcfbench.reports.names import in_words
 from vcfbench.runs.request import Prepared
 from vcfbench.steps import Note
 from vcfbench.steps.decode import result_of, step_of
-from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.executor import Moved, Paused, StepFailed, StepFinished, WentOn
 from vcfbench.typed import typed
 
 _AT_ONCE = 1 << 22  # Bytes of a journal that are read at once: a long one must not hold up readers of another
@@ -25,40 +26,21 @@ _NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError
 """Errors from a line that no journal has; msgspec's are ValueErrors."""
 
 
-class RunFollower:
-    """Tells a view the events of a run: an observer of it."""
-
-    def __init__(self, view: View, prepared: Prepared) -> None:
-        self._view = view
-        description = prepared.description
-        view.planned_s = prepared.planned().bench_seconds
-        view.headings = [each.step.describe() for each in prepared.planned().steps if isinstance(each.step, Note)]
-        view.about = {
-            "run": prepared.procedure.name if prepared.directory is None else prepared.directory.run,
-            "procedure": prepared.procedure.name,
-            "title": prepared.procedure.title,
-            "bench": description.name,
-            "simulated": description.simulated,
-            "limits": _limits(msgspec.to_builtins(description.limits)),
-        }
-        view.points += prepared.points()
-        view.version += 1
-
-    def handle(self, event: Event) -> None:
-        """Pass on an event."""
-        match event:
-            case ReadingTaken():
-                self._view.read(event.t_s, event.reading.voltage_v)
-            case StepStarted():
-                self._view.begin(event.number, event.t_s, event.step)
-            case StepFinished():
-                self._view.finish(event.number, event.t_s, event.step, event.result, event.asked_again)
-            case StepFailed():
-                self._view.fail(event.number, event.t_s, event.step, str(event.error))
-            case Paused():
-                self._view.paused(event.t_s, f"paused ({event.by}): table at rest, V_Vc off, rails on")
-            case WentOn():
-                self._view.went_on(event.t_s, event.describe(), event.pause_s)
+def introduce(view: View, prepared: Prepared) -> None:
+    """Tell a view which run it is of, before its events come."""
+    planned, description = prepared.planned(), prepared.description
+    view.planned_s = planned.bench_seconds
+    view.headings = [each.step.describe() for each in planned.steps if isinstance(each.step, Note)]
+    view.about = {
+        "run": prepared.procedure.name if prepared.directory is None else prepared.directory.run,
+        "procedure": prepared.procedure.name,
+        "title": prepared.procedure.title,
+        "bench": description.name,
+        "simulated": description.simulated,
+        "limits": _limits(msgspec.to_builtins(description.limits)),
+    }
+    view.points += prepared.points()
+    view.version += 1
 
 
 class _Reading(Struct, frozen=True, gc=False):
@@ -122,14 +104,18 @@ class JournalFollower:
             case "step":
                 own = values["result"].get("readings") if isinstance(values.get("result"), dict) else None
                 self._read(typed(own if isinstance(own, list) else [], list[_Reading]))
-                step, result = step_of(values), result_of(values)
-                self.view.finish(values["n"], values["end_s"], step, result, values.get("asked_again", ()))
+                step: Any = step_of(values)  # or one that is not known here, which describes itself as well
+                result: Any = result_of(values)
+                again = tuple(values.get("asked_again", ()))
+                self.view.handle(StepFinished(values["n"], values["end_s"], step, result, again))
             case "paused":
-                self.view.paused(values["t_s"], f"paused ({values['by']}): table at rest, V_Vc off, rails on")
+                self.view.handle(Paused(values["n"], values["t_s"], values["by"]))
             case "went_on":
-                self.view.went_on(values["t_s"], f"goes on ({values['by']})", values["t_s"] - self.view.t_s)
+                took_s, moved = values["t_s"] - self.view.t_s, typed(values.get("moved"), Moved | None)
+                self.view.handle(WentOn(values["n"], values["t_s"], values["by"], values["waited_s"], took_s, moved))
             case "error":
-                self.view.fail(values["n"], values["t_s"], step_of(values), str(values["error"]))
+                step = step_of(values)
+                self.view.handle(StepFailed(values["n"], values["t_s"], step, BenchError(str(values["error"]))))
             case "footer":
                 error = (values.get("error") or {}).get("what")
                 self.view.finished({"status": values["status"], "error": error})
@@ -137,7 +123,7 @@ class JournalFollower:
     def _read(self, readings: list[_Reading]) -> None:
         if readings:
             began_s = self._began_s
-            self.view.read_all([each.t_s - began_s for each in readings], [each.voltage_v for each in readings])
+            self.view.read([each.t_s - began_s for each in readings], [each.voltage_v for each in readings])
 
 
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from vcfbench.archive.run import Run
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.extras import need
-from vcfbench.page.following import RunFollower
+from vcfbench.page.following import introduce
 from vcfbench.page.panel import Panel
 from vcfbench.page.parts import end_of
 from vcfbench.page.station import StationDirectories
@@ -80,7 +80,6 @@ class LivePage:
         self._shown, self._server = _content_and_server(runs, devices)
         self._shown.panel, self._shown.token = panel, secrets.token_urlsafe(12)
         self._socket = _bound(port)
-        self._follower: RunFollower | None = None
         self._thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
 
     @property
@@ -91,7 +90,7 @@ class LivePage:
 
     def follow(self, control: RunControl) -> None:
         """Show from now on the run that `control` controls."""
-        self.view, self._follower = View(), None
+        self.view = View()
         self._shown.live, self._shown.control = self.view, control
         control.tell(self.view.hear)
 
@@ -114,12 +113,11 @@ class LivePage:
 
     def begin(self, prepared: Prepared) -> None:
         """Take in the beginning of a run."""
-        self._follower = RunFollower(self.view, prepared)
+        introduce(self.view, prepared)
 
     def handle(self, event: Event) -> None:
         """Pass on an event of the run."""
-        if self._follower is not None:
-            self._follower.handle(event)
+        self.view.handle(event)
 
     def ended(self, run: Run) -> None:
         """Tell the end of the run."""

@@ -43,12 +43,12 @@ class StationDirectories:
             "devices": devices,
         }
 
-    def directory(self, name: str) -> RunDirectory | None:
-        """Return the run of that very name; None where there is none."""
-        if name not in self._names():
-            return None
+    def directory(self, name: str) -> RunDirectory:
+        """Return the run of that very name; ConfigError where there is none."""
         directory = RunDirectory(self._runs / name)
-        return directory if directory.journal.is_file() else None
+        if name not in self._names() or not directory.journal.is_file():
+            raise ConfigError("there is no such run")
+        return directory
 
     def _names(self) -> list[str]:
         """Return the names of the runs, the latest first: they begin with the time."""

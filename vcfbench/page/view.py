@@ -12,8 +12,8 @@ from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.plot import line_of, thinned
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
-from vcfbench.steps.decode import Recorded
-from vcfbench.steps.step import Effect, Step, StepResult
+from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.step import Effect
 
 
 @dataclass(slots=True)
@@ -53,53 +53,47 @@ class View:
     _reading_t_s: "array[float]" = field(default_factory=lambda: array("d"))
     _reading_v: "array[float]" = field(default_factory=lambda: array("d"))
 
-    def begin(self, number: int, t_s: float, step: Step | Recorded) -> None:
-        """Take in that a step begins."""
-        self.t_s = t_s
-        self.began_s = t_s if self.began_s is None else self.began_s
-        self.state = self.state.begun(step)
-        duration_s = getattr(step, "duration_s", 0.0)
-        self.doing = {"n": number, "t_s": t_s, "what": step.describe(), "duration_s": duration_s}
+    def handle(self, event: Event) -> None:
+        """Take in an event of the run; its step and result may be of kinds that are not known here."""
+        self.t_s = event.t_s
+        match event:
+            case ReadingTaken(t_s, reading):
+                self.read([t_s], [reading.voltage_v])
+            case StepStarted(number, t_s, step):
+                self.began_s = t_s if self.began_s is None else self.began_s
+                self.state = self.state.begun(step)
+                self.doing = {"n": number, "t_s": t_s, "what": step.describe(), "duration_s": step.duration_s}
+            case StepFinished(number, t_s, step, result, again):
+                self.doing, self.state = None, self.state.after(step, result)
+                what, found = step.describe(), result.describe()
+                kind = "heading" if isinstance(step, Note) else "done"
+                self.steps.append({"n": number, "t_s": t_s, "what": what, "result": found, "kind": kind})
+                left_out = [what] if isinstance(step, NotChecked) else []
+                for said in (*(f"asked again: {each}" for each in again), *left_out):
+                    self.say(t_s, said, "warning")
+                point = getattr(result, "recorded_point", None)
+                if point is not None:
+                    self.points.append(point)
+                elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and found:
+                    self.say(t_s, f"{what}: {found}", "result")
+            case StepFailed(number, t_s, step, error):
+                self.doing, said = None, str(error)
+                self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": said, "kind": "failed"})
+                self.say(t_s, said, "error")
+            case Paused(_, t_s, by):
+                self.doing = None
+                self.say(t_s, f"paused ({by}): table at rest, V_Vc off, rails on", "warning")
+            case WentOn():
+                self.began_s = None if self.began_s is None else self.began_s + event.pause_s
+                self.say(event.t_s, event.describe(), "warning")
         self.version += 1
 
-    def read(self, t_s: float, voltage_v: float) -> None:
-        """Take in one reading of the multimeter, at bench time `t_s` of the run."""
-        self._reading_v.append(voltage_v)
-        self._reading_t_s.append(t_s)
-        self.t_s = max(self.t_s, t_s)
-        self.version += 1
-
-    def read_all(self, t_s: Sequence[float], voltage_v: Sequence[float]) -> None:
-        """Take in readings, each at its bench time, s."""
+    def read(self, t_s: Sequence[float], voltage_v: Sequence[float]) -> None:
+        """Take in readings of the multimeter, each at its bench time, s."""
         self._reading_v.extend(voltage_v)
         self._reading_t_s.extend(t_s)
         self.t_s = max(self.t_s, t_s[-1])
         self.version += 1
-
-    def finish(
-        self, number: int, t_s: float, step: Step | Recorded, result: StepResult | Recorded, again: Sequence[str] = ()
-    ) -> None:
-        """Take in that a step is done, with its result and the answers in it that were asked for again."""
-        self.t_s, self.doing = t_s, None
-        self.state = self.state.after(step, result)
-        kind = "heading" if isinstance(step, Note) else "done"
-        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": result.describe(), "kind": kind})
-        for said in again:
-            self.say(t_s, f"asked again: {said}", "warning")
-        if isinstance(step, NotChecked):
-            self.say(t_s, step.describe(), "warning")
-        point = getattr(result, "recorded_point", None)
-        if point is not None:
-            self.points.append(point)
-        elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and (described := result.describe()):
-            self.say(t_s, f"{step.describe()}: {described}", "result")
-        self.version += 1
-
-    def fail(self, number: int, t_s: float, step: Step | Recorded, error: str) -> None:
-        """Take in that a step failed."""
-        self.t_s, self.doing = t_s, None
-        self.steps.append({"n": number, "t_s": t_s, "what": step.describe(), "result": error, "kind": "failed"})
-        self.say(t_s, error, "error")
 
     def hear(self, state: RunState, by: str) -> None:
         """Take in a wish to stop, pause or go on."""
@@ -107,17 +101,6 @@ class View:
         if state in {RunState.PAUSING, RunState.STOPPING}:
             self.say(self.t_s, f"{state.value}, as {by} wants", "warning")
         self.version += 1
-
-    def paused(self, t_s: float, words: str) -> None:
-        """Take in that the run pauses."""
-        self.t_s, self.doing = t_s, None
-        self.say(t_s, words, "warning")
-
-    def went_on(self, t_s: float, words: str, pause_s: float) -> None:
-        """Take in that it goes on: the pause is no time that was planned."""
-        self.t_s = t_s
-        self.began_s = None if self.began_s is None else self.began_s + pause_s
-        self.say(t_s, words, "warning")
 
     def say(self, t_s: float, words: str, kind: str) -> None:
         """Write a line of the log."""
