@@ -17,10 +17,9 @@ from vcfbench.analysis.allan import Sampling, Term, deviation_factor
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.zero.noise import with_what_is_let_through
-from vcfbench.procedures.zero.plan import ZERO, Mode, ZeroSettings
-from vcfbench.procedures.zero.results import ZeroResult, zero_report, zero_results
+from vcfbench.procedures.zero.plan import ZERO
+from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zero_results
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.station.parts import Limits
@@ -38,7 +37,6 @@ PAPER = paper_bench()
 N_DEG_RTH = 60.0 * PAPER.noise.angle_random_walk_deg_sqrt_s
 B_DEG_H = 3600.0 * PAPER.noise.bias_instability_deg_s
 TRUE_SCALE = -0.0125527
-UNIT = ScaleFactor(1.0, None, "test")
 ON_PAPER: dict[str, Any] = {"scale_factor_v_per_deg_s": TRUE_SCALE}
 
 
@@ -52,8 +50,16 @@ def hour(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run(tmp_path_factory.mktemp("hour"), noise_bandwidth_hz=3.4)
 
 
-def of_record(record: Any, times_s: Any, sampling: Sampling, scale: ScaleFactor, mode: str) -> ZeroResult:
-    return zero_results(record, times_s, sampling, scale, mode, settings=ZeroSettings())
+AS_READ = ZeroSettings(scale_factor_v_per_deg_s=1.0, nplc=50, mode=Mode.GAPLESS)  # type: ignore[arg-type]
+"""One reading after the other, each of a second, in deg/s."""
+
+
+def of_record(record: Any, settings: ZeroSettings) -> ZeroResult:
+    return zero_results(settings, record, settings.sample_interval_s * np.arange(float(record.size)))
+
+
+def shown(found: ZeroResult, settings: ZeroSettings) -> str:
+    return vcfbench.text_of(ZERO.report(settings, vcfbench.Measured(()), found))
 
 
 def walk_of(results: ZeroResult) -> tuple[float, float]:
@@ -120,13 +126,13 @@ def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
 def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(hour: Run) -> None:
     """The least bandwidth, 1 / (2 x 0.2 s), makes N 17 % too large here: it is no value, and the true one is below."""
     volts = np.array([reading.voltage_v for reading in hour.readings])
-    scale = ScaleFactor(TRUE_SCALE, None, "test")
-    found = of_record(volts, np.arange(volts.size, dtype=float), Sampling(1.0, 0.2), scale, "corrected")
+    settings = ZeroSettings(scale_factor_v_per_deg_s=TRUE_SCALE)
+    found = of_record(volts, settings)
     walk = found.coefficient("angle random walk")
     assert (walk.value, walk.u) == (None, None)
     assert N_DEG_RTH < walk.upper_95 < 1.25 * N_DEG_RTH
     assert found.coefficient("bias instability").value is not None
-    assert "N has an upper bound only" in vcfbench.text_of(zero_report(found, bandwidth_stated=False))
+    assert "N has an upper bound only" in shown(found, settings)
 
 
 def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> None:
@@ -182,10 +188,9 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
 @pytest.mark.exhaustive
 def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
     """At least s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; flicker not excluded is in it too."""
-    n, scale, found = 400, ScaleFactor(1.0, None, "test"), []
-    rng, times_s = np.random.default_rng(5), np.arange(400.0)
+    n, rng, found = 400, np.random.default_rng(5), []
     for _ in range(200):
-        trend = of_record(rng.standard_normal(n), times_s, Sampling.without_gaps(1.0), scale, "dead-time").trend
+        trend = of_record(rng.standard_normal(n), AS_READ).trend
         assert trend is not None
         found.append(trend)
     expected = 3600.0**2 / math.sqrt(n * (n**2 - 1) / 12.0)
@@ -204,8 +209,7 @@ def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
         for place in range(n):
             state = keep * state + math.sqrt(1.0 - keep**2) * step[place]
             record[place] += 0.03 * state
-    scale = ScaleFactor(1.0, None, "test")
-    found = of_record(record, np.arange(float(n)), Sampling.without_gaps(1.0), scale, "dead-time").bias
+    found = of_record(record, AS_READ).bias
     assert found is not None
     assert found.expanded_u < 0.5
     assert found.dof is None or found.dof > 2.0
@@ -220,7 +224,8 @@ def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
     density += 4000.0 / (1.0 + ((frequency - 4.8) / 0.1) ** 2)
     drawn = rng.standard_normal(frequency.size) + 1j * rng.standard_normal(frequency.size)
     record = np.fft.irfft(np.concatenate([[0.0], drawn * np.sqrt(density * n / interval_s) / 2.0]), n)
-    found = of_record(record, interval_s * np.arange(n), Sampling.without_gaps(interval_s), UNIT, "dead-time")
+    settings = structs.replace(AS_READ, sample_interval_s=interval_s, nplc=5)
+    found = of_record(record, settings)
     coefficient = found.coefficient("bias instability")
     assert found.fitted_from_s > interval_s
     assert coefficient.value is not None
@@ -228,14 +233,14 @@ def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
     assert abs(coefficient.value / 3600.0 - b) < 2.5 * coefficient.u / 3600.0 < 1.25 * b
     assert found.bias is not None
     assert found.bias.u > 0.5 * b  # the flicker floor
-    assert "fitted from" in vcfbench.text_of(zero_report(found, bandwidth_stated=True))
+    assert "fitted from" in shown(found, settings)
 
 
 def test_a_record_without_noise_has_no_coefficients() -> None:
-    times_s = np.arange(400.0)
-    found = of_record(np.full(400, 0.25), times_s, Sampling(1.0, 0.2), ScaleFactor(0.0125, None, "t"), "corrected")
+    settings = ZeroSettings(scale_factor_v_per_deg_s=0.0125)
+    found = of_record(np.full(400, 0.25), settings)
     assert (found.noise, found.bias, found.bias_deg_s) == ((), None, 20.0)
-    assert "no noise" in vcfbench.text_of(ZERO.report(ZeroSettings(), vcfbench.Measured(()), found))
+    assert "no noise" in shown(found, settings)
 
 
 def steps(**changes: Any) -> list[Any]:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct, field, structs
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.allan import BIAS_INSTABILITY_FACTOR, AllanPoint, Sampling, Term, deviation_factor
@@ -85,11 +85,11 @@ class NoiseTerm(Struct, frozen=True):
 
 
 class NoiseFit(Struct, frozen=True):
-    """The coefficients that describe a curve; those that were not asked for are 0."""
+    """The coefficients that describe a curve; those that were not asked for are 0. By default they are known."""
 
     coefficients: Coefficients
-    terms: dict[Term, NoiseTerm]
-    covariance_of_squares: Floats
+    terms: dict[Term, NoiseTerm] = {}
+    covariance_of_squares: Floats = field(default_factory=lambda: np.zeros((len(Term), len(Term))))
     """Covariance of Q^2, N^2, B^2, K^2, R^2, in that order; rows of terms that were not fitted are 0."""
 
     def variance(self, sampling: Sampling, factor: int) -> tuple[float, float]:

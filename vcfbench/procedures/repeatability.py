@@ -11,11 +11,10 @@ from itertools import combinations
 from statistics import fmean, stdev
 from typing import Annotated
 
-import numpy as np
 from msgspec import Struct
 
 from vcfbench import steps
-from vcfbench.analysis.allan import Sampling, Term
+from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.procedures.procedure import Procedure, roles
@@ -129,7 +128,7 @@ def results(settings: RepeatabilitySettings, measured: Measured) -> Repeatabilit
     # What flicker alone makes of a sample: the root of half the mean square of all pairs' differences, which flicker
     # has though its variance has no limit
     b_deg_s = (settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0
-    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s), {}, np.zeros((len(Term), len(Term))))
+    flicker = NoiseFit(Coefficients(bias_instability=b_deg_s))
     lasts_s, sampling = settings.samples * settings.sample_interval_s, Sampling.without_gaps(settings.sample_interval_s)
     pairs = [
         u_of_combination(flicker, sampling, [one, other], [one + lasts_s, other + lasts_s], [1.0, -1.0]).u

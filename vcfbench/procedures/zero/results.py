@@ -2,24 +2,27 @@
 
 import math
 from collections.abc import Iterator, Mapping
+from enum import Enum
 from itertools import pairwise
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
+from msgspec.structs import replace
 
-from vcfbench.analysis.allan import BiasStability, Sampling, Term, deviation_factor
+from vcfbench.analysis.allan import BiasStability, Sampling, Term, block_means, deviation_factor
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
+from vcfbench.procedures.shared.kept import KeptSettings
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand
-from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Report, Table, Text, heads
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.bounds import ranged, said
+from vcfbench.station.invalid_value import InvalidValue
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -28,6 +31,115 @@ _DEG_RTH = 60.0
 _FLICKER = list(Term).index(Term.BIAS_INSTABILITY)
 _WINDOWS = 60
 """Means that the trend is a straight line through."""
+_LEAST_READINGS = 200
+"""Fewer have no averaging times for four coefficients."""
+_EXACTLY = 1e-6
+_Q_LIMIT = 0.3
+"""Assumed limit of a gyroscope's Q about that of its kind, relative: ours, no data sheet of one says it."""
+
+
+class Mode(Enum):
+    """Treatment of the time between readings."""
+
+    DEAD_TIME = "dead-time"
+    CORRECTED = "corrected"
+    GAPLESS = "gapless"
+
+
+class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
+    """Settings of the static record, beside those of all procedures."""
+
+    powered_s: Annotated[float, ranged(0.0, 86_400.0, "time under power before the record, at least warm_up_s")] = (
+        1800.0
+    )
+    duration_s: Annotated[float, ranged(10.0, 864_000.0, "length of the record")] = 3600.0
+    mode: Annotated[
+        Mode, said("time between readings: as it is, corrected for, or none, the meter sampling by itself", option=True)
+    ] = Mode.CORRECTED
+    noise_bandwidth_hz: Annotated[
+        float,
+        ranged(0.0, 1e4, "noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded"),
+    ] = 0.0
+    u_noise_bandwidth_hz: Annotated[
+        Annotated[float, ranged(0.0, 1e4)] | None,
+        said(
+            "standard uncertainty of noise_bandwidth_hz; None: what a split lets through is known to 30 %, "
+            "which is assumed"
+        ),
+    ] = None
+    noise_bandwidth_nplc: Annotated[
+        Literal[1, 10, 100],
+        said("integration time for which noise_bandwidth_hz holds; with another nplc it is not known"),
+    ] = 10
+    burst_readings: Annotated[int, ranged(10, 50_000, "readings without gaps that the meter's memory holds")] = 500
+
+    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
+
+    @property
+    def start_up_s(self) -> float:
+        """Wait after power-on, s."""
+        return max(self.powered_s, self.warm_up_s, self.settle_s)
+
+    @property
+    def aperture_s(self) -> float:
+        """Integration time of the meter, s."""
+        return self.nplc / self.station.mains_hz
+
+    @property
+    def sampling(self) -> Sampling:
+        """Sampling of the record; of a noise bandwidth nothing is told where dead time is not corrected for."""
+        if self.mode is Mode.GAPLESS:
+            return Sampling.without_gaps(self.sample_interval_s)
+        passed_hz = self.passed_hz if self.mode is Mode.CORRECTED else None
+        return Sampling(self.sample_interval_s, self.aperture_s, passed_hz)
+
+    @property
+    def passed_hz(self) -> float | None:
+        """Noise bandwidth of one reading at this integration time, Hz; None where it is not known."""
+        return self.noise_bandwidth_hz or None if self.nplc == self.noise_bandwidth_nplc else None
+
+    @property
+    def u_passed_hz(self) -> float:
+        """Standard uncertainty of that, Hz; where it is not stated, `_Q_LIMIT` of the part that the split lets through.
+
+        What is above the bandwidth of a mere mean is proportional to the sense mode's Q.
+        """
+        if self.u_noise_bandwidth_hz is not None:
+            return self.u_noise_bandwidth_hz
+        excess_hz = max(0.0, self.noise_bandwidth_hz - 0.5 / self.aperture_s)
+        return _Q_LIMIT * excess_hz / math.sqrt(3.0)
+
+    @property
+    def readings_a_mean(self) -> int:
+        """Number of readings without gaps that make one mean over the interval."""
+        return max(1, round(self.sample_interval_s / self.aperture_s))
+
+    @property
+    def readings(self) -> int:
+        """Number of readings that the meter takes."""
+        means = round(self.duration_s / self.sample_interval_s)
+        return means * self.readings_a_mean if self.mode is Mode.GAPLESS else means
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if self.duration_s < _LEAST_READINGS * self.sample_interval_s * (1.0 - _EXACTLY):
+            least_s = _LEAST_READINGS * self.sample_interval_s
+            expected = f"at least {least_s:g} s, {_LEAST_READINGS} times sample_interval_s"
+            yield InvalidValue("duration_s", expected, self.duration_s)
+        if self.duration_s > 1e6 * self.aperture_s:
+            expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
+            yield InvalidValue("duration_s", expected, self.duration_s)
+        least_hz = 0.5 / self.aperture_s
+        if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
+            expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"
+            yield InvalidValue("noise_bandwidth_hz", expected, self.noise_bandwidth_hz)
+        whole_s = self.readings_a_mean * self.aperture_s
+        if self.mode is Mode.GAPLESS and abs(whole_s - self.sample_interval_s) > _EXACTLY * whole_s:
+            expected = f"a whole number of integration times of {self.aperture_s:g} s, without gaps"
+            yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
+        if self.mode is Mode.GAPLESS and self.readings_a_mean > self.burst_readings:
+            expected = f"at least the {self.readings_a_mean} readings of one interval"
+            yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
 class ZeroResult(Struct, frozen=True):
@@ -83,61 +195,36 @@ class ForeseenZero(Struct, frozen=True):
     trend: Measurand | None = None
 
 
-def foreseen_zero(
-    output_v: float,
-    lasting_s: float,
-    white_v_sqrt_s: float,
-    *,
-    sampling: Sampling,
-    scale: ScaleFactor,
-    settings: ProcedureSettings,
-) -> ForeseenZero:
-    """Return the expected statement of a record of `lasting_s` at `output_v`, its white noise and B known."""
-    walk, known = white_v_sqrt_s / abs(scale.value), (settings.station.sources.bias_instability_deg_h or 0.0) / _DEG_H
-    law = Coefficients(angle_random_walk=walk, bias_instability=known)
-    terms = {
-        term: NoiseTerm(value, None, value, 0.0)
-        for term, value in ((Term.ANGLE_RANDOM_WALK, walk), (Term.BIAS_INSTABILITY, known))
-    }
-    fit = NoiseFit(law, terms, np.zeros((len(Term), len(Term))))
-    volts = np.full(round(lasting_s / sampling.interval_s), output_v)
+def foreseen_zero(settings: ZeroSettings, output_v: float, white_v_sqrt_s: float) -> ForeseenZero:
+    """Return the expected statement of a record at `output_v`, its white noise and B known."""
+    scale, known = scale_factor_used(settings), settings.station.sources.bias_instability_deg_h or 0.0
+    if white_v_sqrt_s < settings.meter_resolution_v * settings.aperture_s**0.5:
+        return ForeseenZero()
+    walk, unstable = white_v_sqrt_s / abs(scale.value), known / _DEG_H
+    named = {Term.ANGLE_RANDOM_WALK: walk, Term.BIAS_INSTABILITY: unstable}
+    terms = {term: NoiseTerm(value, None, value, 0.0) for term, value in named.items()}
+    fit = NoiseFit(Coefficients(angle_random_walk=walk, bias_instability=unstable), terms)
+    sampling = replace(settings.sampling, noise_bandwidth_hz=None)
+    volts = np.full(round(settings.duration_s / sampling.interval_s), output_v)
     return ForeseenZero(*_stated(volts, sampling, scale, settings, fit))
 
 
-def zero_results(
-    volts: Floats,
-    times_s: Floats,
-    sampling: Sampling,
-    scale: ScaleFactor,
-    mode: str,
-    *,
-    settings: ProcedureSettings,
-    raw: tuple[Floats, int] | None = None,
-    u_bandwidth_hz: float = 0.0,
-) -> ZeroResult:
-    """Return the results of the record of `volts`, one mean every ``sampling.interval_s``.
-
-    Args:
-        volts: the output, V, shape (n,).
-        times_s: when each raw reading was asked for, s; several make one of `volts` in a record without gaps.
-        sampling: how the record was taken.
-        scale: what turns volts into rates.
-        mode: ``"dead-time"`` fits the record as it stands.
-        settings: of the run: what is known of meter, gyroscope and surroundings.
-        raw: the readings that `volts` are means of, V, and of how many; None where they are the same.
-        u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
-    """
-    rates = volts / scale.value
-    fitted = Sampling.without_gaps(sampling.interval_s) if mode == "dead-time" else sampling
-    noise = noises.record_noise(rates, sampling, corrected=mode != "dead-time", u_bandwidth_hz=u_bandwidth_hz)
+def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) -> ZeroResult:
+    """Return the results of a record: its readings, V, and when each was asked for, s, both of shape (n,)."""
+    scale, sampling, gapless = scale_factor_used(settings), settings.sampling, settings.mode is Mode.GAPLESS
+    volts = block_means(readings_v, settings.readings_a_mean) if gapless else readings_v
+    rates, corrected = volts / scale.value, settings.mode is not Mode.DEAD_TIME
+    fitted = sampling if corrected else Sampling.without_gaps(sampling.interval_s)
+    noise = noises.record_noise(rates, sampling, corrected=corrected, u_bandwidth_hz=settings.u_passed_hz)
     fit = noise.fit
     dead_share = 1.0 - sampling.aperture_s / sampling.interval_s
     if sampling.gapless:  # between bursts without gaps the times tell it
         seen_s = rates.size * sampling.interval_s
         dead_share = max(0.0, 1.0 - seen_s / (float(times_s[-1] - times_s[0]) + seen_s / times_s.size))
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
+    readings = readings_v / scale.value
     return ZeroResult(
-        mode=mode,
+        mode=settings.mode.value,
         samples=rates.size,
         interval_s=sampling.interval_s,
         aperture_s=sampling.aperture_s,
@@ -153,7 +240,7 @@ def zero_results(
         trend=trend,
         bias_v=float(volts.mean()),
         bias_deg_s=float(rates.mean()),
-        noise_bandwidth_hz=None if fit is None or raw is None else _noise_bandwidth(raw[0] / scale.value, raw[1], fit),
+        noise_bandwidth_hz=_noise_bandwidth(readings, settings.readings_a_mean, fit) if fit and gapless else None,
         fitted_from_s=noise.fitted_from_s,
     )
 
@@ -172,11 +259,13 @@ def _noise_bandwidth(readings: Floats, a_mean: int, fit: NoiseFit) -> Measurand 
 
 
 def _stated(
-    volts: Floats, sampling: Sampling, scale: ScaleFactor, settings: ProcedureSettings, fit: NoiseFit
+    volts: Floats, sampling: Sampling, scale: ScaleFactor, settings: ZeroSettings, fit: NoiseFit
 ) -> tuple[Measurand, Measurand, Measurand]:
     """Return mean output (V), bias (deg/s) and trend ((deg/h)/h) with all that is known to make them uncertain."""
-    known, per_deg_s = settings.station.sources, abs(scale.value)
-    lasted_s, flicker = volts.size * sampling.interval_s, _flicker(fit, settings)
+    known, per_deg_s, lasted_s = settings.station.sources, abs(scale.value), volts.size * sampling.interval_s
+    # The flicker of the record, or the stated one where the record is too short to know it
+    square, variance = fit.terms[Term.BIAS_INSTABILITY].value ** 2, fit.covariance_of_squares[_FLICKER, _FLICKER]
+    flicker = flicker_found(known, _DEG_H**2 * square, _DEG_H**2 * math.sqrt(float(variance)))
     middle, half = lasted_s / 2.0, known.horizon_h * 1800.0
     begin, end = np.array([0.0, middle - half]), np.array([lasted_s, middle + half])
     output = measurand(
@@ -189,35 +278,23 @@ def _stated(
         ],
         known.missing("bias"),
     )
-    bias = as_rate(output, scale.value, scale.u)
-    return output, bias, _trend(volts / scale.value, sampling, settings, fit)
-
-
-def _trend(rates: Floats, sampling: Sampling, settings: ProcedureSettings, fit: NoiseFit) -> Measurand:
-    """Return the slope of the least-squares line, (deg/h)/h, through means: noise alone bends it, and the warm-up."""
-    edges = np.linspace(0, rates.size, _WINDOWS + 1).round().astype(int)
-    means = np.array([rates[a:b].mean() for a, b in pairwise(edges.tolist())])
+    # The slope of the least-squares line through means: noise alone bends it, and the warm-up
+    edges = np.linspace(0, volts.size, _WINDOWS + 1).round().astype(int)
+    means = np.array([(volts[a:b] / scale.value).mean() for a, b in pairwise(edges.tolist())])
     begin, end = edges[:-1] * sampling.interval_s, edges[1:] * sampling.interval_s
-    middle = 0.5 * (begin + end)
-    weights = (middle - middle.mean()) / float(np.sum((middle - middle.mean()) ** 2))
-    known, flicker = settings.station.sources, _flicker(fit, settings)
-    unit = NoiseFit(Coefficients(bias_instability=1.0), {}, np.zeros((len(Term), len(Term))))
+    at_s = 0.5 * (begin + end)
+    weights = (at_s - at_s.mean()) / float(np.sum((at_s - at_s.mean()) ** 2))
+    unit = NoiseFit(Coefficients(bias_instability=1.0))
     parts = [
         *_noise_parts(fit, sampling, (begin, end, weights), _DEG_H**2),
         flicker_part(flicker, _DEG_H * u_of_combination(unit, sampling, begin, end, weights).u),
     ]
     if (left_k := away_from_warm_k(settings, 0.0).get("warm-up")) is not None:
-        bent = abs(float(weights @ np.exp(-middle / known.warm_up_time_s)))
+        bent = abs(float(weights @ np.exp(-at_s / known.warm_up_time_s)))
         parts.append(UncertaintyPart("warm-up", _DEG_H * (known.bias_deg_h_k or 0.0) * left_k * bent))
     missing = [name for name in known.missing("bias") if name == "warm-up"]
-    return measurand(_DEG_H**2 * float(weights @ means), "(deg/h)/h", parts, missing)
-
-
-def _flicker(fit: NoiseFit, settings: ProcedureSettings) -> Flicker:
-    """Return the flicker of the record, or the stated one where the record is too short to know it."""
-    found = fit.terms[Term.BIAS_INSTABILITY]
-    u = math.sqrt(float(fit.covariance_of_squares[_FLICKER, _FLICKER]))
-    return flicker_found(settings.station.sources, _DEG_H**2 * found.value**2, _DEG_H**2 * u)
+    trend = measurand(_DEG_H**2 * float(weights @ means), "(deg/h)/h", parts, missing)
+    return output, as_rate(output, scale.value, scale.u), trend
 
 
 def _noise_parts(
@@ -230,14 +307,14 @@ def _noise_parts(
     for place, term in enumerate(Term):
         if term in {Term.BIAS_INSTABILITY, Term.RATE_RAMP} or term not in fit.terms or not fit.terms[term].value:
             continue
-        alone = np.zeros((len(Term), len(Term)))
+        alone = np.zeros_like(fit.covariance_of_squares)
         alone[place, place] = fit.covariance_of_squares[place, place]
         values = [math.sqrt(square) if place == n else 0.0 for n, square in enumerate(fit.coefficients.squares())]
         found = u_of_combination(NoiseFit(Coefficients(*values), {}, alone), sampling, *windows)
         yield UncertaintyPart(term.value, factor * found.u, finite(found.dof))
 
 
-def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
+def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) -> Report:
     """Report a static record: its sampling, its results, the Allan table and its figure."""
     flicker = results.flicker  # as the key of the bench file
     said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
@@ -254,7 +331,7 @@ def zero_report(results: ZeroResult, *, bandwidth_stated: bool) -> Report:
     lacks = incomplete(() if results.bias is None else results.bias.missing).removeprefix("; ")
     return Report(
         [
-            Text(_taken(results, bandwidth_stated=bandwidth_stated)),
+            Text(_taken(settings, results)),
             noises.noise_table(results.noise),
             Table(columns, rows, lacks),
             *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
@@ -273,7 +350,7 @@ far as the bench file knows them, and as a rate the scale factor's. The trend is
 turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the rails, changes after the run."""
 
 
-def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
+def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
     scale = results.scale_factor_v_per_deg_s
     lines = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
     if results.mode == "gapless":
@@ -291,7 +368,7 @@ def _taken(results: ZeroResult, *, bandwidth_stated: bool) -> str:
         )
     if results.mode == "dead-time":
         lines.append("NOT corrected: N and the curve hold what the dead time folds in")
-    elif results.mode == "corrected" and not bandwidth_stated and results.white_noise_seen > 1.0:
+    elif results.mode == "corrected" and settings.passed_hz is None and results.white_noise_seen > 1.0:
         lines.append(
             "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
