@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("vcfbench", "pyvisa_vcfbench", "simrack/simrack", "simrack/pyvisa_simrack")
+PACKAGES = ("vcfbench", "vcfbench_tables", "pyvisa_vcfbench", "simrack/simrack", "simrack/pyvisa_simrack")
 FLOORS = [
     {"cli", "__main__"},
     {"validation"},
@@ -107,7 +107,7 @@ def test_every_part_of_the_package_has_its_floor() -> None:
 def test_imports_point_downwards() -> None:
     wrong = []
     for name, target in inner_imports():
-        if name.startswith("pyvisa_vcfbench") or "." not in name:
+        if name.startswith(("pyvisa_vcfbench", "vcfbench_tables")) or "." not in name:
             continue
         ours, theirs = name.split(".")[1], target.split(".")[1]
         if theirs == ours:
@@ -128,8 +128,21 @@ def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
     assert wrong == []
 
 
+def test_the_plug_in_of_tables_is_found_and_not_imported() -> None:
+    own = {"vcfbench." + name for name in ("clock", "drivers", "errors", "files", "interfaces", "models", "strict")}
+    seen = [(name, target) for name in modules() for target in imports(name)]
+    wrong = [each for each in seen if each[0].startswith("vcfbench.") and each[1].startswith("vcfbench_tables")]
+    beyond = [
+        (name, target)
+        for name, target in seen
+        if name.startswith("vcfbench_tables") and target.startswith(("vcfbench.", "simrack"))
+        if ".".join(target.split(".")[:2]) not in own
+    ]
+    assert (wrong, beyond) == ([], [])
+
+
 def test_the_rack_knows_nobody() -> None:
-    ours = ("vcfbench", "pyvisa_vcfbench")
+    ours = ("vcfbench", "vcfbench_tables", "pyvisa_vcfbench")
     rack = [name for name in modules() if name.split(".")[0] in ("simrack", "pyvisa_simrack")]
     assert rack
     seen = [(name, target) for name in rack for target in imports(name)]

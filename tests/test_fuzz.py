@@ -23,7 +23,6 @@ from tests.sim.serve.test_attacks import call, caller, hislip, require_well, sen
 from vcfbench.archive.run import Run
 from vcfbench.archive.verified import verify_run
 from vcfbench.clock import WallClock
-from vcfbench.drivers.rate_table.profile import load_profile
 from vcfbench.drivers.trace import HEADER
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.records.devices import DeviceStore, read_entry
@@ -34,6 +33,7 @@ from vcfbench.station.file import read_bench
 from vcfbench.station.meter_dcc import read_meter_dcc
 from vcfbench.studies.file import read_study
 from vcfbench.testing.replay import read_trace
+from vcfbench_tables.profile import load_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

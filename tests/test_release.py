@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "build", "dist", "__pycache__", ".*_cache")
-PACKAGES = {"vcfbench", "pyvisa_vcfbench"}
+PACKAGES = {"vcfbench", "vcfbench_tables", "pyvisa_vcfbench"}
 RACK = {"simrack", "pyvisa_simrack"}
 FROM_HERE, BY_VERSION = "simrack @ {root:uri}/simrack", "simrack==9.8.7"
 """What the package requires of the rack: that of the repository, and in a release the one of the same version."""

@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 from typing import Any, Final, Literal, TypeVar
 
@@ -28,7 +28,7 @@ Wire = Literal["tcp", "vxi11", "hislip", "pty"]
 ROLES: Final = ("power", "rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter", "chamber")
 """The places on a bench that an instrument model can fill; the rate table's place takes a language."""
 
-_GROUP = "vcfbench.models"
+_GROUP, _PROFILES = "vcfbench.models", "vcfbench.table_profiles"
 NO_WATCHDOG: Final = "no command for it is known"
 HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 """The same instruments were sold under all three names, in any case of letters, with and without "Technologies"."""
@@ -95,7 +95,7 @@ class TableLanguage(Struct, frozen=True):
     Args:
         name: what bench files call it.
         twin: the simulated table that speaks it, with the class attribute `errors_class`.
-        dialect: its class in Python, made by `for_axis`; None for a profile ``NAME.toml`` that comes along.
+        dialect: its class in Python, made by `for_axis`; None for a profile ``NAME.toml`` of the package that reads it.
         baud_rate: of its serial line, unless the bench file or its profile says otherwise.
         makers: how the maker's name in ``*IDN?`` may begin, for those that answer it.
         model_prefix: how the model there begins.
@@ -273,29 +273,8 @@ LANGUAGES: Final = (
         model_prefix="AC",
         own_watchdog="its time-out is for TRACK mode, a run uses rate mode",
     ),
-    TableLanguage(
-        "zaber",
-        twin="simrack.rate_tables.zaber:ZaberTable",
-        dialect="vcfbench.drivers.rate_table.zaber:ZaberDialect",
-        baud_rate=115_200,
-    ),
-    TableLanguage("atl", twin="simrack.rate_tables.atl:AtlTable", dialect="vcfbench.drivers.rate_table.atl:AtlDialect"),
-    TableLanguage(
-        "esp",
-        twin="simrack.rate_tables.esp:EspTable",
-        dialect="vcfbench.drivers.rate_table.esp:EspDialect",
-        baud_rate=19_200,  # unverified
-    ),
-    TableLanguage("dd16", twin="simrack.rate_tables.dd16:Dd16Table"),
-    TableLanguage("mn_as", twin="simrack.rate_tables.mn_as:MnAsTable"),
-    TableLanguage(
-        "ruya",
-        twin="simrack.rate_tables.ruya:RuyaTable",
-        own_watchdog="it has none: a rate run goes on when the program has ended",
-    ),
-    TableLanguage("aaaa", twin="simrack.rate_tables.aaaa:AaaaTable"),
 )
-"""The languages of rate tables that come with the project."""
+"""The language of the user's own table; those of :mod:`vcfbench_tables` come along as any other package's do."""
 _OWN: Final[tuple[Model | TableLanguage, ...]] = (*MODELS, *LANGUAGES)
 
 
@@ -328,7 +307,7 @@ def twin_of(row: Model | TableLanguage) -> Any:
 def model_names() -> tuple[str, ...]:
     """Return the names of all models and languages, those of other packages last."""
     own = tuple(row.name for row in _OWN)
-    return (*own, *(name for name in _installed_names() if name not in own))
+    return (*own, *(name for name in _installed() if name not in own))
 
 
 def models_for(role: str) -> tuple[str, ...]:
@@ -365,6 +344,17 @@ def find_language(name: str) -> TableLanguage | None:
     return _find(name, TableLanguage)
 
 
+def profile_reader() -> Any:
+    """Return the module of the package that brings table languages told in TOML: `load_profile` and `spoken`.
+
+    Raises:
+        ConfigError: none is installed.
+    """
+    for entry in entry_points(group=_PROFILES):
+        return entry.load()
+    raise ConfigError("no package that is installed reads table languages told in TOML (vcfbench_tables does)")
+
+
 def recognised(maker: str, model: str) -> Model | TableLanguage | None:
     """Return the row of whatever answers ``*IDN?`` with `maker` and `model` first, None when there is none."""
     rows: tuple[Model | TableLanguage, ...] = (*_every(Model), *_every(TableLanguage))
@@ -373,7 +363,7 @@ def recognised(maker: str, model: str) -> Model | TableLanguage | None:
 
 def _every(kind: type[_Row]) -> tuple[_Row, ...]:
     rows = list(_OWN)
-    for name in _installed_names():
+    for name in _installed():
         with suppress(ConfigError):  # one that cannot be loaded is none
             rows.append(_load(name))
     return tuple(row for row in rows if isinstance(row, kind))
@@ -381,18 +371,19 @@ def _every(kind: type[_Row]) -> tuple[_Row, ...]:
 
 def _find(name: str, kind: type[_Row]) -> _Row | None:
     row = next((each for each in _OWN if each.name == name), None)
-    if row is None and name in _installed_names():  # looked for only where it is none of our own: that takes long
+    if row is None and name in _installed():  # looked for only where it is none of our own: that takes long
         row = _load(name)
     return row if isinstance(row, kind) else None
 
 
 @cache  # looking through the installed packages takes milliseconds
-def _installed_names() -> tuple[str, ...]:
-    return tuple(sorted({entry.name for entry in entry_points(group=_GROUP)}))
+def _installed() -> Mapping[str, EntryPoint]:
+    found = sorted(entry_points(group=_GROUP), key=lambda entry: entry.name, reverse=True)
+    return {entry.name: entry for entry in reversed(found)}
 
 
 def _load(name: str) -> Model | TableLanguage:
-    (entry, *_) = entry_points(group=_GROUP, name=name)
+    entry = _installed()[name]
     try:
         row = entry.load()
     except Exception as error:  # another package is anyone's code

@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from tests.drivers.rate_table import DIALECTS
 from vcfbench.cli.main import app
-from vcfbench.drivers.rate_table import language
 from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.station.file import embedded_text
+from vcfbench_tables import language
 
 STEPS = 640000 / 360
 RATES = (20.0, 10.0, 5.0, 0.0, -5.0, -10.0, -20.0)
@@ -79,7 +79,7 @@ def test_a_dialect_that_there_is_not(tmp_path: Path) -> None:
     file.write_text(bench_file("zabre"), encoding="utf-8")
     result = CliRunner().invoke(app, ["run", "turntable", "--bench", str(file), "--runs", str(tmp_path)])
     assert result.exit_code == 2
-    assert "rate_table.dialect: expected a text: one of acl, zaber, atl, esp" in " ".join(result.output.split())
+    assert "rate_table.dialect: expected a text: one of acl, aaaa, atl, dd16, esp" in " ".join(result.output.split())
 
 
 def test_the_documentation_shows_the_example() -> None:

@@ -19,7 +19,7 @@ from vcfbench.archive.run import Run, breaks
 from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
-from vcfbench.files import shown
+from vcfbench.files import read_text, shown
 from vcfbench.interfaces import Identity, Operator, SafeReport, nobody
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.procedures.procedure import AnyProcedure, Provenance
@@ -477,6 +477,4 @@ def profile_of(description: BenchDescription) -> dict[str, str]:
     dialect = "" if description.rate_table is None else description.rate_table.dialect
     if not dialect.endswith(".toml"):
         return {}
-    from vcfbench.drivers.rate_table.profile import profile_text  # noqa: PLC0415
-
-    return {"table_profile": profile_text(dialect)}
+    return {"table_profile": read_text(dialect, "a profile of a rate table")}

@@ -6,7 +6,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.models import ROLES, Model, TableLanguage, find_language, find_model, languages, twin_of
+from vcfbench.models import ROLES, Model, TableLanguage, find_language, find_model, languages, profile_reader, twin_of
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.parameters import BenchParameters
@@ -51,9 +51,7 @@ def twins(description: BenchDescription) -> dict[str, Any]:
 
 def profile_twin(dialect: str) -> str:
     """Return the name of the simulated table that a profile names; ConfigError if it names none."""
-    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415
-
-    twin = load_profile(dialect).twin
+    twin: str | None = profile_reader().load_profile(dialect).twin
     if twin is None or find_language(twin) is None:
         came = "nothing" if twin is None else repr(twin)
         raise ConfigError(

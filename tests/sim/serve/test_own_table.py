@@ -48,10 +48,11 @@ def acme(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
     module.LANGUAGE = TableLanguage("acme", twin=module.AcmeTable)
     monkeypatch.setitem(sys.modules, module.__name__, module)
     point = EntryPoint("acme", f"{module.__name__}:LANGUAGE", "vcfbench.models")
-    monkeypatch.setattr(models, "entry_points", lambda group, name="acme": [point] if group and name == "acme" else [])
-    models._installed_names.cache_clear()
+    others = models.entry_points
+    monkeypatch.setattr(models, "entry_points", lambda group: [point] if group == point.group else others(group=group))
+    models._installed.cache_clear()
     yield module.AcmeTable
-    models._installed_names.cache_clear()
+    models._installed.cache_clear()
 
 
 @pytest.fixture(params=[1, 2])

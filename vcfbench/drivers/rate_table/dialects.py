@@ -1,10 +1,10 @@
-"""The languages of rate tables by name: built in, shipped as a profile, or told by a TOML file of one's own."""
+"""The languages of rate tables by name: in Python, or told in TOML."""
 
 from msgspec import Struct
 
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import Link
-from vcfbench.models import find_language, resolve
+from vcfbench.models import find_language, profile_reader, resolve
 
 
 class Spoken(Struct, frozen=True):
@@ -24,8 +24,5 @@ def spoken(name: str, settings: TableSettings | None = None) -> Spoken:
     row = find_language(name)
     if row is not None and row.dialect is not None:
         return Spoken(resolve(row.dialect).for_axis(wanted), Link(baud=row.baud_rate))
-    from vcfbench.drivers.rate_table.configurable import ConfigurableDialect  # noqa: PLC0415 - few benches need it
-    from vcfbench.drivers.rate_table.profile import load_profile  # noqa: PLC0415 - as above
-
-    profile = load_profile(name)
-    return Spoken(ConfigurableDialect(profile, wanted.axis), profile.link)
+    dialect, link = profile_reader().spoken(name, wanted.axis)
+    return Spoken(dialect, link)

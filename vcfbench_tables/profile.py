@@ -7,12 +7,20 @@ from functools import partial
 from importlib import resources
 from typing import Any
 
-from vcfbench.drivers.rate_table import language, messages
-from vcfbench.drivers.rate_table.language import COMMANDS, QUESTIONS, STREAM, Field, Flag, Profile, Step
-from vcfbench.drivers.rate_table.messages import Frame, Value
+from vcfbench.drivers.rate_table.line import Link
 from vcfbench.files import Keys, dotted, parse_toml, read_text, shown
 from vcfbench.models import find_language
 from vcfbench.strict import converted, refusal, words
+from vcfbench_tables import language, messages
+from vcfbench_tables.configurable import ConfigurableDialect
+from vcfbench_tables.language import COMMANDS, QUESTIONS, STREAM, Field, Flag, Profile, Step
+from vcfbench_tables.messages import Frame, Value
+
+
+def spoken(name: str, axis: int) -> tuple[ConfigurableDialect, Link]:
+    """Return the dialect of a profile for one axis, and its line; errors as of :func:`load_profile`."""
+    profile = load_profile(name)
+    return ConfigurableDialect(profile, axis), profile.link
 
 
 def load_profile(name: str) -> Profile:
@@ -28,7 +36,7 @@ def profile_text(name: str) -> str:
     """Return the text of the shipped profile `name`, or of the file of this name; ConfigError if it cannot be read."""
     row = find_language(name)
     if row is not None and row.dialect is None:
-        return resources.files("vcfbench.drivers.rate_table").joinpath(f"profiles/{name}.toml").read_text("utf-8")
+        return resources.files("vcfbench_tables").joinpath(f"profiles/{name}.toml").read_text("utf-8")
     return read_text(name, "a profile of a rate table")
 
 

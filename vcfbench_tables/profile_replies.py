@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from msgspec import Struct, field
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.rate_table.language import Field, Flag, Profile, Refusals, Reply, Step
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.messages import decode, take_frame, take_text, text_value, unwrapped
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
+from vcfbench_tables.language import Field, Flag, Profile, Refusals, Reply, Step
+from vcfbench_tables.messages import decode, take_frame, take_text, text_value, unwrapped
 
 
 class Received(Struct, frozen=True):

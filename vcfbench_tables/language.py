@@ -1,7 +1,7 @@
 """What a profile, a table language told in TOML, can say: frozen strict structs.
 
-:mod:`~vcfbench.drivers.rate_table.profile` reads and checks one,
-:class:`~vcfbench.drivers.rate_table.configurable.ConfigurableDialect` does what it says.
+:mod:`~vcfbench_tables.profile` reads and checks one,
+:class:`~vcfbench_tables.configurable.ConfigurableDialect` does what it says.
 """
 
 import math
@@ -10,9 +10,9 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-from vcfbench.drivers.rate_table import messages
 from vcfbench.drivers.rate_table.line import Link, Pause
-from vcfbench.drivers.rate_table.messages import BinaryType, ByteValue, Frame, Place, TextType, Wrap
+from vcfbench_tables import messages
+from vcfbench_tables.messages import BinaryType, ByteValue, Frame, Place, TextType, Wrap
 
 QUESTIONS = ("identify", "home_status", "read_pos", "read_rate", "read_all", "status", "fault")
 """Commands that only ask: they may be asked again."""

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.drivers.rate_table.messages import (
+from vcfbench.errors import ConfigError, FramingError
+from vcfbench_tables.messages import (
     CHECKSUMS,
     checksum,
     checksum_length,
@@ -20,13 +21,12 @@ from vcfbench.drivers.rate_table.messages import (
     text_value,
     unwrapped,
 )
-from vcfbench.drivers.rate_table.profile import load_profile, parse_profile
-from vcfbench.errors import ConfigError, FramingError
+from vcfbench_tables.profile import load_profile, parse_profile
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.drivers.rate_table.messages import Order, Wrap
+    from vcfbench_tables.messages import Order, Wrap
 
 LEAST = """
 title = "a table"

@@ -15,9 +15,9 @@ from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, TableSettings, require_rest
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.messages import Frame, checksum, frame_text
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
+from vcfbench_tables.messages import Frame, checksum, frame_text
 
 _VELOCITY = 1.6384
 """Data units of velocity per microstep/s (unverified)."""

@@ -9,18 +9,18 @@ import pytest
 
 from tests.drivers.rate_table import SHIPPED
 from vcfbench.clock import Deadline, VirtualClock
-from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.profile import load_profile
-from vcfbench.drivers.rate_table.profile_replies import ProfileReplies
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.testing import ScriptedWire
+from vcfbench_tables.configurable import ConfigurableDialect
+from vcfbench_tables.profile import load_profile
+from vcfbench_tables.profile_replies import ProfileReplies
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from vcfbench.drivers.rate_table.messages import Value
     from vcfbench.testing import Exchange
+    from vcfbench_tables.messages import Value
 
 
 def dialect(name: str, axis: int = 1) -> ConfigurableDialect:

@@ -9,12 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock
-from vcfbench.drivers.rate_table.configurable import ConfigurableDialect
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.messages import Frame, frame_bytes, frame_text, take_frame, take_text
-from vcfbench.drivers.rate_table.profile import parse_profile
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import ScriptedWire
+from vcfbench_tables.configurable import ConfigurableDialect
+from vcfbench_tables.messages import Frame, frame_bytes, frame_text, take_frame, take_text
+from vcfbench_tables.profile import parse_profile
 
 if TYPE_CHECKING:
     from vcfbench.testing import Exchange

@@ -1,4 +1,4 @@
-"""A table language that is told in TOML: one axis, driven by a :class:`~vcfbench.drivers.rate_table.profile.Profile`.
+"""A table language that is told in TOML: one axis, driven by a :class:`~vcfbench_tables.profile.Profile`.
 
 What every dialect owes holds here whatever a profile says: nothing that is not finite or not within limits is sent,
 stopping is repeated and questions are, commands are not; what does not parse is an error and never a zero; the servo
@@ -12,12 +12,12 @@ from contextlib import suppress
 
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
-from vcfbench.drivers.rate_table import messages
 from vcfbench.drivers.rate_table.dialect import REST_DEG_S, SteadyRate, TableDialect, drain, require_rest, turned_deg_s
-from vcfbench.drivers.rate_table.language import QUESTIONS, STREAM, Profile, Step
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.drivers.rate_table.profile_replies import ProfileReplies, Received
 from vcfbench.interfaces import Identity
+from vcfbench_tables import messages
+from vcfbench_tables.language import QUESTIONS, STREAM, Profile, Step
+from vcfbench_tables.profile_replies import ProfileReplies, Received
 
 Values = Mapping[str, messages.Value]
 """Values of the names in templates."""

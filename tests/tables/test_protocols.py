@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from vcfbench.drivers.rate_table.atl import AtlDialect
 from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.esp import EspDialect
-from vcfbench.drivers.rate_table.messages import checksum
-from vcfbench.drivers.rate_table.zaber import ZaberDialect, frame_request, parse_reply
 from vcfbench.errors import FramingError, InstrumentError, InterlockError, LimitError, OutOfSync
 from vcfbench.testing import expected_exchange, over_serial
+from vcfbench_tables.atl import AtlDialect
+from vcfbench_tables.esp import EspDialect
+from vcfbench_tables.messages import checksum
+from vcfbench_tables.zaber import ZaberDialect, frame_request, parse_reply
 
 if TYPE_CHECKING:
     from collections.abc import Callable
