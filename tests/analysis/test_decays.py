@@ -31,7 +31,7 @@ def test_two_modes_beside_a_carrier_come_back() -> None:
     anti_phase, in_phase = fit_decays(sense + noise, 2.5e-5, CARRIER_HZ)
     assert anti_phase.frequency_hz == pytest.approx(3464.1, abs=1e-3)
     assert anti_phase.q == pytest.approx(1224.0, rel=1e-3)
-    assert anti_phase.amplitude == pytest.approx(1.0, rel=0.01)
+    assert anti_phase.amplitude_v == pytest.approx(1.0, rel=0.01)
     assert in_phase.frequency_hz == pytest.approx(3342.0, abs=5e-3)
     assert in_phase.q == pytest.approx(900.0, rel=5e-3)
 

@@ -10,9 +10,10 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.analysis.decays import RingingMode
 from vcfbench.errors import LimitError
 from vcfbench.interfaces import Waveform
-from vcfbench.procedures.resonance import DriveDecay, ReleaseDrive, RingingMode, SenseDecay, combined
+from vcfbench.procedures.resonance import DriveDecay, ReleaseDrive, SenseDecay, combined
 from vcfbench.testing import simulated
 
 OVERRIDES = {

@@ -28,15 +28,15 @@ _NEAR_HZ = 3.0
 _LEAST_RELEASED = 8
 
 
-class Decay(Struct, frozen=True):
-    """A mode that decays: natural frequency, quality factor, amplitude at the first sample in its unit."""
+class RingingMode(Struct, frozen=True):
+    """A mode that rings down: natural frequency, quality factor, amplitude as the record begins."""
 
     frequency_hz: float
     q: float
-    amplitude: float
+    amplitude_v: float
 
 
-def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tuple[Decay, ...]:
+def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tuple[RingingMode, ...]:
     """Fit one or two modes that decay beside a carrier of known frequency, the strongest first.
 
     Raises:
@@ -58,14 +58,14 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
         _decay(carrier_hz + float(offset_hz), float(rate), float(size))
         for (offset_hz, rate), size in zip(parameters.reshape(-1, 2), sizes, strict=True)
     ]
-    return tuple(sorted(modes, key=lambda mode: -mode.amplitude))
+    return tuple(sorted(modes, key=lambda mode: -mode.amplitude_v))
 
 
-def _decay(frequency_hz: float, rate: float, amplitude: float) -> Decay:
+def _decay(frequency_hz: float, rate: float, amplitude: float) -> RingingMode:
     if rate <= 0.0:
         raise ConfigError(f"the oscillation at {frequency_hz:.1f} Hz does not decay")
     natural_hz = math.hypot(frequency_hz, rate / (2.0 * math.pi))
-    return Decay(natural_hz, math.pi * natural_hz / rate, amplitude)
+    return RingingMode(natural_hz, math.pi * natural_hz / rate, amplitude)
 
 
 def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: float) -> tuple[Floats, Complexes]:
@@ -118,7 +118,7 @@ def _fitted(start: Floats, mixed: Complexes, times: Floats) -> Floats:
     return fit_model(residuals, start, "decays beside a carrier").parameters
 
 
-def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Decay:
+def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> RingingMode:
     """Fit the decay of an oscillation that is held at first, is then let go, and is no longer seen at last.
 
     When it is let go shows in its amplitude; the record ends for the fit where the amplitude drops at once.

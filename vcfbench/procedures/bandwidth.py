@@ -11,7 +11,6 @@ from statistics import fmean, stdev
 from typing import Annotated
 
 from msgspec import Meta, Struct
-from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis import rate_band
@@ -261,40 +260,39 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     band = rate_band.fit_rate_band(tones, settings.sine_amplitude_v, known)
     shape = band.parameters[[0, 1, 3, 4, 5]]
     phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
-    return replace(_bandwidth(band, drive_hz, u_drive_hz), phase=phase)
+    return _bandwidth(band, drive_hz, u_drive_hz, phase)
 
 
-def _bandwidth(band: rate_band.RateBand, drive_hz: float, u_drive_hz: float) -> Bandwidth:
-    def quantity(found: tuple[float, float], unit: str, **parts: float) -> Measurand:
+_QUANTITIES = ("split_hz", "q", "plus_3_db_hz", "peak_hz", "peak_gain", "minus_3_db_hz")
+
+
+def _bandwidth(
+    band: rate_band.RateBand, drive_hz: float, u_drive_hz: float, phase: tuple[PhasePoint, ...]
+) -> Bandwidth:
+    def quantity(name: str) -> Measurand:
         """Combine independent parts; only that of the noise has finite degrees of freedom."""
-        value, u_noise = found
-        noise = UncertaintyPart("noise", u_noise, band.noise_dof)
-        return measurand(
-            value, unit, [noise, *(UncertaintyPart(each.replace("_", " "), u) for each, u in parts.items())]
-        )
+        value, u_noise = getattr(band, name)
+        parts = [UncertaintyPart("noise", u_noise, band.noise_dof)]
+        if name != "peak_gain":
+            parts.append(UncertaintyPart("time base", _TIME_BASE / math.sqrt(3.0) * value))
+        if name == "q":
+            parts.append(UncertaintyPart("drive frequency", value * u_drive_hz / drive_hz))
+        return measurand(value, "Hz" if name.endswith("_hz") else "", parts)
 
-    def timed(found: tuple[float, float], unit: str = "Hz", **parts: float) -> Measurand:
-        return quantity(found, unit, time_base=_TIME_BASE / math.sqrt(3.0) * found[0], **parts)
-
-    share, u_share = band.in_phase_share
     return Bandwidth(
-        split_hz=timed(band.split_hz),
-        q=timed(band.q, "", drive_frequency=band.q[0] * u_drive_hz / drive_hz),
-        plus_3_db_hz=timed(band.plus_3_db_hz),
-        peak_hz=timed(band.peak_hz),
-        peak_gain=quantity(band.peak_gain, ""),
-        minus_3_db_hz=timed(band.minus_3_db_hz),
+        **{name: quantity(name) for name in _QUANTITIES},
         drive_hz=drive_hz,
         u_drive_hz=u_drive_hz,
         static_gain_v_per_v=band.static_gain,
-        in_phase_share=share,
-        u_in_phase_share=u_share,
+        in_phase_share=band.in_phase_share[0],
+        u_in_phase_share=band.in_phase_share[1],
         chi_square=band.chi_square,
         dof=band.dof,
         frequency_hz=tuple(band.frequency_hz.tolist()),
         gain_v_per_v=tuple(band.gain.tolist()),
         u_gain_v_per_v=tuple(band.u_gain.tolist()),
         residual=tuple(band.residual.tolist()),
+        phase=phase,
     )
 
 

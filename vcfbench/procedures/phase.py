@@ -71,12 +71,6 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
         most_deg_s = self.station.limits.max_rate_deg_s
         if most_deg_s is not None and self.rate_deg_s > most_deg_s:
             yield InvalidValue("rate_deg_s", rate_words(most_deg_s), self.rate_deg_s)
-        if self.station.oscilloscope is not None:
-            for node in ("sense", "output"):
-                if self.station.oscilloscope.channel_of(node) is None:
-                    yield InvalidValue(
-                        "station.oscilloscope", f"a channel that sees {node!r} (bench file, wiring)", None
-                    )
 
 
 _LARGEST_SCATTER_DEG = 5.0
@@ -151,28 +145,28 @@ def phases_of(
             hint=LOOK_AT_SIGNALS,
         )
     demodulator = _Angle(reference.phase_deg, reference.u_phase_deg, reference.dof)
-    phases = carrier, coriolis, virtual, demodulator
+    phases = {"carrier": carrier, "Coriolis": coriolis, "virtual": virtual, "demodulator": demodulator}
     drive_hz = fmean(each.frequency_hz for each in records)
     skew = oscilloscope.skew(drive_hz)
-    against_drive = [measurand(each.deg, "deg", [each.part("records"), skew]) for each in phases]
+    against_drive = {
+        f"{name.lower()}_deg": measurand(each.deg, "deg", [each.part("records"), skew]) for name, each in phases.items()
+    }
+
+    def apart(name: str, of: str) -> Measurand:  # from half turns
+        own = [phases[each].part(each) for each in (name, of)]
+        return measurand(_folded(phases[name].deg - phases[of].deg), "deg", own)
+
     error, by_carrier, by_demodulator = _of_k_vc(coriolis, virtual, demodulator)
     # At rest there is the mean of both signs of a rate; the demodulator lets in what is a quarter turn from it
     plus, minus = (sum(each) / len(each) for each in at_both_signs(states, lambda step: step.rate_deg_s))
     seen = cmath.rect(1.0, -math.radians(demodulator.deg))
     per_deg_s = ((plus - minus) / (2.0 * settings.rate_deg_s) * seen).real
     return Phases(
-        carrier_deg=against_drive[0],
-        coriolis_deg=against_drive[1],
-        virtual_deg=against_drive[2],
-        demodulator_deg=against_drive[3],
+        **against_drive,
         carrier_from_velocity_deg=measurand(_folded(carrier.deg - 90.0), "deg", [carrier.part("carrier"), skew]),
         coriolis_from_velocity_deg=measurand(_folded(coriolis.deg - 90.0), "deg", [coriolis.part("Coriolis"), skew]),
-        virtual_from_coriolis_deg=measurand(
-            _folded(virtual.deg - coriolis.deg), "deg", [virtual.part("virtual"), coriolis.part("Coriolis")]
-        ),
-        demodulator_from_coriolis_deg=measurand(
-            _folded(demodulator.deg - coriolis.deg), "deg", [demodulator.part("demodulator"), coriolis.part("Coriolis")]
-        ),
+        virtual_from_coriolis_deg=apart("virtual", "Coriolis"),
+        demodulator_from_coriolis_deg=apart("demodulator", "Coriolis"),
         k_vc_error_ppm=error,
         k_vc_ppm_per_carrier_deg=by_carrier,
         k_vc_ppm_per_demodulator_deg=by_demodulator,
@@ -184,7 +178,7 @@ def phases_of(
         drive_hz=drive_hz,
         records=len(records) + len(turned),
         target_deg=settings.target_deg,
-        target_met=all(each.expanded_u <= settings.target_deg for each in against_drive),
+        target_met=all(each.expanded_u <= settings.target_deg for each in against_drive.values()),
     )
 
 
@@ -258,15 +252,7 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
         "error of K_Vc by equal outputs": found.k_vc_error_ppm,
         "delay of the filter": found.filter_delay_ms,
     }
-    met = "met" if found.target_met else "NOT met"
-    drive = f"drive {found.drive_hz:.3f} Hz; {found.records} records"
-    target = f"U95 of {found.target_deg:g} deg for every phase: {met}"
-    by_carrier = f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier"
-    by_demodulator = f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator"
     error = found.k_vc_error_ppm
-    wrong = (
-        f"{abs(error.value):.0f} ppm too {'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm"
-    )
     sensitivities = {
         "k_vc_ppm_carrier_deg": found.k_vc_ppm_per_carrier_deg,
         "k_vc_ppm_demodulator_deg": found.k_vc_ppm_per_demodulator_deg,
@@ -275,7 +261,11 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
     }
     known = ", ".join(f"{key} = {value:.4g}" for key, value in sensitivities.items())
     said = (
-        f"{drive}; {target}\nK_Vc by equal outputs: {wrong}; it changes by {by_carrier}, {by_demodulator}\n"
+        f"drive {found.drive_hz:.3f} Hz; {found.records} records; U95 of {found.target_deg:g} deg for every phase: "
+        f"{'met' if found.target_met else 'NOT met'}\nK_Vc by equal outputs: {abs(error.value):.0f} ppm too "
+        f"{'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm; it changes by "
+        f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier, "
+        f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator\n"
         f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
     )
     # The sense signal of each record as a phasor

@@ -12,7 +12,7 @@ from typing import Annotated
 from msgspec import Struct, structs
 
 from vcfbench import steps
-from vcfbench.analysis.decays import fit_decays, fit_release
+from vcfbench.analysis.decays import RingingMode, fit_decays, fit_release
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
@@ -46,14 +46,6 @@ class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
     drive_ring_downs: Annotated[int, ranged(3, 1000, "ring-downs of the drive, rails off and on")] = 6
 
 
-class RingingMode(Struct, frozen=True):
-    """A mode that rings down: natural frequency, quality factor, amplitude as the record begins."""
-
-    frequency_hz: float
-    q: float
-    amplitude_v: float
-
-
 class SenseDecay(StepResult, Struct, frozen=True):
     """The drive frequency in one record, and the modes that rang down in it, the strongest first."""
 
@@ -85,8 +77,7 @@ class CaptureDecay(Step, Struct, frozen=True):
         drive, sense = (scope.waveform(channel, self.points) for channel in self.channels)
         interval_s = float(drive.time_s[1] - drive.time_s[0])
         drive_hz = fit_sine(drive.voltage_v, interval_s).frequency_hz
-        modes = fit_decays(sense.voltage_v, interval_s, drive_hz)
-        return SenseDecay(drive_hz, tuple(RingingMode(each.frequency_hz, each.q, each.amplitude) for each in modes))
+        return SenseDecay(drive_hz, fit_decays(sense.voltage_v, interval_s, drive_hz))
 
     def predict(self, gyro: LinearGyro) -> SenseDecay:
         return self.expected

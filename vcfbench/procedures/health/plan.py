@@ -15,11 +15,12 @@ from typing import Final
 from msgspec import Struct, structs
 
 from vcfbench import steps
+from vcfbench.analysis.decays import RingingMode
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
-from vcfbench.procedures.resonance import RingingMode, SenseDecay, ring_downs
+from vcfbench.procedures.resonance import SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, channels_of
 from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_vc_level_again, v_vc_on

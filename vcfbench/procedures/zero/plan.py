@@ -7,13 +7,13 @@ So there are three modes: the record as it stands, the same corrected for its de
 
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 from vcfbench import steps
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.zero.results import (
-    ForeseenZero,
     Mode,
     ZeroResult,
     ZeroSettings,
@@ -43,7 +43,7 @@ def zero(settings: ZeroSettings) -> steps.Plan:
     yield from routines.require_answer(settings)
 
 
-def results(settings: ZeroSettings, measured: Measured) -> ZeroResult | ForeseenZero:
+def results(settings: ZeroSettings, measured: Measured) -> Any:
     """Return the results of the record, or what a dry run expects of it."""
     if isinstance(measured, Foreseen):
         return foreseen_zero(settings, measured[0].output_v, measured.white_v_sqrt_s)
