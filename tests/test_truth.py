@@ -11,7 +11,7 @@ import pytest
 import vcfbench
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.simulation import true_output
-from vcfbench.studies.truth import Rates, four_step_truth, truth_of
+from vcfbench.studies.truth import four_step_truth, truth_of
 
 STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"
 QUIET = """
@@ -46,7 +46,7 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     rates = [point.rate_deg_s for point in run.points if point.step == 3]
     levels = [point.v_vc_v for point in run.points if point.step == 4]
     output = true_output(load_bench(bench))
-    expected = four_step_truth(output, Rates(rates, levels, (10.0,)))
+    expected = four_step_truth(output, table_deg_s=rates, levels_v=levels, matched_deg_s=(10.0,))
     assert truth_of(run, load_bench(bench)) == expected
     left_v = 2e-7  # of the warm-up: 31 uV, exp(-6) of it
     for each in run.results.uncertainty.values:

@@ -4,7 +4,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -13,7 +13,8 @@ from vcfbench.cli.options import Json_, Quiet_, argument, flag, option, output_o
 from vcfbench.clock import WallClock
 from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.text import left_table, text_of
-from vcfbench.studies.conduct import Plan, Progress, StudyOptions, conduct, journal_of, plan_of
+from vcfbench.studies.conduct import Plan, Progress, journal_of, plan_of
+from vcfbench.studies.conduct import study as conduct
 from vcfbench.studies.file import read_study
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.result import beside
@@ -39,22 +40,20 @@ def study(
 
     A study that was stopped, or killed, goes on where it was with the same command.
     """
-    asked = read_study(file)
     table = Path(f"{file.stem}.csv") if output is None else output
-    how = StudyOptions(table, workers, restart, keep_records)
-    with _shown(how, quiet=quiet) as progress:
+    with _shown(table, quiet=quiet) as progress:
         if dry_run:
-            _show_plan(plan_of(asked, how, progress), as_json=json)
+            _show_plan(plan_of(read_study(file), table, workers, progress, restart=restart), as_json=json)
             return
-        result = conduct(asked, how, progress)
+        how: Any = {"output": table, "workers": workers, "restart": restart, "keep_records": keep_records}
+        result = conduct(file, **how, progress=progress)
     if json:
         print_json(result.as_json())
         return
     typer.echo(text_of(result.report()))
-    assert result.table_path is not None  # noqa: S101  # a command always writes
-    typer.echo(f"\ntable: {result.table_path}")
+    typer.echo(f"\ntable: {table}")
     for ending, what in ((".summary.json", "summary"), (".svg", "picture")):
-        if (made := beside(result.table_path, ending)).exists():
+        if (made := beside(table, ending)).exists():
             typer.echo(f"{what}: {made}")
 
 
@@ -97,7 +96,7 @@ class _LineProgress(Progress):
 
 
 @contextmanager
-def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
+def _shown(table: Path, *, quiet: bool) -> Iterator[Progress]:
     """Show the progress of the study on stderr; when it is stopped say which runs are kept."""
     if quiet:
         yield Progress()
@@ -108,8 +107,8 @@ def _shown(how: StudyOptions, *, quiet: bool) -> Iterator[Progress]:
     try:
         yield progress
     except BaseException:
-        if progress.kept and how.output is not None:
-            kept = f"{progress.kept} of {progress.total} runs are kept in {journal_of(how.output)}"
+        if progress.kept:
+            kept = f"{progress.kept} of {progress.total} runs are kept in {journal_of(table)}"
             progress.say(f"{kept}; the same command goes on")
         raise
     finally:

@@ -5,20 +5,23 @@ run is done again.
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import msgspec
 from msgspec import Struct
 
+from vcfbench.clock import WallClock
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import failing_as, opened, shown, try_lock
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.vary import Drawn  # msgspec reads the annotation
 
 FORMAT = 1
+_TO_DISK_S = 1.0
+"""Seconds after which what was written goes to the disk: at most so much is done again after a power cut."""
 
 
 class Begun(Struct, frozen=True, tag="study", tag_field="type"):
@@ -33,35 +36,16 @@ class Begun(Struct, frozen=True, tag="study", tag_field="type"):
     drawn: tuple[Drawn, ...] = ()
     format: int = FORMAT
 
-    def drawn_for(self, seeds: Iterable[int]) -> dict[int, dict[str, Any]]:
-        """Return the values drawn for each seed, by label."""
-        if not self.drawn:
-            return {}
-        return {seed: {each.label: each.value(seed) for each in self.drawn} for seed in seeds}
-
 
 _HEAD = msgspec.json.Decoder(Begun)
 _ROW = msgspec.json.Decoder(RunRow)
 
 
-class StudyJournal:
-    """Rows that are kept as they come; open as long as the study goes; BenchError: the disk took no more."""
-
-    def __init__(self, path: Path, file: IO[bytes]) -> None:
-        self.path = path
-        self._file = file
-
-    def add(self, lines: Iterable[object]) -> None:
-        """Write lines and see them to the disk."""
-        with failing_as(BenchError, f"{shown(self.path)}: the journal cannot be written"):
-            self._file.writelines(msgspec.json.encode(line) + b"\n" for line in lines)
-            self._file.flush()
-            os.fsync(self._file.fileno())
-
-
 @contextmanager
-def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJournal, dict[tuple[int, int], RunRow]]]:
-    """Open the journal at `path`, and yield it with the rows that are there, by case and seed.
+def kept(
+    path: Path, begun: Begun, *, restart: bool
+) -> Iterator[tuple[Callable[[RunRow], None], dict[tuple[int, int], RunRow]]]:
+    """Open the journal at `path`; yield what adds a row to it, and the rows that are there, by case and seed.
 
     Raises:
         ConfigError: it is that of another study, or no journal, and `restart` is not asked for.
@@ -72,44 +56,34 @@ def kept(path: Path, begun: Begun, *, restart: bool) -> Iterator[tuple[StudyJour
             if not try_lock(file.fileno()):
                 words = f"{shown(path)}: another study writes this journal now"
                 raise BenchError(words, hint="wait for its end, or choose another -o")
-        had, whole = ({}, 0) if restart else rows_of(path, begun)
+        _, had, whole = (None, {}, 0) if restart else rows_of(path, begun)
         file.truncate(whole)
-        journal = StudyJournal(path, file)
+        clock, on_disk_s = WallClock(), 0.0
+
+        def add(line: Begun | RunRow) -> None:
+            nonlocal on_disk_s
+            file.write(msgspec.json.encode(line) + b"\n")
+            file.flush()
+            if clock.now() - on_disk_s >= _TO_DISK_S:
+                os.fsync(file.fileno())
+                on_disk_s = clock.now()
+
         if not whole:
-            journal.add([begun])
-        yield journal, had
+            add(begun)
+        try:
+            yield add, had
+        finally:
+            os.fsync(file.fileno())
 
 
-def rows_of(path: Path, begun: Begun) -> tuple[dict[tuple[int, int], RunRow], int]:
-    """Return the rows that are there of the study that `begun` says, and how many bytes of the journal are whole.
+def rows_of(path: Path, expected: Begun | None = None) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]:
+    """Return first line and rows of a study's journal, and how many of its bytes are whole lines.
 
-    Raises:
-        ConfigError: it is that of another study, or no journal.
-    """
-    found, had, whole = _read(path)
-    if found is not None and found.fingerprint != begun.fingerprint:
-        raise ConfigError(
-            f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
-            "settings, what varies, metrics or version have changed",
-            hint="--restart begins anew; or another -o keeps both",
-        )
-    return had, whole
-
-
-def read_rows(path: Path) -> tuple[Begun, dict[tuple[int, int], RunRow]]:
-    """Return the first line of a study's journal and every row, by case and seed.
+    The first line is None where it was cut off. Rows are by case and seed.
 
     Raises:
-        ConfigError: it cannot be read, or is no journal of a study.
+        ConfigError: it cannot be read, is no journal of a study, or that of another one than is expected.
     """
-    begun, rows, _ = _read(path)
-    if begun is None:
-        raise ConfigError(f"{shown(path)}: expected the journal of a study, its first line is none")
-    return begun, rows
-
-
-def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]:
-    """Return first line, rows, and their number of bytes: any after them are of a line that was cut off."""
     rows: dict[tuple[int, int], RunRow] = {}
     whole = 0
     with opened(path, "the journal of a study") as file:
@@ -132,4 +106,10 @@ def _read(path: Path) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             where = f"line {len(rows) + 2}" if whole else "line 1"
             raise ConfigError(f"{shown(path)}: {where} is none of the journal of a study: {error}") from None
+    if expected is not None and begun.fingerprint != expected.fingerprint:
+        raise ConfigError(
+            f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
+            "settings, what varies, metrics or version have changed",
+            hint="--restart begins anew; or another -o keeps both",
+        )
     return begun, rows, whole

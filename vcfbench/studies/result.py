@@ -1,6 +1,6 @@
 """Result of a study: its rows, and their statistics."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from pathlib import Path as AnyPath
 from typing import Any
@@ -14,7 +14,7 @@ from vcfbench.files import shown
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.html_page import html_of
 from vcfbench.studies.figures import picture
-from vcfbench.studies.journal import Begun, read_rows
+from vcfbench.studies.journal import Begun, rows_of
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
 from vcfbench.studies.table import Columns, columns_of, write_table, written
@@ -100,14 +100,14 @@ def beside(path: Path, ending: str) -> Path:
     return path.with_name(f"{path.stem}{ending}")
 
 
-def of_rows(
-    begun: Begun, rows: Sequence[RunRow], drawn: Mapping[int, Mapping[str, Any]], path: Path | None
-) -> StudyResult:
+def of_rows(begun: Begun, rows: Iterable[RunRow], path: Path | None) -> StudyResult:
     """Return the result of the study `begun` from `rows`."""
     ordered = tuple(sorted(rows, key=lambda row: (row.case, row.seed)))
     values = {
         number: {begun.labels[path]: value for path, value in case.items()} for number, case in enumerate(begun.cases)
     }
+    seeds = {row.seed for row in ordered} if begun.drawn else ()
+    drawn = {seed: {each.label: each.value(seed) for each in begun.drawn} for seed in seeds}
     return StudyResult(begun.title, begun.procedure, begun.bench, ordered, values, drawn, path)
 
 
@@ -119,8 +119,7 @@ def load_study(path: str | Path) -> StudyResult:
     """
     asked = AnyPath(path)
     journal = asked if asked.suffix == ".jsonl" else beside(asked, ".journal.jsonl")
-    if not journal.is_file():
-        raise ConfigError(f"{shown(journal)}: expected the journal of a study, there is no such file")
-    begun, rows = read_rows(journal)
-    table = None if asked.suffix == ".jsonl" else asked
-    return of_rows(begun, list(rows.values()), begun.drawn_for({seed for _, seed in rows}), table)
+    begun, rows, _ = rows_of(journal)
+    if begun is None:
+        raise ConfigError(f"{shown(journal)}: expected the journal of a study, its first line is none")
+    return of_rows(begun, rows.values(), None if journal == asked else asked)

@@ -9,7 +9,6 @@ about.
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from msgspec import Struct
 
 from vcfbench.archive.run import Run
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
@@ -17,14 +16,6 @@ from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription
 
 Output = Callable[[float, float | None], float]
-
-
-class Rates(Struct, frozen=True):
-    """Settings of a four-step calibration: rates of the table, levels of V_Vc, rates at which V_Vc was matched."""
-
-    table_deg_s: Sequence[float]
-    levels_v: Sequence[float]
-    matched_deg_s: Sequence[float]
 
 
 def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
@@ -45,7 +36,7 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         matched = [pair.rate_deg_s for pair in run.results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
     output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
-    return four_step_truth(output, Rates(table, levels, matched))
+    return four_step_truth(output, table_deg_s=table, levels_v=levels, matched_deg_s=matched)
 
 
 def _rails_v(run: Run) -> tuple[float, float]:
@@ -55,42 +46,45 @@ def _rails_v(run: Run) -> tuple[float, float]:
 
 def turntable_truth(output: Output, rates_deg_s: Sequence[float]) -> dict[str, float]:
     """Return scale factor, bias and non-linearity of the line through the true outputs at the table's rates."""
-    on_table = [output(rate, None) for rate in rates_deg_s]
-    slope, bias = _line(rates_deg_s, on_table)
-    nonlinearity = _nonlinearity_ppm(rates_deg_s, on_table)
-    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope, "nonlinearity": nonlinearity}
+    return _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
 
 
-def four_step_truth(output: Output, at: Rates) -> dict[str, float]:
+def four_step_truth(
+    output: Output, *, table_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float]
+) -> dict[str, float]:
     """Return the true values of the four steps: K_Vc, both lines, and how they differ.
 
     From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
     V_Vc is what `output` takes it for: the level of the open generator, or that at the input, where a meter sees it.
+
+    Args:
+        output: true output, V, of a rate and a V_Vc.
+        table_deg_s: rates of the table.
+        levels_v: levels of V_Vc.
+        matched_deg_s: rates at which V_Vc was matched.
     """
-    table = turntable_truth(output, at.table_deg_s)
-    curve = _matched(output, at.matched_deg_s)
-    rates = [sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in at.levels_v]
-    driven = [output(0.0, v) for v in at.levels_v]
-    slope, bias = _line(rates, driven)
+    curve = _matched(output, matched_deg_s)
+    rates = [sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in levels_v]
+    table, virtual = turntable_truth(output, table_deg_s), _line(rates, [output(0.0, v) for v in levels_v])
     return {
         "k_vc": curve[0],
         **{f"turntable.{name}": value for name, value in table.items()},
-        "virtual.scale_factor": slope,
-        "virtual.bias": bias,
-        "virtual.bias_deg_s": bias / slope,
-        "virtual.nonlinearity": _nonlinearity_ppm(rates, driven),
-        "scale_factor_error_percent": 100.0 * (slope / table["scale_factor"] - 1.0),
-        "bias_difference_v": bias - table["bias"],
+        **{f"virtual.{name}": value for name, value in virtual.items()},
+        "scale_factor_error_percent": 100.0 * (virtual["scale_factor"] / table["scale_factor"] - 1.0),
+        "bias_difference_v": virtual["bias"] - table["bias"],
     }
 
 
 def _matched(output: Output, rates_deg_s: Sequence[float]) -> list[float]:
     """Return the rate that V_Vc stands for as coefficients of its powers, the first one first."""
+    zero_v = output(0.0, 0.0)
+    slope = (output(0.0, 1e-3) - zero_v) / 1e-3
 
     def matched_v(rate_deg_s: float) -> float:
-        span = output(rate_deg_s, None) - output(0.0, None)
-        slope = (output(0.0, 1e-3) - output(0.0, 0.0)) / 1e-3
-        return _root(lambda volts: output(0.0, volts) - output(0.0, 0.0) - span, 0.0, 2.0 * span / slope)
+        aim_v, level_v = zero_v + output(rate_deg_s, None) - output(0.0, None), 0.0
+        for _ in range(100):  # nearly a line: each step leaves a small part of what is missing
+            level_v += (aim_v - output(0.0, level_v)) / slope
+        return level_v
 
     pairs_v = [matched_v(rate) for rate in rates_deg_s]
     order = 3 if len(pairs_v) > 2 else 1
@@ -99,22 +93,9 @@ def _matched(output: Output, rates_deg_s: Sequence[float]) -> list[float]:
     return [float(each) for each in found]
 
 
-def _nonlinearity_ppm(x: Sequence[float], y: Sequence[float]) -> float:
-    """Return the largest distance from the line over its span, ppm."""
-    slope, intercept = _line(x, y)
-    largest = max(abs(out - slope * at - intercept) for at, out in zip(x, y, strict=True))
-    return 1e6 * largest / (abs(slope) * (max(x) - min(x)))
-
-
-def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
-    slope, intercept = np.polyfit(x, y, 1)
-    return float(slope), float(intercept)
-
-
-def _root(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return where `function` is zero between `low` and `high`, by bisection."""
-    rising = function(high) > function(low)
-    for _ in range(100):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if (function(middle) > 0.0) == rising else (middle, high)
-    return 0.5 * (low + high)
+def _line(rates_deg_s: Sequence[float], output_v: Sequence[float]) -> dict[str, float]:
+    """Return the line through true outputs, and the largest distance from it over its span, ppm."""
+    slope, bias = map(float, np.polyfit(rates_deg_s, output_v, 1))
+    largest_v = max(abs(out - slope * rate - bias) for rate, out in zip(rates_deg_s, output_v, strict=True))
+    bend_ppm = 1e6 * largest_v / (abs(slope) * (max(rates_deg_s) - min(rates_deg_s)))
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope, "nonlinearity": bend_ppm}
