@@ -167,21 +167,11 @@ def unwrapped(angle: float, wrap: Wrap) -> float:
 # --- checksums ---
 
 
-def _crc8(data: bytes) -> int:
-    value = 0
+def _crc(data: bytes, value: int, shifted: Callable[[int], int]) -> int:
     for byte in data:
         value ^= byte
         for _ in range(8):
-            value = (value << 1 ^ (0x07 if value & 0x80 else 0)) & 0xFF
-    return value
-
-
-def _crc16_modbus(data: bytes) -> int:
-    value = 0xFFFF
-    for byte in data:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+            value = shifted(value)
     return value
 
 
@@ -193,8 +183,8 @@ _SUMS: Mapping[str, tuple[int, Callable[[bytes], int]]] = MappingProxyType(
         "sum_hex": (2, sum),
         "lrc_hex": (2, lambda data: -sum(data)),
         "nmea_xor_hex": (2, lambda data: reduce(operator.xor, data, 0)),
-        "crc8": (1, _crc8),
-        "crc16_modbus": (2, _crc16_modbus),
+        "crc8": (1, lambda data: _crc(data, 0, lambda value: value << 1 ^ 0x107 * (value >> 7))),
+        "crc16_modbus": (2, lambda data: _crc(data, 0xFFFF, lambda value: value >> 1 ^ 0xA001 * (value & 1))),
         "crc16_ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),
         "crc32": (4, zlib.crc32),
     }
@@ -256,7 +246,7 @@ def take_text(frame: Frame, end: str, line: TableLine, deadline: Deadline) -> st
     """Return the next line that is not empty, without start, checksum and end; raises FramingError if it is damaged."""
     text = ""
     while not text:
-        raw = line.take_line(deadline) if end in _LINE_ENDS else _take_until(line, end.encode("ascii"), deadline)
+        raw = line.take_line(deadline) if end in _LINE_ENDS else line.take_through(end.encode("ascii"), deadline)
         text = replies.text(raw).strip()
     if not text.startswith(frame.start):
         raise FramingError(f"expected a line that begins with {frame.start!r}, came {text[:60]!r}")
@@ -270,13 +260,6 @@ def take_text(frame: Frame, end: str, line: TableLine, deadline: Deadline) -> st
     if not marked.endswith(frame.checksum_mark) or known != check.upper():
         raise FramingError(f"a line with a wrong checksum came, {text[:60]!r}")
     return payload
-
-
-def _take_until(line: TableLine, end: bytes, deadline: Deadline) -> bytes:
-    data = b""
-    while not data.endswith(end):
-        data += line.take(1, deadline)
-    return data.removesuffix(end)
 
 
 def frame_bytes(frame: Frame, data: bytes) -> bytes:
@@ -341,7 +324,7 @@ def _rest(frame: Frame, begun: bytes, line: TableLine, deadline: Deadline) -> tu
     """Take the rest of a frame whose header has come; return what came, and whether its length can be one."""
     if frame.kind == "delimited":
         trailer = bytes.fromhex(frame.trailer)
-        return begun + _take_until(line, trailer, deadline) + trailer, True
+        return begun + line.take_through(trailer, deadline) + trailer, True
     size = frame.length or len(begun)
     if frame.length_at is not None:
         width = 1 if frame.length_type == "u8" else 2

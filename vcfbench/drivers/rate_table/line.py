@@ -173,13 +173,14 @@ class TableLine(Conversation):
         """Let `data` be the next that is taken."""
         self._received = data + self._received
 
-    def take_through(self, known: bytes, deadline: Deadline) -> None:
-        """Drop everything up to and including `known`."""
+    def take_through(self, known: bytes, deadline: Deadline) -> bytes:
+        """Return everything before `known`, which is taken too."""
         searched = 0
         while (found := self._received.find(known, searched)) < 0:
             searched = max(0, len(self._received) - len(known) + 1)
             self._fill(deadline)
-        self._received = self._received[found + len(known) :]
+        data, self._received = self._received[:found], self._received[found + len(known) :]
+        return data
 
     def take_unasked(self) -> bytes:
         """Return the unasked bytes, and forget them."""
