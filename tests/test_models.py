@@ -114,7 +114,7 @@ def test_what_a_row_names_is_there(row: Model) -> None:
 def test_what_a_language_names_is_there(row: TableLanguage) -> None:
     assert resolve(row.twin).errors_class is not None
     if row.dialect is not None:
-        dialect: TableDialect = resolve(row.dialect).for_axis(TableSettings(steps_per_deg=1000.0))
+        dialect: TableDialect = resolve(row.dialect)(TableSettings(steps_per_deg=1000.0))
         assert dialect.rate_quantum_deg_s > 0.0
 
 

@@ -95,7 +95,8 @@ class TableLanguage(Struct, frozen=True):
     Args:
         name: what bench files call it.
         twin: the simulated table that speaks it, with the class attribute `errors_class`.
-        dialect: its class in Python, made by `for_axis`; None for a profile ``NAME.toml`` of the package that reads it.
+        dialect: its class in Python, made of a `TableSettings`; None for a profile ``NAME.toml`` of the package that
+            reads it.
         baud_rate: of its serial line, unless the bench file or its profile says otherwise.
         makers: how the maker's name in ``*IDN?`` may begin, for those that answer it.
         model_prefix: how the model there begins.

@@ -11,8 +11,15 @@ from contextlib import suppress
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table import dialect
-from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, drain, require_rest, turned_deg_s
+from vcfbench.drivers.rate_table.dialect import (
+    SteadyRate,
+    TableDialect,
+    TableSettings,
+    decimal,
+    drain,
+    require_rest,
+    turned_deg_s,
+)
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
@@ -36,7 +43,7 @@ class AtlDialect(TableDialect):
     own_time_s = 4.0  # a dozen rates from angles, where the table does not tell its rate
     typed_line_end = b"\r"
 
-    def __init__(self) -> None:
+    def __init__(self, _settings: TableSettings) -> None:
         self._servo = False
         self._owed = False
         """True while a prompt may still come that belongs to an earlier command."""
@@ -61,7 +68,7 @@ class AtlDialect(TableDialect):
         """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\rSTO\r",)
-        return b"\rSTO\r", f"ACL{_decimal(acceleration_deg_s2)}\r".encode("ascii"), b"STO\r"
+        return b"\rSTO\r", f"ACL{decimal(acceleration_deg_s2, 4)}\r".encode("ascii"), b"STO\r"
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then ``SRV1`` (one source)."""
@@ -84,13 +91,13 @@ class AtlDialect(TableDialect):
         """``ACL`` and ``JOG``; rate 0 is ``STO``, sent even when the acceleration is not taken."""
         try:
             if math.isfinite(acceleration_deg_s2):
-                self._command(line, f"ACL{_decimal(acceleration_deg_s2)}", deadline)
+                self._command(line, f"ACL{decimal(acceleration_deg_s2, 4)}", deadline)
         finally:
             if rate_deg_s == 0.0:
                 self.hold(line, deadline)
         if rate_deg_s != 0.0:
             self._steady.demand(rate_deg_s)
-            command = f"JOG{_decimal(rate_deg_s)}"
+            command = f"JOG{decimal(rate_deg_s, 4)}"
             patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
             with line.exchange(command, deadline):
                 self._find_place(line, deadline)
@@ -177,7 +184,3 @@ class AtlDialect(TableDialect):
     def _require_accepted(self, line: TableLine, command: str, answer: str) -> None:
         if _REFUSAL in answer:
             raise InstrumentError(f"refused ({answer})", words=answer, command=command, **line.where)
-
-
-def _decimal(value: float) -> str:
-    return dialect.decimal(value, 4)

@@ -242,13 +242,11 @@ class ConfigurableDialect(TableDialect):
         if refusals.query is None:
             return
         for _ in range(refusals.deepest):
-            with line.exclusive():
-                try:
-                    line.send(messages.frame_text(profile.frame, refusals.query, profile.link.tx_end), deadline)
-                    answer = messages.take_text(profile.received_frame, profile.link.rx_end, line, deadline)
-                except errors.TransportError as error:
-                    line.dirty = True
-                    raise line.locate(error, refusals.query, deadline)  # noqa: B904 - the same error, now knowing where
+            with line.exchange(refusals.query, deadline):
+                was_dirty, line.dirty = line.dirty, True
+                line.send(messages.frame_text(profile.frame, refusals.query, profile.link.tx_end), deadline)
+                answer = messages.take_text(profile.received_frame, profile.link.rx_end, line, deadline)
+                line.dirty = was_dirty
             if re.fullmatch(refusals.good, answer):
                 break
             refused.append(answer)
@@ -351,25 +349,16 @@ class ConfigurableDialect(TableDialect):
                 shown = message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
             except ValueError:
                 shown = step.send
-        try:
+        with line.exchange(shown or name, within):
             if line.dirty and not stopping:  # stopping does not wait for anything
                 self.resync(line, deadline)
             out_of_order = line.dirty
             line.dirty = step.expect is not None and self.profile.stream is None
             self._send(line, step, values, within)
             received = self._reply(line, step, within, among_others=stopping, out_of_order=out_of_order)
-        except (errors.TransportError, errors.InstrumentError) as error:
-            error.command = error.command or shown or name
-            if isinstance(error, errors.TransportError):
-                line.locate(error, None, within)
-            raise
-        line.dirty = False
-        if name not in QUESTIONS or name == "home_status":
-            try:
+            line.dirty = False
+            if name not in QUESTIONS or name == "home_status":
                 self.check_errors(line, deadline)
-            except errors.InstrumentError as error:
-                error.command = shown or name  # the table says what is wrong, not with which line
-                raise
         return received
 
     def _within(self, line: TableLine, step: Step, deadline: Deadline) -> Deadline:

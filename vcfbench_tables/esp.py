@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Self
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
@@ -36,17 +35,12 @@ class EspDialect(TableDialect):
     rate_quantum_deg_s = 1e-4
     typed_line_end = b"\r"
 
-    def __init__(self, axis: int = 1) -> None:
-        self.axis = axis
+    def __init__(self, settings: TableSettings) -> None:
+        self.axis = settings.axis
         self._steady = SteadyRate()
         self._faults: list[str] = []
         self._refused: list[tuple[int, str]] = []
         self._version = ""
-
-    @classmethod
-    def for_axis(cls, settings: TableSettings) -> Self:
-        """Return the dialect of one axis."""
-        return cls(settings.axis)
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``."""
@@ -179,15 +173,10 @@ class EspDialect(TableDialect):
         return answer
 
     def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        with line.exclusive():
-            with line.exchange(command, deadline):
-                self._say(line, command, deadline)
-                line.dirty = False
-            try:
-                self.check_errors(line, deadline)
-            except InstrumentError as error:
-                error.command = command
-                raise
+        with line.exchange(command, deadline):
+            self._say(line, command, deadline)
+            line.dirty = False
+            self.check_errors(line, deadline)
 
     def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
         if line.dirty or line.take_unasked().strip():

@@ -9,7 +9,6 @@ import math
 import re
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Self
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
@@ -86,22 +85,20 @@ class ZaberDialect(TableDialect):
 
     Settings that it writes (``accel``, ``maxspeed``) stay in the device. A disabled driver lets the stage coast; a
     serial port has one owner, and the knob shows in the warning flag NC. A refusal comes in the reply.
+
+    Raises:
+        ConfigError: the settings do not tell the stage's microsteps per degree.
     """
 
     typed_line_end = b"\n"
 
-    def __init__(self, steps_per_deg: float, axis: int = 1) -> None:
-        self.steps_per_deg = steps_per_deg
-        self.axis = axis
-        self._number = -1
-        self._steady = SteadyRate()
-
-    @classmethod
-    def for_axis(cls, settings: TableSettings) -> Self:
-        """Return the dialect of one axis; raises ConfigError without the stage's microsteps per degree."""
+    def __init__(self, settings: TableSettings) -> None:
         if settings.steps_per_deg is None:
             raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")
-        return cls(settings.steps_per_deg, settings.axis)
+        self.steps_per_deg = settings.steps_per_deg
+        self.axis = settings.axis
+        self._number = -1
+        self._steady = SteadyRate()
 
     @property
     def rate_quantum_deg_s(self) -> float:

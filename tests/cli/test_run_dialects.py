@@ -42,7 +42,7 @@ def test_the_result_is_the_gyroscope_s_whatever_the_table_speaks(dialect: str, t
     file = tmp_path / "bench.toml"
     file.write_text(bench_file(dialect), encoding="utf-8")
     scale_factor = run(file, tmp_path)["results"]["scale_factor"]["value"]
-    quantum = spoken(dialect, TableSettings(steps_per_deg=STEPS)).dialect.rate_quantum_deg_s
+    quantum = spoken(dialect, TableSettings(steps_per_deg=STEPS))[0].rate_quantum_deg_s
     assert scale_factor == pytest.approx(-0.012542052, rel=max(1e-9, quantum / 2 / max(RATES)))
 
 

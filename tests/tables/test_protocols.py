@@ -25,7 +25,7 @@ LIMITS = TableSettings(100.0, 50.0)
 
 
 def driver(dialect: Any) -> Callable[[ScriptedWire, VirtualClock], RateTableDriver]:
-    return over_serial(lambda line: RateTableDriver(line, dialect, limits=LIMITS))
+    return over_serial(lambda line: RateTableDriver(line, dialect, LIMITS))
 
 
 # Zaber
@@ -46,7 +46,7 @@ KNOWN = [
     ("*get system.serial", "RJ IDLE -- BADCOMMAND"),
     ("*get version", "OK IDLE -- 7.33"),
 ]
-STAGE = 640000 / 360
+STAGE = TableSettings(steps_per_deg=640000 / 360)
 
 
 def test_zaber_golden_frames() -> None:
@@ -98,7 +98,7 @@ def test_zaber_late_replies_alerts_and_damage_are_told_from_the_answer() -> None
     exchanges.append((frame_request(1, 5, "get pos"), b"@01 1 05 OK IDLE -- 1\r\n"))
     with expected_exchange(driver(ZaberDialect(STAGE)), exchanges) as table:
         assert table.angle_deg() == 360.0
-        assert table.angle_deg() == pytest.approx(1 / STAGE)
+        assert table.angle_deg() == pytest.approx(360 / 640000)
 
 
 def test_zaber_acceleration_that_would_mean_infinity() -> None:
@@ -129,7 +129,7 @@ def test_esp_jog_and_stop() -> None:
         ("1AC20;1AG20;1ST", None),
         FINE,
     ]
-    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
         table._enabled = True
         table.set_rate(10.5, 20.0)
         assert table.rate_deg_s() == 10.5
@@ -150,7 +150,7 @@ def test_esp_stops_before_it_turns_the_other_way() -> None:
         ("1AC20;1AG20;1VA5;1MV-", None),
         FINE,
     ]
-    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
         table._enabled = True
         table.set_rate(10.0, 20.0)
         table.set_rate(-5.0, 20.0)
@@ -167,7 +167,7 @@ def test_esp_refusals_are_raised_and_faults_kept() -> None:
         FINE,
         FINE,
     ]
-    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
         with pytest.raises(InstrumentError, match="refused with 7 PARAMETER OUT OF RANGE; then 113 AXIS-1") as caught:
             table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
         assert caught.value.number == 7
@@ -178,7 +178,7 @@ def test_esp_refusals_are_raised_and_faults_kept() -> None:
 
 def test_esp_finds_its_place_by_the_version() -> None:
     said = [VERSION, ("1TV", None), ("VE?", "3.5\r\nESP301 Version 3.0.1 6/1/99"), ("1MO?", "1"), ("1TV", "4.5")]
-    with expected_exchange(driver(EspDialect()), esp(*said)) as table:
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
         assert table.rate_deg_s() == 4.5
 
 
@@ -200,7 +200,7 @@ def test_atl_the_agreed_subset() -> None:
         ("ACL20", PROMPT),
         ("\rSTO", PROMPT),
     ]
-    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+    with expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table:
         table._enabled = True
         table.set_rate(30.0, 20.0)
         assert table.rate_deg_s() == 30.0
@@ -216,7 +216,7 @@ def test_atl_a_prompt_that_stays_away_after_jog_is_made_up_for() -> None:
         ("ACL20", PROMPT),
         ("\rSTO", PROMPT),
     ]
-    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+    with expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table:
         table._enabled = True
         table.set_rate(30.0, 20.0)
         table.stop(20.0)
@@ -229,17 +229,20 @@ def test_atl_without_pve_watches_the_angle() -> None:
         ("PPO", b"359.0000" + PROMPT),
         ("PPO", b"2.0000" + PROMPT),
     ]
-    with expected_exchange(driver(AtlDialect()), atl(*said)) as table:
+    with expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table:
         assert table.rate_deg_s() == pytest.approx(10.0)
 
 
 def test_atl_stops_even_if_the_acceleration_is_refused() -> None:
     said = [("PPO", b"0.0000" + PROMPT), *[("ACL20", b"?" + PROMPT), ("\rSTO", PROMPT)] * 3]
-    with expected_exchange(driver(AtlDialect()), atl(*said)) as table, pytest.raises(InstrumentError, match=r"refused"):
+    with (
+        expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table,
+        pytest.raises(InstrumentError, match=r"refused"),
+    ):
         table.stop(20.0)
 
 
 def test_atl_silence_closes_the_line() -> None:
     said = [("PPO", b"0.0000" + PROMPT), ("PVE", None), ("\rSTA", None)]
-    with expected_exchange(driver(AtlDialect()), atl(*said)) as table, pytest.raises(OutOfSync):
+    with expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table, pytest.raises(OutOfSync):
         table.rate_deg_s()

@@ -21,7 +21,7 @@ from vcfbench.testing import ConformanceCase, conformance_problems, model_case
 
 def _open_table(wire: Wire, clock: VirtualClock) -> RateTableDriver:
     line = TableLine(wire, name="under test", resource="script://", clock=clock, timeout_s=1.0)
-    return RateTableDriver(line, AclDialect(header="none"), limits=TableSettings(100.0, 100.0))
+    return RateTableDriver(line, AclDialect(TableSettings(reply_header="none")), TableSettings(100.0, 100.0))
 
 
 _TABLE_CASE = ConformanceCase(

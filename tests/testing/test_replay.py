@@ -35,7 +35,7 @@ def trace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def table(line: TableLine) -> RateTableDriver:
-    return RateTableDriver(line, AclDialect.for_axis(TableSettings()), limits=TableSettings(300.0, 200.0))
+    return RateTableDriver(line, AclDialect(TableSettings()), TableSettings(300.0, 200.0))
 
 
 def test_a_driver_says_again_what_it_said_and_hears_what_it_heard(trace: Path) -> None:

@@ -88,12 +88,15 @@ class Conversation:
 
     @contextmanager
     def exchange(self, command: str | None, deadline: Deadline) -> Iterator[None]:
-        """Keep other threads out for one exchange; an error of the wire in it tells where it happened."""
+        """Keep other threads out for one exchange; an error of the wire, or a refusal, tells where it happened."""
         with self._lock:
             try:
                 yield
             except TransportError as error:
                 raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
+            except InstrumentError as error:
+                error.command = error.command or command
+                raise
 
     @contextmanager
     def resynchronising(self, question: str, deadline: Deadline) -> Iterator[None]:

@@ -67,10 +67,10 @@ def _table(name: str) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> RateTableDriver:
         del library  # pyserial opens tables
         parsed = _settings(TableSettings, role, settings)
-        speech = spoken(name, parsed)
+        dialect, link = spoken(name, parsed)
         line = open_serial(
             parsed.port or resource,
-            speech.link,
+            link,
             clock=clock,
             name=role,
             timeout_s=parsed.timeout_s,
@@ -79,14 +79,8 @@ def _table(name: str) -> Driver:
         )
         try:
             if parsed.upon_connecting is not None:
-                parsed.upon_connecting(line, speech.dialect)
-            return RateTableDriver(
-                line,
-                speech.dialect,
-                limits=parsed,
-                axis_sign=parsed.axis_sign,
-                rest_tolerance_deg_s=parsed.rest_tolerance_deg_s,
-            )
+                parsed.upon_connecting(line, dialect)
+            return RateTableDriver(line, dialect, parsed)
         except BaseException:
             line.close()
             raise

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers.rate_table.acl import AclDialect, detect_header
@@ -40,10 +41,7 @@ STILL: Exchange = (":Read:Rate? 1", "0.00001")
 def table(sign: Literal[1, -1] = 1, header: Header = "none") -> Callable[[ScriptedWire, VirtualClock], RateTableDriver]:
     return over_serial(
         lambda line: RateTableDriver(
-            line,
-            AclDialect(axis=1, header=header),
-            limits=LIMITS,
-            axis_sign=sign,
+            line, AclDialect(TableSettings(reply_header=header)), replace(LIMITS, axis_sign=sign)
         )
     )
 

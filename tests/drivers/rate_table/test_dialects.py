@@ -116,7 +116,7 @@ def _unplugged() -> Iterator[None]:
 def test_rates_are_reached_and_read_back(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
-    quantum = spoken(name, TableSettings(steps_per_deg=640000 / 360)).dialect.rate_quantum_deg_s
+    quantum = spoken(name, TableSettings(steps_per_deg=640000 / 360))[0].rate_quantum_deg_s
     for rate in (10.0, -20.0, 0.5, -0.1, 0.0):
         bench.reach(rate)
         assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=quantum)
@@ -327,7 +327,7 @@ def test_aaaa_that_does_not_wind_back_is_not_enabled() -> None:
 
 def test_a_zaber_stage_must_be_told_its_steps() -> None:
     with pytest.raises(ConfigError, match=r"rate_table\.steps_per_deg: expected the stage's microsteps per degree"):
-        spoken("zaber")
+        spoken("zaber", TableSettings())
 
 
 @pytest.mark.parametrize("prompting", [True, False])

@@ -34,7 +34,7 @@ def answer(line: str) -> str | None:
 
 
 def table(line: TableLine) -> RateTableDriver:
-    return RateTableDriver(line, AclDialect(), limits=TableSettings(100.0, 100.0))
+    return RateTableDriver(line, AclDialect(TableSettings()), TableSettings(100.0, 100.0))
 
 
 @contextmanager

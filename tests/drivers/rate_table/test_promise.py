@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.drivers.rate_table.acl import AclDialect
+from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, TransportError
 
@@ -93,7 +94,7 @@ def test_a_reading_is_the_one_asked_for_or_there_is_none(
     clock = VirtualClock()
     wire = SlowTable(clock, [(0.0, "well"), *moods], header)
     line = TableLine(wire, name="rate_table", resource="X", clock=clock, timeout_s=1.0)
-    dialect = AclDialect()
+    dialect = AclDialect(TableSettings())
     dialect.identify(line, line.deadline())
     for n in range(count):
         begin_s = clock.now()

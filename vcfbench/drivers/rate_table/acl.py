@@ -10,13 +10,12 @@ import re
 import struct
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Self
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.dialect import Header, TableDialect, TableSettings, decimal
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.errors import FramingError, InstrumentError, OutOfSync, TransportError
+from vcfbench.errors import FramingError, InstrumentError, OutOfSync
 from vcfbench.interfaces import Identity
 
 # On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
@@ -97,15 +96,10 @@ class AclDialect(TableDialect):
 
     rate_quantum_deg_s = 1e-5
 
-    def __init__(self, axis: int = 1, header: Header = "auto") -> None:
-        self.axis = axis
-        self.header = header
+    def __init__(self, settings: TableSettings) -> None:
+        self.axis = settings.axis
+        self.header = settings.reply_header
         self._identity = b""
-
-    @classmethod
-    def for_axis(cls, settings: TableSettings) -> Self:
-        """Return the dialect of one axis."""
-        return cls(settings.axis, settings.reply_header)
 
     # Identity and synchronisation
 
@@ -270,23 +264,14 @@ class AclDialect(TableDialect):
 
     def command(self, line: TableLine, command: str, deadline: Deadline) -> None:
         """Give one command; raises InstrumentError with the table's refusal."""
-        with line.exclusive():
-            try:
-                with line.exchange(command, deadline):
-                    self._say(line, command, deadline)
-                    if self.header == "auto":
-                        raise FramingError("identify the table before commanding it")
-                    if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
-                        raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
-            except (TransportError, InstrumentError) as error:
-                error.command = command
-                raise
+        with line.exchange(command, deadline):
+            self._say(line, command, deadline)
+            if self.header == "auto":
+                raise FramingError("identify the table before commanding it")
+            if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
+                raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
             line.dirty = False
-            try:
-                self.check_errors(line, deadline)
-            except InstrumentError as error:
-                error.command = command
-                raise
+            self.check_errors(line, deadline)
 
     def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
         unasked = line.take_unasked().replace(b"\r", b"\n").split(b"\n")

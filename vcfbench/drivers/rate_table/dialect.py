@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Literal, Protocol, Self
+from typing import Literal, Protocol
 
 from msgspec import Struct
 
@@ -22,7 +22,7 @@ _QUIET_S = 0.2
 
 
 class TableSettings(Struct, frozen=True):
-    """Settings of a rate table besides its resource; a dialect takes those of its language.
+    """Settings of a rate table besides its resource; a dialect is made of them, and takes those of its language.
 
     The limits are the highest demands, magnitudes; infinite, as without limits here, leaves the table's own.
     `reply_header` is that before replies, `steps_per_deg` the stage's microsteps per degree.
@@ -53,11 +53,6 @@ class TableDialect(Protocol):
 
     typed_line_end: bytes | None = None
     """Line end that a person types; None where messages cannot be typed."""
-
-    @classmethod
-    def for_axis(cls, settings: TableSettings) -> Self:
-        """Return the dialect of one axis; ConfigError where something that it needs is not told."""
-        return cls()
 
     @property
     def rate_quantum_deg_s(self) -> float:

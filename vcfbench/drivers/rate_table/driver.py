@@ -47,23 +47,15 @@ class RateTableDriver:
     emergency stop is part of every bench. `line` is the line to the table, `dialect` the language that it speaks.
     """
 
-    def __init__(
-        self,
-        line: TableLine,
-        dialect: TableDialect,
-        *,
-        limits: TableSettings,
-        axis_sign: Literal[1, -1] = 1,
-        rest_tolerance_deg_s: float = 0.05,
-    ) -> None:
+    def __init__(self, line: TableLine, dialect: TableDialect, settings: TableSettings) -> None:
         self.line = line
         self.dialect = dialect
-        self._limits = limits
-        self._sign = axis_sign
-        self._rest_tolerance_deg_s = rest_tolerance_deg_s
+        self._limits = settings
+        self._sign = settings.axis_sign
+        self._rest_tolerance_deg_s = settings.rest_tolerance_deg_s
         self._enabled = False
         self._claimed = False
-        self._stop_acceleration_deg_s2 = limits.max_acceleration_deg_s2
+        self._stop_acceleration_deg_s2 = settings.max_acceleration_deg_s2
         self._demanded_deg_s = 0.0
         self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
         self._acceleration_commanded = False
