@@ -50,7 +50,7 @@ def hour(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return run(tmp_path_factory.mktemp("hour"), noise_bandwidth_hz=3.4)
 
 
-AS_READ = ZeroSettings(scale_factor_v_per_deg_s=1.0, nplc=50, mode=Mode.GAPLESS)  # type: ignore[arg-type]
+AS_READ = ZeroSettings(scale_factor_v_per_deg_s=1.0, nplc=50, mode=Mode.GAPLESS)
 """One reading after the other, each of a second, in deg/s."""
 
 

@@ -28,7 +28,7 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.health.found import Health, beside, health_of, with_output_curve
+from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
@@ -219,18 +219,19 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     scale_factor = _scale_factor(settings, levels.noise, slopes, of_slopes, len(points))
     bias = null_blocks.bias_at_rest(settings, points, TABLE, levels.noise, scale_factor.value)
     pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
-    ranges = f"{v_vc.V_VC_GAIN}, ", f"{v_vc.V_VC_OFFSET}, "
+    shared = v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET  # errors of the instrument that V_Vc is known by
     of_k_vc = [
         UncertaintyPart(
-            *(name, math.sqrt(max(0.0, float(part[1, 1]))), _dof(name, levels.noise), whose(name, error.owner)),
-            rectangular=name.startswith(ranges),
+            *(name, math.sqrt(max(0.0, float(part[1, 1])))),
+            finite(levels.noise.dof) if name in {READ_TABLE, READ_DRIVEN} else None,
+            error.owner if name.startswith(shared) else None,
+            rectangular=name.startswith(tuple(f"{each}, " for each in shared)),
         )
         for name, part in parts.items()
     ]
     today = [structs.replace(part, u=1e6 * part.u / curve.k_vc) for part in of_k_vc]
     days = days_until(settings.wanted_u95_ppm, today, settings.station.sources.k_vc_drift_ppm_per_year)
-    health = health_of(settings, points)
-    seen = with_output_curve(_characteristics(settings, curve.curvature(), health), slopes, of_slopes)
+    seen = with_output_curve(_characteristics(settings, points, curve.curvature()), slopes, of_slopes)
     return KVcResult(
         k_vc=measurand(curve.k_vc, K_VC_UNIT, of_k_vc, settings.station.sources.missing("k_vc")),
         characteristics=seen,
@@ -269,28 +270,19 @@ def _as_set(
     return structs.replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 
 
-def _characteristics(settings: KVcSettings, curved: Curvature, health: Health) -> Characteristics:
+def _characteristics(settings: KVcSettings, points: Measured, curved: Curvature) -> Characteristics:
     """Return the characteristics of the device by earlier runs, with those of this one."""
     near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
     known = at_temperature(typed(settings.station.characteristics, Characteristics), at_c)
     return structs.replace(
-        beside(health, known),
+        beside(health_of(settings, points), known),
         modulator_second_per_v=Kept(value=curved.second_per_v, u=curved.u_second_per_v),
         modulator_third_per_v2=Kept(value=curved.third_per_v2, u=curved.u_third_per_v2),
         positive_rail_v=Kept(value=settings.positive_rail_v, u=u_rail_v),
         negative_rail_v=Kept(value=settings.negative_rail_v, u=u_rail_v),
     )
-
-
-def whose(name: str, known_by: str) -> str | None:
-    """Return whose a source is: of the instrument that V_Vc is known by, or nobody else's."""
-    return known_by if name.startswith((v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET)) else None
-
-
-def _dof(name: str, noise: BlockNoise) -> float | None:
-    return finite(noise.dof) if name in {READ_TABLE, READ_DRIVEN} else None
 
 
 _V_VC_BY = {None: "the setting of the {}", "v_vc_meter": "the {}", "multimeter": "the {}, its leads moved by hand"}
@@ -340,9 +332,9 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
     """Return the certificate of the device that was named."""
     if settings.dut is None:
         return None
-    curve, error, days = results.curve, v_vc.v_vc_error(settings), results.days_to_wanted_u95
+    curve, days, own = results.curve, results.days_to_wanted_u95, {part.source: part for part in results.k_vc.parts}
     shares = [
-        CurveShare(source=name, of=whose(name, error.owner), dof=_dof(name, results.noise), covariance=part)
+        CurveShare(source=name, of=own[name].of, dof=own[name].dof, covariance=part)
         for name, part in results.curve_parts.items()
     ]
     known = Certificate(

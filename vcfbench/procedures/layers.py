@@ -159,10 +159,12 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
 
 def _station(description: BenchDescription) -> Station:
     """Return the station by the bench file; the meter's resolution depends on the chosen settings."""
-    # The known corrections of the voltmeters by role, if any beside the data sheet
     placed = {role: getattr(description, role) for role in ROLES}
-    parts = {role: placed[role] for role in ("multimeter", "v_vc_meter")}
-    known = {role: _meter_known(description, part) for role, part in parts.items() if part is not None}
+    (low_c, high_c), ambient_c = ROOM_C, description.site.ambient_c or ROOM_C
+    outside_k = max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c)
+    # The known corrections of the voltmeters by role, if any beside the data sheet
+    voltmeters = [role for role in ("multimeter", "v_vc_meter") if placed[role] is not None]
+    known = {role: MeterKnown(outside_k, placed[role].calibration) for role in voltmeters}
     return Station(
         instruments={role: _placed_part(part, description.name) for role, part in placed.items() if part is not None},
         meters={role: each for role, each in known.items() if each != MeterKnown()},
@@ -197,10 +199,7 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
     known |= {key: each.value for key, each in left_open.items()}
     known["generator_ranges_v"] = tuple(sorted(known["generator_ranges_v"] or ()))
-    instruments = {
-        **_meter_sources(description, "multimeter", "meter", float(chosen.meter_range_v)),
-        **_meter_sources(description, "v_vc_meter", "v_vc", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))),
-    }
+    instruments = _meter_sources(description, chosen, "multimeter") | _meter_sources(description, chosen, "v_vc_meter")
     if (placed := description.rate_source) is not None:
         sheet: LevelSpecification = data_sheet_of(placed.like or placed.model) or AGILENT_33220A  # the worst known
         gain, offset_v = known["generator_error"], known["generator_offset_v"]
@@ -221,9 +220,12 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     return structs.replace(found, bias_instability_from=assumed["bias_instability_deg_h"])
 
 
-def _meter_sources(description: BenchDescription, role: str, short: str, range_v: float) -> dict[str, Any]:
-    """Return the contributions of the meter of `role`, by the keys of :class:`Sources`, which begin with `short`."""
-    key, part = f"{'v_vc_' if short == 'v_vc' else ''}meter_age_days", getattr(description, role)
+def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, role: str) -> dict[str, Any]:
+    """Return the contributions of the meter of `role`, by the keys of :class:`Sources`."""
+    short, key, range_v = "meter", "meter_age_days", float(chosen.meter_range_v)
+    if role == "v_vc_meter":
+        short, key, range_v = "v_vc", f"v_vc_{key}", float(getattr(chosen, "v_vc_range_v", V_VC_RANGE_V))
+    part, known = getattr(description, role), chosen.station.meters.get(role, MeterKnown())
     stated: float | None = getattr(description.uncertainty, key)
     age_days, said = _age_days(part, role) if stated is None else (stated, f"uncertainty.{key}")
     worth: dict[str, Any] = {}
@@ -240,7 +242,6 @@ def _meter_sources(description: BenchDescription, role: str, short: str, range_v
             said += f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"
         elif min(ambient_c) < low_c or max(ambient_c) > high_c:
             said += f"; room {min(ambient_c):g} to {max(ambient_c):g} degC"
-        known = _meter_known(description, part)
         if own := known.on(range_v):
             said += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
         worth = meter_worth(short, sheet, known, range_v, age_days)
@@ -266,38 +267,20 @@ def meter_worth(
 ) -> dict[str, Any]:
     """Return limits and corrections of a voltmeter on a range, by the keys of Sources, which begin with `short`.
 
-    Where its certificate has levels on the range, they stand for the data sheet.
+    Where its certificate has levels on the range, their corrections and standard uncertainties stand for the data
+    sheet: what the meter drifted since is what that sheet's limits grow by, and what the levels do not tell, the gain
+    at 0 V alone or the offset at one level, is that of the sheet.
     """
-    if known.on(range_v):
-        return certified(short, sheet, known, range_v, age_days)
     promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
-    return {
-        f"{short}_gain": promised.reading,
-        f"{short}_offset_v": promised.range * range_v,
-        f"{short}_sigmas": sigmas,
-        f"{short}_gain_correction": 0.0,
-        f"{short}_offset_correction_v": 0.0,
-    }
-
-
-def _meter_known(description: BenchDescription, part: Any) -> MeterKnown:
-    """Return the known corrections of a voltmeter beside its data sheet."""
-    low_c, high_c = ROOM_C
-    ambient_c = description.site.ambient_c or ROOM_C
-    return MeterKnown(max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c), part.calibration)
-
-
-def certified(
-    short: str, sheet: VoltmeterSpecification, known: MeterKnown, range_v: float, age_days: float
-) -> dict[str, Any]:
-    """Return corrections and standard uncertainties by the certificate's levels on a range, by the keys of Sources.
-
-    What the meter drifted since is what the data sheet's limits grow by. What the levels do not tell, the gain at 0 V
-    alone or the offset at one level, is that of the data sheet.
-    """
-    own = known.on(range_v)
-    promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
-    of_limit = math.sqrt(3.0) if sigmas is None else sigmas
+    own, of_limit = known.on(range_v), math.sqrt(3.0) if sigmas is None else sigmas
+    if not own:
+        return {
+            f"{short}_gain": promised.reading,
+            f"{short}_offset_v": promised.range * range_v,
+            f"{short}_sigmas": sigmas,
+            f"{short}_gain_correction": 0.0,
+            f"{short}_offset_correction_v": 0.0,
+        }
     # By how much limits grow from a calibration to its age, and to a room outside of where they hold. A sheet without
     # limits of the first day has theirs grow from nothing, evenly up to the first age that it knows
     here, _ = accuracy_at(sheet, range_v, age_days)

@@ -22,15 +22,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
-from vcfbench.procedures.shared.oscilloscope import (
-    CaptureSense,
-    Triple,
-    amplitudes,
-    at_both_signs,
-    channels_of,
-    largest,
-    sense_phasor,
-)
+from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
@@ -312,18 +304,19 @@ def plan(settings: PhaseSettings) -> steps.Plan:
             return
 
 
-def _scales(settings: PhaseSettings) -> Routine[tuple[Triple, Triple, float]]:
+def _scales(settings: PhaseSettings) -> Routine[tuple[tuple[float, ...], tuple[float, ...], float]]:
     """Find the largest amplitudes of all states (drive, carrier, sense; drive, sense, output), and the drive frequency.
 
     All states are seen at one scale; V_Vc shall have twice the drive frequency and a little.
     """
     yield steps.Note("The largest signals of all states, which set the scales")
     yield _fast(settings)
-    shown_v, turning_v, previous_deg_s = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0
+    shown_v: tuple[float, ...] = (0.0, 0.0, 0.0)
+    turning_v, previous_deg_s = shown_v, 0.0
     channels = channels_of(settings, "carrier", "sense")
     for rate_deg_s, v_vc_v in _states(settings, (1.0, -1.0)):
         yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
-        shown_v, previous_deg_s = largest(shown_v, (yield from amplitudes(*channels))), rate_deg_s
+        shown_v, previous_deg_s = tuple(map(max, shown_v, (yield from amplitudes(*channels)))), rate_deg_s
     yield from _go(settings, 0.0, 0.0, previous_deg_s)
     drive_hz = yield from oscilloscope.capture_drive(settings, shown_v[0], settings.records)
     yield steps.Note("The largest signals under the sines beside twice the drive frequency")
@@ -331,7 +324,7 @@ def _scales(settings: PhaseSettings) -> Routine[tuple[Triple, Triple, float]]:
     channels = channels_of(settings, "sense", "output")
     for sign in (1.0, -1.0):
         yield from set_sine(settings, 2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
-        turning_v = largest(turning_v, (yield from amplitudes(*channels)))
+        turning_v = tuple(map(max, turning_v, (yield from amplitudes(*channels))))
     yield from v_vc_level_again()
     return shown_v, turning_v, drive_hz
 
@@ -365,7 +358,7 @@ def _go(settings: PhaseSettings, rate_deg_s: float, v_vc_v: float, previous_deg_
 
 
 def _static(
-    settings: PhaseSettings, signs: tuple[float, float], shown_v: Triple
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...]
 ) -> Routine[list[tuple[CaptureSense, SineRecords]]]:
     """Take the records of a cycle's states, table and V_Vc at rest afterwards."""
     yield _fast(settings, shown_v[0])
@@ -384,7 +377,7 @@ def _static(
 
 
 def _rotations(
-    settings: PhaseSettings, signs: tuple[float, float], shown_v: Triple, drive_hz: float
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...], drive_hz: float
 ) -> Routine[list[RotationRecord]]:
     """Take the records of a cycle's sines."""
     yield _slow(settings)

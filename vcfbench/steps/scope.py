@@ -316,8 +316,8 @@ class CaptureRotations(Step, Struct, frozen=True):
     `drive_hz` is what a dry run answers with.
     """
 
-    channels: tuple[int, int, int]
-    amplitudes_v: tuple[float, float, float]
+    channels: tuple[int, ...]
+    amplitudes_v: tuple[float, ...]
     count: int
     points: int
     difference_hz: float

@@ -200,11 +200,10 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
     drive = settings.drive
     drive_hz, channels = fmean(drive.frequency_hz), channels_of(settings, "carrier", "sense")
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
-    shown_v = (0.0, 0.0, 0.0)
+    shown_v: tuple[float, ...] = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
         yield from set_v_vc(settings, sign * level_v(settings))
-        first_v, second_v, third_v = yield from amplitudes(*channels)
-        shown_v = max(shown_v, (first_v, second_v, third_v), key=lambda seen: seen[2])
+        shown_v = max(shown_v, (yield from amplitudes(*channels)), key=lambda seen: seen[2])
     amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = steps.SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
     for place in range(_MEANS):
@@ -222,9 +221,8 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
 
 
 def _turned(
-    settings: KnownVvcSettings, drive_hz: float, off_hz: float, channels: tuple[int, int, int]
-) -> Routine[tuple[float, float, float]]:
+    settings: KnownVvcSettings, drive_hz: float, off_hz: float, channels: tuple[int, ...]
+) -> Routine[tuple[float, ...]]:
     """Have V_Vc turn the sense signal against the drive; return the amplitudes of the channels, V."""
     yield from set_sine(settings, 2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
-    first_v, second_v, third_v = yield from amplitudes(*channels)
-    return first_v, second_v, third_v
+    return (yield from amplitudes(*channels))

@@ -19,8 +19,6 @@ _LARGEST_V = 10.0
 """Voltage that no node of the PCB exceeds: its rails."""
 _DRIVE_RECORDS = 8
 
-Triple = tuple[float, float, float]
-
 
 class CaptureSense(steps.CaptureSines, frozen=True):
     """Sines of drive, carrier and sense signal while the table has a rate (deg/s) and V_Vc a level (V)."""
@@ -29,7 +27,7 @@ class CaptureSense(steps.CaptureSines, frozen=True):
     v_vc_v: float = 0.0
 
 
-def channels_of(settings: ProcedureSettings, second: Node, third: Node) -> tuple[int, int, int]:
+def channels_of(settings: ProcedureSettings, second: Node, third: Node) -> tuple[int, ...]:
     """Return the channels of the drive signal and two other nodes."""
     of = settings.station.channel_of
     return of("drive"), of(second), of(third)
@@ -38,12 +36,6 @@ def channels_of(settings: ProcedureSettings, second: Node, third: Node) -> tuple
 def amplitudes(*channels: int) -> Routine[tuple[float, ...]]:
     """Look how large the signals on some channels are, V."""
     return answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes).amplitudes_v
-
-
-def largest(first_v: Triple, second_v: Sequence[float]) -> Triple:
-    """Return the larger of the amplitudes of each of three signals, V."""
-    drive_v, second, third = map(max, first_v, second_v)
-    return drive_v, second, third
 
 
 def capture_drive(
