@@ -24,7 +24,7 @@ from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.step import Routine, answer
+from vcfbench.steps.step import answer
 
 _Ohm = Annotated[float, Meta(ge=0.0, le=1e8)]
 _Window = tuple[_Ohm, _Ohm] | None
@@ -105,11 +105,12 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
         node, words = _LINES[key]
         asked = f"move the leads of the multimeter to {words}"
         yield steps.AskOperator(asked, adjustments=(("multimeter.input.node", node),))
-        seen[key] = yield from _measured(
-            settings, node, next(each for each in _RANGES_OHM if each >= high), 0.5 * (low + high)
-        )
-        if math.isinf(seen[key]):  # another line may be there, of which the limits know nothing
-            seen[key] = yield from _measured(settings, node, _RANGES_OHM[-1], 0.5 * (low + high))
+        for range_ohm in (next(each for each in _RANGES_OHM if each >= high), _RANGES_OHM[-1]):
+            how = float(settings.nplc), settings.ohm_readings, settings.wires, 0.5 * (low + high)
+            measured = yield steps.MeasureResistance(node, range_ohm, *how)
+            seen[key] = answer(measured, steps.ResistanceSeen).mean_ohm
+            if math.isfinite(seen[key]):
+                break  # else another line may be there, of which the limits know nothing
     yield steps.move_leads("multimeter", "output")
     if wrong := list(findings(settings, seen)):
         raise MeasurementError(
@@ -118,12 +119,6 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
             step="resistance of the lines",
             hint="nothing was switched on; look at the connector and the leads before anything gets power",
         )
-
-
-def _measured(settings: ElectricalSettings, node: str, range_ohm: float, expected_ohm: float) -> Routine[float]:
-    how = float(settings.nplc), settings.ohm_readings, settings.wires, expected_ohm
-    seen = yield steps.MeasureResistance(node, range_ohm, *how)
-    return answer(seen, steps.ResistanceSeen).mean_ohm
 
 
 def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Iterator[str]:
@@ -155,8 +150,7 @@ def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Ite
 
 def results(settings: ElectricalSettings, measured: Measured) -> ElectricalResult:
     """Return the resistances; what leads add is taken off as its mean."""
-    found = [(step, seen) for step, seen in measured.found(steps.ResistanceSeen)]
-    lines = []
+    lines, found = [], measured.found(steps.ResistanceSeen)
     for (low, high), (step, seen) in zip(settings.windows.values(), found, strict=True):
         assert isinstance(step, steps.MeasureResistance)  # noqa: S101  # no other has such results
         lines.append(LineResistance(step.line, _resistance(settings, step.range_ohm, seen.readings_ohm), low, high))

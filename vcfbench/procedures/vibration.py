@@ -14,7 +14,9 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench import steps
+from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.conformity import e_n
+from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
 from vcfbench.analysis.tails import t_of_largest
@@ -245,19 +247,19 @@ def _response(
         *(UncertaintyPart(part.source, value * part.u / size, part.dof) for part in static.parts),
     ]
     # The closed form with the uncertainties of its parameters
-    inputs = (
-        ("mode split", settings.split_hz, settings.u_split_hz),
-        ("Q", settings.q, settings.u_q),
-        ("share of the in-phase mode", settings.in_phase_share, settings.u_in_phase_share),
-    )
-    values = tuple(each[1] for each in inputs)
-    by_parameters = []
-    for place, (name, each, u) in enumerate(inputs):
-        step = _STEP * max(each, 0.01)
-        ends = [[v + (sign * step if n == place else 0.0) for n, v in enumerate(values)] for sign in (1.0, -1.0)]
-        up, down = (_closed_form(settings, output.frequency_hz, *end) for end in ends)
-        by_parameters.append(UncertaintyPart(name, abs(up - down) / (2.0 * step) * u))
-    expected = measurand(_closed_form(settings, output.frequency_hz, *values), "", by_parameters)
+    inputs = {
+        "mode split": (settings.split_hz, settings.u_split_hz),
+        "Q": (settings.q, settings.u_q),
+        "share of the in-phase mode": (settings.in_phase_share, settings.u_in_phase_share),
+    }
+    at, u_at = np.array([*inputs.values()]).T
+
+    def closed_form(parameters: Floats) -> float:
+        return _closed_form(settings, output.frequency_hz, *parameters.tolist())
+
+    slopes = derivatives(closed_form, at, _STEP * np.maximum(at, 0.01))
+    by_parameters = [UncertaintyPart(*each) for each in zip(inputs, (np.abs(slopes) * u_at).tolist(), strict=True)]
+    expected = measurand(closed_form(at), "", by_parameters)
     response = measurand(value, "", parts)
     return VibrationResponse(
         *(output.frequency_hz, amplitude_v, abs(settings.expected_gyro().k_vc) * amplitude_v, output.amplitude),

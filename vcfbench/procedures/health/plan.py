@@ -173,17 +173,17 @@ def examined(
     yield from _at_both_signs(settings)
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
-    points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
-    yield steps.ConfigureScope(near_s_per_div, settings.station.channel_of("drive"))
-    for sign in (1.0, -1.0):
-        channels = channels_of(settings, "sense", "output")
-        shown_v = yield from _turned(settings, drive_hz, sign * near_hz, channels)
-        yield steps.CaptureRotations(channels, shown_v, _NEAR_RECORDS, points, sign * near_hz, drive_hz)
-    yield steps.ConfigureScope(_FAR_S_PER_DIV, settings.station.channel_of("drive"))
-    for sign in (1.0, -1.0):
-        channels, far_hz = channels_of(settings, "sense", "carrier"), sign * _OF_DRIVE * drive_hz
-        shown_v = yield from _turned(settings, drive_hz, far_hz, channels)
-        yield CaptureFar(channels, shown_v, _FAR_RECORDS, _FAR_POINTS, far_hz, drive_hz)
+    near_points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
+    near, far = channels_of(settings, "sense", "output"), channels_of(settings, "sense", "carrier")
+    for kind, channels, s_per_div, count, points, off_hz in (
+        (steps.CaptureRotations, near, near_s_per_div, _NEAR_RECORDS, near_points, near_hz),
+        (CaptureFar, far, _FAR_S_PER_DIV, _FAR_RECORDS, _FAR_POINTS, _OF_DRIVE * drive_hz),
+    ):
+        yield steps.ConfigureScope(s_per_div, channels[0])
+        for sign in (1.0, -1.0):  # V_Vc turns the sense signal against the drive
+            yield from set_sine(settings, 2.0 * drive_hz + sign * off_hz, 2.0 * level_v(settings))
+            shown_v = yield from amplitudes(*channels)
+            yield kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
     yield from v_vc_level_again()
     yield steps.DisableVvc()
     yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
@@ -218,11 +218,3 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
         )
         yield CaptureSense(channels, shown_v, _RECORDS, seen, _SPACING_S, 0.0, sign * level_v(settings))
     yield steps.SetVvc(0.0)
-
-
-def _turned(
-    settings: KnownVvcSettings, drive_hz: float, off_hz: float, channels: tuple[int, ...]
-) -> Routine[tuple[float, ...]]:
-    """Have V_Vc turn the sense signal against the drive; return the amplitudes of the channels, V."""
-    yield from set_sine(settings, 2.0 * drive_hz + off_hz, 2.0 * level_v(settings))
-    return (yield from amplitudes(*channels))
