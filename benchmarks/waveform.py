@@ -20,7 +20,7 @@ from measure import Figure, report
 from tcp import connected, served_bench, server
 
 from vcfbench.clock import WallClock
-from vcfbench.drivers.session import open_session
+from vcfbench.drivers.session import Session, visa_resource
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -110,7 +110,8 @@ def cases(size: int, wires: dict[str, str]) -> Iterator[list[Case]]:
         other = stack.enter_context(visa(f"TCPIP0::127.0.0.1::{bulk}::SOCKET", CHUNK))
         found.append(Case(OTHER, partial(values, other, str(size))))
         for kind in ("tcp", "hislip"):
-            session = open_session(wires[kind], library="@py", clock=WallClock(), name="scope", timeout_s=60.0)
+            connect, clock = visa_resource(wires[kind], "@py"), WallClock()
+            session = Session.opened(connect, name="scope", resource=wires[kind], clock=clock, timeout_s=60.0)
             read = partial(stack.enter_context(session).query_block, ":WAV:DATA?")
             found.append(Case(f"vcfbench's session, {kind}", read, 1.5))
         yield found

@@ -19,7 +19,7 @@ from vcfbench.clock import Deadline, VirtualClock, WallClock
 from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.errors import ConnectFailed, LinkLost
 from vcfbench.testing import Exchange, ScriptedWire, expected_exchange, over_visa
 
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 CLOCK = WallClock()
 SUPPLY, GENERATOR = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2"
 DRIVING = pytest.mark.parametrize(("driver", "identity"), [(E3631A, SUPPLY), (Agilent33220A, GENERATOR)])
+
+
+def opened(where: str) -> Session:
+    return Session.opened(visa_resource(where, "@py"), name="power", resource=where, clock=CLOCK, timeout_s=PLENTY_S)
 
 
 def session_on(wire: ScriptedWire, clock: VirtualClock) -> Session:
@@ -175,7 +179,7 @@ def test_an_instrument_that_answers_twice_is_brought_into_step_and_made_safe(ide
                 connection.sendall((answers.get(line, "+0.00000000E+00").encode() + b"\n") * 2)
 
     with serving(twice) as where:
-        session = open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S)
+        session = opened(where)
         supply = E3631A(session)
         report = supply.make_safe(Deadline.after(CLOCK, PLENTY_S))
         session.close()
@@ -210,7 +214,7 @@ def test_a_new_connection_begins_with_the_safe_words() -> None:
         return line == "*IDN?"
 
     with serving(first, back) as where:
-        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S))
+        supply = E3631A(opened(where))
         with pytest.raises(LinkLost):
             supply.outputs_enabled()
         report = supply.make_safe(Deadline.after(CLOCK, PLENTY_S))
@@ -236,7 +240,7 @@ def test_a_peer_that_has_gone_unnoticed_is_connected_to_anew() -> None:
         heard.extend(lines(connection))
 
     with serving(leaving, back) as where:
-        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S))
+        supply = E3631A(opened(where))
         beneath: socket.socket = supply.session._wire._socket  # type: ignore[attr-defined]
         assert select.select([beneath], [], [], PLENTY_S)[0]  # the end has come
         assert supply.command_safe().sent
@@ -305,7 +309,7 @@ def test_a_peer_that_does_not_read_holds_nobody_up() -> None:
         return True
 
     with serving(answering(deaf)) as where:
-        supply = E3631A(open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S))
+        supply = E3631A(opened(where))
         filling: socket.socket = supply.session._wire._socket  # type: ignore[attr-defined]
         filling.settimeout(0.2)
         with pytest.raises(TimeoutError):
@@ -323,7 +327,7 @@ def test_a_peer_that_does_not_read_holds_nobody_up() -> None:
 def test_the_words_go_to_nothing_special() -> None:
     """A whole instrument hears them amid its ordinary exchanges, and those go on."""
     with serving(answering(nothing_special)) as where:
-        session = open_session(where, library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S)
+        session = opened(where)
         session.identify()
         session.declare_safe("OUTP OFF")
         assert session.command_safe()
@@ -352,9 +356,7 @@ def test_a_second_answer_on_a_serial_line_is_never_the_next_one() -> None:
 
     thread = threading.Thread(target=twice, daemon=True)
     thread.start()
-    session = open_session(
-        f"ASRL{os.ttyname(theirs)}::INSTR", library="@py", clock=CLOCK, name="power", timeout_s=PLENTY_S
-    )
+    session = opened(f"ASRL{os.ttyname(theirs)}::INSTR")
     session.identify()
     wire: Any = session._wire
     for question in ("A", "B", "C"):

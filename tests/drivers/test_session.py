@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vcfbench.clock import Deadline, VirtualClock, sleep
-from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.errors import (
     BenchError,
     ConnectFailed,
@@ -305,7 +305,8 @@ def test_a_session_has_the_pauses_that_are_asked_for(
 ) -> None:
     clock = VirtualClock()
     monkeypatch.setattr("vcfbench.drivers.visa_wire.open_wire", lambda *_: PieceWire(clock, b"", 1))
-    open_session("X", library="@py", clock=clock, name="device", timeout_s=1.0, **asked).send("A")
+    connect = visa_resource("X", "@py")
+    Session.opened(connect, name="device", resource="X", clock=clock, timeout_s=1.0, **asked).send("A")
     assert clock.now() == pause_s
 
 

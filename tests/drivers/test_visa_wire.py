@@ -15,7 +15,7 @@ from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
 from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers import visa_wire
 from vcfbench.drivers.hp34401a import Hp34401A
-from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, FramingError, LinkLost
 
@@ -35,7 +35,8 @@ def through_visa(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def opened(resource: str, timeout_s: float = PLENTY_S, serial: SerialLine | None = None) -> Session:
-    session = open_session(resource, library="@py", clock=CLOCK, name="x", timeout_s=timeout_s, serial=serial)
+    connect = visa_resource(resource, "@py", serial)
+    session = Session.opened(connect, name="x", resource=resource, clock=CLOCK, timeout_s=timeout_s)
     session.identify()
     return session
 
@@ -120,7 +121,8 @@ def _serve(host: int, silent: tuple[str, ...]) -> None:
 @POSIX
 def test_an_instrument_on_a_serial_line() -> None:
     with instrument_on_a_pseudo_terminal() as where:
-        session = open_session(where, library="@py", clock=CLOCK, name="meter", timeout_s=PLENTY_S, serial=LINE)
+        connect = visa_resource(where, "@py", LINE)
+        session = Session.opened(connect, name="meter", resource=where, clock=CLOCK, timeout_s=PLENTY_S)
         assert session.interface == "asrl"
         meter = Hp34401A(session)
         assert meter.read_voltage_v() == 1.25

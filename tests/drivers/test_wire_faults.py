@@ -14,7 +14,7 @@ from simrack_tests.ports import BUSY_S, PLENTY_S
 
 from tests.drivers.servers import IDENTITY, answering, nothing_special, serving
 from vcfbench.clock import Deadline, WallClock, sleep
-from vcfbench.drivers.session import Session, open_session
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.drivers.visa_wire import SocketWire
 from vcfbench.errors import (
     BenchError,
@@ -38,7 +38,8 @@ def soon() -> Deadline:
 
 
 def opened(resource: str, timeout_s: float = PLENTY_S) -> Session:
-    session = open_session(resource, library="@py", clock=CLOCK, name="multimeter", timeout_s=timeout_s)
+    connect = visa_resource(resource, "@py")
+    session = Session.opened(connect, name="multimeter", resource=resource, clock=CLOCK, timeout_s=timeout_s)
     session.identify()
     return session
 
@@ -71,8 +72,9 @@ def test_a_host_that_cannot_be_resolved_fails_to_open() -> None:
 
 
 def test_a_library_that_is_not_there_fails_to_open() -> None:
+    connect = visa_resource("GPIB0::1::INSTR", "/no/such/visa.so")
     with pytest.raises(ConnectFailed, match="cannot be opened"):
-        open_session("GPIB0::1::INSTR", library="/no/such/visa.so", clock=CLOCK, name="x", timeout_s=0.1)
+        Session.opened(connect, name="x", resource="GPIB0::1::INSTR", clock=CLOCK, timeout_s=0.1)
 
 
 def test_a_peer_that_closes_is_link_lost_at_once_and_without_spinning() -> None:
@@ -136,7 +138,8 @@ def test_the_late_answer_may_be_the_one_that_resynchronising_looks_for() -> None
     with serving(answering(nothing_special), answering(late(when_more_is_asked, "*IDN?"))) as where:
         with opened(where) as first:
             first.query("A?")
-        session = open_session(where, library="@py", clock=CLOCK, name="multimeter", timeout_s=PLENTY_S)
+        connect = visa_resource(where, "@py")
+        session = Session.opened(connect, name="multimeter", resource=where, clock=CLOCK, timeout_s=PLENTY_S)
         session._identity = IDENTITY  # as learnt before
         with session:
             with pytest.raises(DeadlineExceeded):
@@ -242,7 +245,8 @@ def test_a_peer_that_does_not_read_is_a_deadline_not_a_hang() -> None:
         return True
 
     with serving(answering(deaf)) as where:
-        session = open_session(where, library="@py", clock=CLOCK, name="generator", timeout_s=PLENTY_S)
+        connect = visa_resource(where, "@py")
+        session = Session.opened(connect, name="generator", resource=where, clock=CLOCK, timeout_s=PLENTY_S)
         data = "DATA " + "0," * 10_000_000
         error, wall_s, _ = timed(lambda: session.write(data, deadline=soon()))
         done.set()

@@ -1,12 +1,12 @@
 """What a SCPI session and the line to a rate table share: an open wire, its failures, and words that are sent blind."""
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, ClassVar, Self
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
-from vcfbench.drivers.trace import BEHIND
+from vcfbench.drivers.trace import BEHIND, Connect
 from vcfbench.drivers.wire import Wire
 from vcfbench.errors import InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import UnprovedCommand
@@ -30,7 +30,7 @@ class Conversation:
         resource: str,
         clock: Clock,
         timeout_s: float,
-        reconnect: Callable[[Deadline], Wire] | None = None,
+        reconnect: Connect | None = None,
     ) -> None:
         self.name = name
         self.resource = resource
@@ -49,7 +49,7 @@ class Conversation:
     @classmethod
     def opened(
         cls,
-        connect: Callable[[Deadline], Wire],
+        connect: Connect,
         *,
         name: str,
         resource: str,
@@ -58,7 +58,11 @@ class Conversation:
         open_timeout_s: float | None = None,
         **more: Any,
     ) -> Self:
-        """Return one on the wire that `connect` opens, now and whenever it has to be opened anew."""
+        """Return one on the wire that `connect` opens, now and whenever it has to be opened anew.
+
+        `name` is the role on the bench, for messages; an exchange may take `timeout_s` unless its caller says
+        otherwise, and connecting `open_timeout_s`, by default the same.
+        """
         for behind in BEHIND.get():
             connect = behind(name, resource, clock, connect)
         try:

@@ -10,9 +10,9 @@ from vcfbench.clock import Clock
 from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.dialects import spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import open_serial
+from vcfbench.drivers.rate_table.line import TableLine, serial_port
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
-from vcfbench.drivers.session import open_session
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.interfaces import Instrument
 from vcfbench.models import driver_of, find_language, find_model, model_names
@@ -68,15 +68,8 @@ def _table(name: str) -> Driver:
         del library  # pyserial opens tables
         parsed = _settings(TableSettings, role, settings)
         dialect, link = spoken(name, parsed)
-        line = open_serial(
-            parsed.port or resource,
-            link,
-            clock=clock,
-            name=role,
-            timeout_s=parsed.timeout_s,
-            baud_rate=parsed.baud_rate,
-            resource=resource,
-        )
+        connect = serial_port(parsed.port or resource, link, clock, parsed.timeout_s, parsed.baud_rate)
+        line = TableLine.opened(connect, name=role, resource=resource, clock=clock, timeout_s=parsed.timeout_s)
         try:
             if parsed.upon_connecting is not None:
                 parsed.upon_connecting(line, dialect)
@@ -94,14 +87,13 @@ def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         parsed = _settings(VisaSettings, role, settings)
         pause_s = driver_class.serial_pause_s if parsed.serial_pause_s is None else parsed.serial_pause_s
-        session = open_session(
-            resource,
-            library=library,
-            clock=clock,
+        session = Session.opened(
+            visa_resource(resource, library, parsed.serial),
             name=role,
+            resource=resource,
+            clock=clock,
             timeout_s=parsed.timeout_s,
             open_timeout_s=max(parsed.timeout_s, driver_class.first_answer_s),
-            serial=parsed.serial,
             write_pause_s=pause_s if resource.upper().startswith("ASRL") else 0.0,
         )
         try:

@@ -13,10 +13,11 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeVar
 
 from vcfbench import errors
-from vcfbench.clock import Clock, Deadline, sleep
+from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
+from vcfbench.drivers.trace import Connect
 from vcfbench.drivers.wire import Interface, SerialLine, Wire
 
 _T = TypeVar("_T")
@@ -31,31 +32,11 @@ _QUERY_ERRORS = range(-499, -399)
 _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
 
 
-def open_session(
-    resource: str,
-    *,
-    library: str,
-    clock: Clock,
-    name: str,
-    timeout_s: float,
-    open_timeout_s: float | None = None,
-    serial: SerialLine | None = None,
-    write_pause_s: float = 0.0,
-) -> "Session":
-    """Open `resource` through the VISA `library`.
+def visa_resource(resource: str, library: str, serial: SerialLine | None = None) -> Connect:
+    """Return what opens `resource` through the VISA `library`, ``"@py"`` or a path.
 
-    Args:
-        resource: any VISA resource string.
-        library: what PyVISA calls it, ``"@py"`` or a path.
-        clock: the bench's.
-        name: the role on the bench, for messages.
-        timeout_s: what one exchange may take unless its caller says otherwise.
-        open_timeout_s: what connecting may take; `timeout_s` if not given.
-        serial: the line of an ASRL resource.
-        write_pause_s: pause after commands, on serial lines of instruments that lose what comes too soon.
-
-    Raises:
-        ConnectFailed: nobody answers there, or the library cannot open it.
+    `serial` is the line of an ASRL resource. What it returns raises ConnectFailed: nobody answers there, or the library
+    cannot open it.
     """
 
     def connect(deadline: Deadline) -> Wire:
@@ -63,15 +44,7 @@ def open_session(
 
         return open_wire(resource, library, deadline, serial)
 
-    return Session.opened(
-        connect,
-        name=name,
-        resource=resource,
-        clock=clock,
-        timeout_s=timeout_s,
-        open_timeout_s=open_timeout_s,
-        write_pause_s=write_pause_s,
-    )
+    return connect
 
 
 class Session(Conversation):

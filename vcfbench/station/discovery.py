@@ -15,8 +15,8 @@ from msgspec.structs import replace
 
 from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.drivers.rate_table.acl import take_counted
-from vcfbench.drivers.rate_table.line import Link, open_serial
-from vcfbench.drivers.session import open_session
+from vcfbench.drivers.rate_table.line import Link, TableLine, serial_port
+from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
@@ -153,15 +153,9 @@ def _ask(resource: str, library: str, timeout_s: float) -> DiscoveredInstrument:
     """Ask a VISA resource for its identity."""
 
     def answer() -> str:
-        session = open_session(
-            resource,
-            library=library,
-            clock=WallClock(),
-            name=resource,
-            timeout_s=timeout_s,
-            serial=SerialLine() if resource.upper().startswith("ASRL") else None,
-        )
-        with session:
+        connect = visa_resource(resource, library, SerialLine() if resource.upper().startswith("ASRL") else None)
+        clock = WallClock()
+        with Session.opened(connect, name=resource, resource=resource, clock=clock, timeout_s=timeout_s) as session:
             return session.query("*IDN?")
 
     return _found(resource, answer, timeout_s)
@@ -198,7 +192,8 @@ def _ask_port(url: str, timeout_s: float) -> DiscoveredInstrument:
 
 def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
     clock = WallClock()
-    line = open_serial(url, Link(baud=baud_rate), clock=clock, name=url, timeout_s=timeout_s)
+    connect = serial_port(url, Link(baud=baud_rate), clock, timeout_s)
+    line = TableLine.opened(connect, name=url, resource=url, clock=clock, timeout_s=timeout_s)
     try:
         deadline = Deadline.after(clock, timeout_s)
         line.take_unasked()

@@ -17,7 +17,7 @@ from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import Link, TableLine, open_serial
+from vcfbench.drivers.rate_table.line import Link, TableLine, serial_port
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, LinkLost
 
 if TYPE_CHECKING:
@@ -31,6 +31,11 @@ POSIX = pytest.mark.skipif(sys.platform == "win32", reason="this system has no p
 def answer(line: str) -> str | None:
     known = {"*IDN?": IDENTITY, ":Status:STB?": "0", ":Read:Rate? 1": "1.25", ":Read:Position? 1": "90.5"}
     return known.get(line)
+
+
+def opened(url: str, timeout_s: float) -> TableLine:
+    connect = serial_port(url, Link(), CLOCK, timeout_s)
+    return TableLine.opened(connect, name="rate_table", resource=url, clock=CLOCK, timeout_s=timeout_s)
 
 
 def table(line: TableLine) -> RateTableDriver:
@@ -66,7 +71,7 @@ def test_a_table_on_a_pseudo_terminal() -> None:
     with pseudo_terminal() as (host, name):
         thread = threading.Thread(target=serve, args=(host,), daemon=True)
         thread.start()
-        driver = table(open_serial(name, Link(), clock=CLOCK, name="rate_table", timeout_s=PLENTY_S))
+        driver = table(opened(name, PLENTY_S))
         assert driver.rate_deg_s() == 1.25
         assert driver.angle_deg() == 90.5
         assert driver.dialect.header == "none"  # type: ignore[attr-defined]
@@ -76,16 +81,16 @@ def test_a_table_on_a_pseudo_terminal() -> None:
 @POSIX
 def test_a_port_has_one_owner() -> None:
     with pseudo_terminal() as (_, name):
-        first = open_serial(name, Link(), clock=CLOCK, name="rate_table", timeout_s=0.2)
+        first = opened(name, 0.2)
         with pytest.raises(ConnectFailed, match="rate_table at"):
-            open_serial(name, Link(), clock=CLOCK, name="rate_table", timeout_s=PLENTY_S)
+            opened(name, PLENTY_S)
         first.close()
 
 
 @POSIX
 def test_a_silent_port_is_a_deadline() -> None:
     with pseudo_terminal() as (_, name):
-        line = open_serial(name, Link(), clock=CLOCK, name="rate_table", timeout_s=PLENTY_S)
+        line = opened(name, PLENTY_S)
         begin_s = CLOCK.now()
         with pytest.raises(DeadlineExceeded):
             line.take_line(Deadline.after(CLOCK, 0.1))
@@ -107,7 +112,7 @@ def test_a_table_over_tcp_that_hangs_up() -> None:
 
     threading.Thread(target=run, daemon=True).start()
     url = f"socket://127.0.0.1:{server.getsockname()[1]}"
-    driver = table(open_serial(url, Link(), clock=CLOCK, name="rate_table", timeout_s=PLENTY_S))
+    driver = table(opened(url, PLENTY_S))
     assert driver.rate_deg_s() == 1.25
     with pytest.raises(LinkLost, match=r"rate_table at socket://.*Position"):
         driver.angle_deg()
@@ -120,4 +125,4 @@ def test_a_port_where_nobody_listens() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(ConnectFailed, match=f"rate_table at socket://127.0.0.1:{port}: cannot be opened"):
-        open_serial(f"socket://127.0.0.1:{port}", Link(), clock=CLOCK, name="rate_table", timeout_s=0.2)
+        opened(f"socket://127.0.0.1:{port}", 0.2)

@@ -9,6 +9,7 @@ from msgspec import Meta, Struct
 from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.conversation import Conversation
+from vcfbench.drivers.trace import Connect
 from vcfbench.drivers.wire import Interface, Wire
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
@@ -38,22 +39,11 @@ class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     prompt: str | None = None
 
 
-def open_serial(
-    url: str,
-    link: Link,
-    *,
-    clock: Clock,
-    name: str,
-    timeout_s: float,
-    baud_rate: int | None = None,
-    resource: str | None = None,
-) -> "TableLine":
-    """Open a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``), set as `link` says.
+def serial_port(url: str, link: Link, clock: Clock, timeout_s: float, baud_rate: int | None = None) -> Connect:
+    """Return what opens a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``).
 
-    `baud_rate` overrides its speed. Messages name `resource`, by default the `url`.
-
-    Raises:
-        ConnectFailed: there is no such port, it is in use, or nobody answers there.
+    The port is set as `link` says, `baud_rate` overrides its speed. What it returns raises ConnectFailed: there is no
+    such port, it is in use, or nobody answers there.
     """
 
     def connect(_: Deadline) -> Wire:
@@ -78,7 +68,7 @@ def open_serial(
         sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
         return SerialWire(port, serial.SerialTimeoutException)
 
-    return TableLine.opened(connect, name=name, resource=resource or url, clock=clock, timeout_s=timeout_s)
+    return connect
 
 
 class SerialWire:
