@@ -1,6 +1,7 @@
 """The state of the bench, as the steps of a run tell it: table, rails, V_Vc."""
 
-from typing import Any, Self
+from collections.abc import Callable
+from typing import Any, Final, Self
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -26,16 +27,11 @@ class BenchState(Struct, frozen=True):
 
     def after(self, step: object, result: object) -> Self:
         """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
-        read: dict[str, Any] = {}
-        match result:
-            case steps.RateReading():
-                read = {"table_deg_s": result.rate_deg_s}
-            case steps.RailsReading():
-                read = {"rails": result.rails, "supply": True}
-            case steps.Window():
-                read = {} if result.table_rate_deg_s is None else {"table_deg_s": result.table_rate_deg_s}
-                read |= {"rails": result.rails} if result.rails else {}
-        return replace(self, **_set_by(step, result), **read)
+        stated: dict[str, Any] = {}
+        for each in (step, result):
+            kind = next((kind for kind in type(each).__mro__ if kind in _STATED), None)
+            stated |= {} if kind is None else _STATED[kind](each)
+        return replace(self, **stated)
 
     def begun(self, step: object) -> Self:
         """Return the state when `step` begins: a table that is told a rate is on its way."""
@@ -65,27 +61,23 @@ class BenchState(Struct, frozen=True):
         return f"V_Vc {'-' if self.v_vc is None else self.v_vc}"
 
 
-def _set_by(step: object, result: object) -> dict[str, Any]:
-    """Return the settings of table, supply and generator by a step."""
-    found: dict[str, Any] = {}
-    match step:
-        case steps.EnableTable():
-            found = {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None}
-        case steps.DisableTable():
-            found = {"servo": False, "demand_deg_s": None, "table_deg_s": None}
-        case steps.SetRate():
-            found = {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None}
-        case steps.EnableSupply():
-            found = {"supply": True}
-        case steps.DisableSupply():
-            found = {"supply": False, "rails": ()}
-        case steps.EnableVvc() | steps.DisableVvc():
-            found = {"generator": isinstance(step, steps.EnableVvc)}
-        case steps.SetSine() if not isinstance(
-            step, steps.SetVibration
-        ):  # which is added to V_Vc by a generator of its own
-            found = {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"}
-        case steps.ConfigureGenerator() | steps.SetVvc() if isinstance(result, steps.VvcSetting):
-            off = {"generator": False} if isinstance(step, steps.ConfigureGenerator) else {}
-            found = {"v_vc": f"{result.v_vc_v:+.5f} V", **off}
-    return found
+_STATED: Final[dict[type, Callable[[Any], dict[str, Any]]]] = {
+    steps.EnableTable: lambda _: {"servo": True, "demand_deg_s": 0.0, "table_deg_s": None},
+    steps.DisableTable: lambda _: {"servo": False, "demand_deg_s": None, "table_deg_s": None},
+    steps.SetRate: lambda step: {"servo": True, "demand_deg_s": step.rate_deg_s, "table_deg_s": None},
+    steps.EnableSupply: lambda _: {"supply": True},
+    steps.DisableSupply: lambda _: {"supply": False, "rails": ()},
+    steps.ConfigureGenerator: lambda _: {"generator": False},
+    steps.EnableVvc: lambda _: {"generator": True},
+    steps.DisableVvc: lambda _: {"generator": False},
+    steps.SetSine: lambda step: {"v_vc": f"{step.amplitude_v:g} V, {step.frequency_hz:.6g} Hz"},
+    steps.SetVibration: lambda _: {},  # which is added to V_Vc by a generator of its own
+    steps.VvcSetting: lambda read: {"v_vc": f"{read.v_vc_v:+.5f} V"},
+    steps.RateReading: lambda read: {"table_deg_s": read.rate_deg_s},
+    steps.RailsReading: lambda read: {"rails": read.rails, "supply": True},
+    steps.Window: lambda read: {
+        **({} if read.table_rate_deg_s is None else {"table_deg_s": read.table_rate_deg_s}),
+        **({"rails": read.rails} if read.rails else {}),
+    },
+}
+"""What a step that is done, or its result, tells of the bench."""

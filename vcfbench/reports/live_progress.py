@@ -1,6 +1,6 @@
 """Progress of a run on a terminal, drawn in place: the table of its points, the step, and the time left."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from datetime import timedelta
 from typing import Any, NamedTuple, Self, TextIO
 
@@ -26,7 +26,7 @@ _GAP = "  "
 _LEAST_MV = 1e-3
 
 
-class PointRow(Struct, frozen=True):
+class _PointRow(Struct, frozen=True):
     """A window as it stands in the table: bench time of its end (s), the window, and its residual (V) if it has one."""
 
     t_s: float
@@ -40,11 +40,11 @@ class _Column(NamedTuple):
     name: str
     unit: str
     width: int
-    text: Callable[[PointRow], str]
+    text: Callable[[_PointRow], str]
     rank: int
 
 
-def _scatter(row: PointRow) -> str:
+def _scatter(row: _PointRow) -> str:
     std_mv = 1e3 * row.window.point.std_v
     return f"{std_mv:.3f}" if std_mv == 0.0 or std_mv >= _LEAST_MV else f"{std_mv:.0e}"
 
@@ -69,30 +69,16 @@ _COLUMNS = (
 _V_VC_MEASURED = _Column("V_Vc measured", "V", 13, lambda row: _number(row.window.point.v_vc_measured_v, "+.6f"), 9)
 
 
-def _columns(row: PointRow, width: int) -> tuple[_Column, ...]:
-    """Return the columns that have room in `width` characters, by rank; rate and output always."""
+def _in_columns(row: _PointRow, width: int) -> list[str]:
+    """Return names, units and texts of the columns that have room in `width`, by rank; rate and output always have."""
     known = _COLUMNS if row.window.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
     chosen: list[_Column] = []
     for column in sorted(known, key=lambda each: each.rank):
         needed = sum(each.width + len(_GAP) for each in chosen) + column.width
         if column.rank <= 1 or needed <= width:
             chosen.append(column)
-    return tuple(column for column in known if column in chosen)
-
-
-def head(row: PointRow, width: int) -> tuple[str, str]:
-    """Return the two lines that stand above a row: names and units."""
-    columns = _columns(row, width)
-    return _line(columns, lambda each: each.name), _line(columns, lambda each: each.unit)
-
-
-def row_text(row: PointRow, width: int) -> str:
-    """Return a row in the columns that have room."""
-    return _line(_columns(row, width), lambda each: each.text(row))
-
-
-def _line(columns: Iterable[_Column], text: Callable[[Any], str]) -> str:
-    return _GAP.join(f"{text(column):>{column.width}}" for column in columns).rstrip()
+    cells = [[f"{said:>{e.width}}" for said in (e.name, e.unit, e.text(row))] for e in known if e in chosen]
+    return [_GAP.join(line).rstrip() for line in zip(*cells, strict=True)]
 
 
 def span(seconds: float) -> str:
@@ -123,7 +109,7 @@ class LiveProgress(NoProgress):
         self._block = _Block(estimate_s, ("━", "─") if self._outlet.encoding.lower().startswith("utf") else ("#", "."))
         self._points = list(points)
         self._begin_s: float | None = None
-        self._head: tuple[str, str] | None = None  # that stands above the last row
+        self._head: list[str] | None = None  # that stands above the last row
         self._drawn_s = 0.0
         self._live = _live(self._console, self._outlet, self._block)
 
@@ -178,13 +164,13 @@ class LiveProgress(NoProgress):
             if point is not None:
                 self._points.append(point)
                 _, fit = line_of(self._points, point.step)
-            row = PointRow(t_s, result, None if fit is None else float(fit.residuals_v[-1]))
-            heads = head(row, self._console.width)
+            row = _PointRow(t_s, result, None if fit is None else float(fit.residuals_v[-1]))
+            *heads, cells = _in_columns(row, self._console.width)
             if heads != self._head:  # a new part, or the window is wider or narrower than it was
                 self._head = heads
                 for line in heads:
                     self._print(line, "dim")
-            self._print(row_text(row, self._console.width), "cyan")
+            self._print(cells, "cyan")
         elif step.effect in {Effect.MEASURES, Effect.CHECKS} and (words := result.describe()):
             self._print(f"  {words}", "")
 
