@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from msgspec import Struct, structs
 
-from vcfbench.archive.compared import compare_runs
+from vcfbench.archive.compared import difference
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import RunSummary, run_summaries
@@ -126,12 +126,11 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     drift_ppm = u_drift_ppm = e_n = None
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None and earlier.simulated == run.simulated:
-        shared = compare_runs(earlier, run).results
-        found = next((each for each in shared if each.name == scale.name), None)
-        if found is not None and found.values[0]:
-            difference, before_v = found.differences[0], found.values[0]
-            drift_ppm, e_n = 1e6 * difference.value / before_v, difference.e_n
-            u_drift_ppm = None if difference.u is None else 1e6 * difference.u / abs(before_v)
+        then = values_of(earlier).get(scale.name)
+        if then is not None and then.unit == scale.unit and then.value:
+            drift = difference(then, scale)
+            drift_ppm, e_n = 1e6 * drift.value / then.value, drift.e_n
+            u_drift_ppm = None if drift.u is None else 1e6 * drift.u / abs(then.value)
     lacks = [each.missing for each in (scale, bias, bend) if each is not None]
     lacks += [each.missing for each in run.verdict.limits] if run.verdict is not None else []
     return SheetRow(

@@ -116,8 +116,12 @@ def compare_runs(*runs: Run) -> RunComparison:
     of_each = [values_of(run) for run in runs]
     results = []
     for name, first in of_each[0].items():
-        if all(name in values and values[name].unit == first.unit for values in of_each):  # V is not deg/s
-            results.append(_shared([values[name] for values in of_each]))
+        found = [each[name] for each in of_each if name in each and each[name].unit == first.unit]
+        if len(found) == len(runs):  # V is not deg/s
+            numbers, u = tuple(each.value for each in found), tuple(each.u for each in found)
+            unlike = tuple(difference(first, each) for each in found[1:])
+            missing = tuple(each.missing for each in found)
+            results.append(SharedResult(name, first.unit, numbers, u, unlike, missing))
     points = tuple(run.points for run in runs) if _alike(*(run.points for run in runs)) else ()
     if not results and not points:
         has = []
@@ -158,18 +162,13 @@ def _name(run: Run) -> str:
     return run.name or run.procedure
 
 
-def _shared(values: Sequence[ResultValue]) -> SharedResult:
-    first, *others = values
-    differences = []
-    for other in others:
-        value, u, e_n = other.value - first.value, None, None
-        if first.u is not None and other.u is not None and first.u95 is not None and other.u95 is not None:
-            u, u95 = math.hypot(first.u, other.u), math.hypot(first.u95, other.u95)
-            e_n = abs(value) / u95 if u95 > 0.0 else None
-        differences.append(Difference(value, u, e_n))
-    numbers, u_of_each = tuple(each.value for each in values), tuple(each.u for each in values)
-    missing = tuple(each.missing for each in values)
-    return SharedResult(first.name, first.unit, numbers, u_of_each, tuple(differences), missing)
+def difference(first: ResultValue, other: ResultValue) -> Difference:
+    """Return by how much the value of one run differs from that of the first."""
+    value, u, e_n = other.value - first.value, None, None
+    if first.u is not None and other.u is not None and first.u95 is not None and other.u95 is not None:
+        u, u95 = math.hypot(first.u, other.u), math.hypot(first.u95, other.u95)
+        e_n = abs(value) / u95 if u95 > 0.0 else None
+    return Difference(value, u, e_n)
 
 
 def _alike(first: Sequence[Point], *others: Sequence[Point]) -> bool:

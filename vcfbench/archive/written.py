@@ -1,7 +1,7 @@
 """Reports, figures and certificates of runs as files."""
 
 from base64 import b64encode
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
 from urllib.parse import quote
@@ -38,6 +38,7 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
     return write_document(full_report(run, said, title), title, run.name or run.procedure, Path(path), logo)
 
 
+_SUFFIXES: Final = (".html", ".pdf", ".md")
 _PICTURES: Final = {".png": "image/png", ".jpg": "image/jpeg", ".svg": "image/svg+xml"}
 _LARGEST_LOGO: Final = 1 << 20
 _LARGEST_DOCUMENT: Final = 1 << 26
@@ -102,9 +103,9 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
 
     `logo` is a file, empty for none; None where the report has no first page.
     """
-    writer = _WRITERS.get(path.suffix.lower())
-    if writer is None:
-        raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_WRITERS)}")
+    suffix = path.suffix.lower()
+    if suffix not in _SUFFIXES:
+        raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_SUFFIXES)}")
     with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
         if logo:  # a picture becomes an address that holds it
             kind = _PICTURES.get(Path(logo).suffix.lower())
@@ -112,28 +113,26 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
                 raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
             picture = b64encode(read_file(Path(logo), "a logo", _LARGEST_LOGO)).decode()
             logo = f"data:{kind};base64,{picture}"
-        return writer(report, title, name, path, logo)
+        if suffix == ".md":
+            return _markdown(report, path)
+        page = page_of(report, f"{title} ({name})", name, printed=suffix == ".pdf", logo=logo)
+        path.write_bytes(_pdf(page) if suffix == ".pdf" else page.encode())
+        return (path,)
 
 
-def _page(report: Report, title: str, name: str, path: Path, logo: str | None) -> tuple[Path, ...]:
-    printed = path.suffix.lower() == ".pdf"
-    data = page_of(report, f"{title} ({name})", name, printed=printed, logo=logo).encode()
-    if printed:
-        try:
-            weasyprint = need("weasyprint", "pdf", "a report as PDF")
-        except OSError as error:  # its wheel brings no Pango
-            hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html"
-            raise ConfigError(
-                f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint
-            ) from error
-        # a report holds all that it shows, its logo too: nothing is asked for from elsewhere
-        fetcher = weasyprint.urls.URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
-        data = weasyprint.HTML(string=data.decode(), url_fetcher=fetcher).write_pdf()
-    path.write_bytes(data)
-    return (path,)
+def _pdf(page: str) -> bytes:
+    try:
+        weasyprint = need("weasyprint", "pdf", "a report as PDF")
+    except OSError as error:  # its wheel brings no Pango
+        hint = "install Pango (Debian: apt install libpango-1.0-0 libpangoft2-1.0-0), or print the .html"
+        raise ConfigError(f"a report as PDF needs WeasyPrint, which cannot be loaded: {error}", hint=hint) from error
+    # a report holds all that it shows, its logo too: nothing is asked for from elsewhere
+    fetcher = weasyprint.urls.URLFetcher(allowed_protocols=("data",), fail_on_errors=True)
+    data: bytes = weasyprint.HTML(string=page, url_fetcher=fetcher).write_pdf()
+    return data
 
 
-def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str | None) -> tuple[Path, ...]:
+def _markdown(report: Report, path: Path) -> tuple[Path, ...]:
     pictures: list[Path] = []
 
     def place(figure: Figure, number: int) -> str:
@@ -142,13 +141,5 @@ def _markdown(report: Report, _title: str, _name: str, path: Path, _logo: str | 
         pictures.append(picture)
         return quote(picture.name)
 
-    text = markdown_of(report, place)
-    path.write_bytes(text.encode())
+    path.write_bytes(markdown_of(report, place).encode())
     return (path, *pictures)
-
-
-_WRITERS: Final[dict[str, Callable[[Report, str, str, Path, str | None], tuple[Path, ...]]]] = {
-    ".html": _page,
-    ".pdf": _page,
-    ".md": _markdown,
-}
