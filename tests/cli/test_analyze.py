@@ -101,7 +101,7 @@ def test_one_column_and_three_are_not_compared_unasked(
 
 @pytest.mark.parametrize(
     ("asked", "words"),
-    [("a", "two column names"), ("a,b,c", "two column names"), ("a,x", "has no column 'x', only a, b")],
+    [("a", "names of two columns"), ("a,b,c", "names of two columns"), ("a,x", "has no column 'x', only a, b")],
 )
 def test_unknown_columns_are_named(asked: str, words: str, written: Callable[[bytes], Path]) -> None:
     table = written(b"rate_deg_s,a,b\n-1,1,1\n0,2,3\n1,3,5\n")

@@ -46,8 +46,6 @@ def analyze(  # noqa: PLR0917  # options of a command
         _answer(of_record, f"Noise of {of_record.column}", file.name, output, json=json)
         return
     names = None if compare is None else [name.strip() for name in compare.split(",")]
-    if names is not None and len(names) != 2:
-        raise ConfigError(f"--compare {compare}: two column names with a comma between them are needed")
     _answer(analyzed(file, names), f"Analysis of {file.name}", file.name, output, json=json)
 
 

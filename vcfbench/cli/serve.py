@@ -29,12 +29,6 @@ _CONTROL_PORT = 20220
 _CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 
 
-def register(app: typer.Typer) -> None:
-    """Hang the commands under `app`, which is ``vcfbench sim``."""
-    app.command("serve")(serve)
-    app.command("ctl")(ctl)
-
-
 def serve(
     bench: Bench_ = None,
     *,

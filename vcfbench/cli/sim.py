@@ -4,10 +4,10 @@ from typing import Annotated, Any, Final, Literal
 
 import typer
 
-from vcfbench.cli import serve
 from vcfbench.cli.answer import print_json
 from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import Bench_, Json_, NewFile_, flag, option, seed_option, with_options
+from vcfbench.cli.serve import ctl, serve
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import load_bench
@@ -138,4 +138,5 @@ def _words(verdict: Verdict) -> list[str]:
     return [*ends, *(f"  BROKEN: {each}" for each in verdict.wrong)]
 
 
-serve.register(app)
+app.command("serve")(serve)
+app.command("ctl")(ctl)

@@ -14,7 +14,7 @@ _ACROSS = 3
 _WIDTH = 0.5  # Width of the band over which the runs of a case are spread, in cases
 
 
-def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> bytes:
+def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> str:
     """Return a picture as SVG: a panel a metric, runs as points, mean and standard deviation of each case beside them.
 
     The same rows give the same bytes.
@@ -32,7 +32,7 @@ def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) ->
             axes.set(title=name, xlabel=label)
         for axes in list(drawing.axes)[len(names) :]:
             axes.remove()
-        data = io.BytesIO()
+        data = io.StringIO()
         drawing.savefig(data, format="svg", metadata={"Date": None})
     return data.getvalue()
 

@@ -15,7 +15,7 @@ from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import is_file
 from vcfbench.procedures.procedure import AnyProcedure
-from vcfbench.runs.request import Prepared, Request, prepare
+from vcfbench.runs.request import Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED, embedded_text
 from vcfbench.station.layering import Layer, merged
@@ -147,26 +147,6 @@ class Study(Struct, frozen=True, kw_only=True):
         }
         return hashlib.sha256(msgspec.json.encode(inputs, order="sorted")).hexdigest()
 
-    def planned(self, case: Case, seed: int) -> Prepared:
-        """Prepare one run and walk its plan against the limits; nothing is opened.
-
-        Raises:
-            BenchError: it cannot be; the words name file, key and case.
-        """
-        try:
-            prepared = prepare(self.request(case, seed))
-            prepared.planned()
-        except BenchError as error:
-            error.hint = "; ".join(filter(None, [error.hint, self._case_words(case, seed)]))
-            if not str(error).startswith(f"{self.source}: "):
-                error.what = f"{self.source}: {error.what}"
-            raise
-        return prepared
-
-    def _case_words(self, case: Case, seed: int) -> str:
-        said = ", ".join(f"{path} = {value}" for path, value in self.values(case, seed).items())
-        return f"case {case.number} ({said})" if said else ""
-
     def check(self) -> Iterator[Case]:
         """Check every run before any is done, and yield each case when it is checked.
 
@@ -178,13 +158,17 @@ class Study(Struct, frozen=True, kw_only=True):
         """
         draws = any(isinstance(each, Drawn) for each in self.varied)
         for case in self.cases:
-            self.planned(case, self.seeds[0])
-            for seed in self.seeds if draws else ():
+            for seed in self.seeds if draws else self.seeds[:1]:
                 try:
-                    prepare(self.request(case, seed))
+                    prepared = prepare(self.request(case, seed))
+                    if seed == self.seeds[0]:
+                        prepared.planned()
                 except BenchError as error:
-                    said = [error.hint, f"drawn for seed {seed}", self._case_words(case, seed)]
-                    error.hint = "; ".join(filter(None, said))
+                    said = ", ".join(f"{path} = {value}" for path, value in self.values(case, seed).items())
+                    drawn, which = f"drawn for seed {seed}" * draws, f"case {case.number} ({said})" if said else ""
+                    error.hint = "; ".join(filter(None, [error.hint, drawn, which]))
+                    if not str(error).startswith(f"{self.source}: "):
+                        error.what = f"{self.source}: {error.what}"
                     raise
             yield case
 

@@ -11,13 +11,14 @@ from msgspec import Struct
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import shown
+from vcfbench.records.export import result_text, write_text
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.html_page import html_of
 from vcfbench.studies.figures import picture
 from vcfbench.studies.journal import Begun, rows_of
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.summary import CaseSummary, headlines, summaries, summary_table
-from vcfbench.studies.table import Columns, columns_of, write_table, written
+from vcfbench.studies.table import Columns, columns_of, write_table
 
 
 class StudyResult(Struct, frozen=True):
@@ -80,11 +81,11 @@ class StudyResult(Struct, frozen=True):
         """
         summary, drawing = beside(path, ".summary.json"), beside(path, ".svg")
         write_table(path, self.columns)
-        written(summary, msgspec.json.format(msgspec.json.encode(self.as_json())) + b"\n")
+        write_text(summary, result_text(self.as_json()))
         cases = self.summary
         if not headlines(cases):
             return path, summary
-        written(drawing, picture(self.title, self.rows, cases))
+        write_text(drawing, picture(self.title, self.rows, cases))
         return path, summary, drawing
 
     def __repr__(self) -> str:

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vcfbench.errors import BenchError, ConfigError
-from vcfbench.files import failing_as, shown
+from vcfbench.errors import ConfigError
+from vcfbench.files import shown
+from vcfbench.records.export import write_text
 from vcfbench.studies.one_run import RunRow
 
 Columns = Mapping[str, tuple[Any, ...]]
@@ -63,15 +64,7 @@ def write_table(path: Path, columns: Columns) -> None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))
-    written(path, text.getvalue().encode())
-
-
-def written(path: Path, data: bytes) -> None:
-    """Write a file that is there whole or not at all; raises BenchError when the disk does not take it."""
-    beside = path.with_name(f".{path.name}.part")
-    with failing_as(BenchError, f"{shown(path)} cannot be written"):
-        beside.write_bytes(data)
-        beside.replace(path)
+    write_text(path, text.getvalue())
 
 
 def _cell(value: Any) -> str:
