@@ -73,6 +73,13 @@ def test_the_circuit_of_the_page_is_the_example() -> None:
     assert plain == shown[shown.index("class RcFilter") :]
 
 
+def test_the_script_of_the_readme_is_the_example() -> None:
+    script = (RACK / "examples" / "response.py").read_text(encoding="utf-8")
+    readme = (RACK / "README.md").read_text(encoding="utf-8")
+    assert f"```python\n{script.split(chr(10), 2)[2]}```" in readme
+    assert set(re.findall(r"simrack/examples/(\w+\.py)", readme)) == {"response.py", "rc_filter.py"}
+
+
 def test_every_class_of_the_table_is_there() -> None:
     named = re.findall(r"`(simrack\.\S+):(\w+)`", (RACK / "docs" / "instruments.md").read_text(encoding="utf-8"))
     assert len(named) == 16

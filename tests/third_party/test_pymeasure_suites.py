@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path  # fixtures are annotated with it
 from xml.etree import ElementTree as ET
 
 import pytest
 
+from tests.ports import free_port
 from tests.third_party.conftest import Served, command, expected_failures, serving
+
+RACK = Path(__file__).parents[2] / "simrack"
 
 
 def outcomes(python: Path, source: Path, suite: str, address: str, report: Path) -> dict[str, bool]:
@@ -87,3 +92,19 @@ def test_suite_of_the_33500b(
         (pymeasure_source / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8"
     )
     check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), suite, 395)
+
+
+def test_the_script_of_the_readme_of_the_rack(pymeasure: Path, tmp_path: Path) -> None:
+    """Its ports follow the one that is asked for."""
+    script, example = tmp_path / "response.py", RACK / "examples" / "rc_filter.py"
+    first = free_port()
+    text = (RACK / "examples" / "response.py").read_text(encoding="utf-8")
+    script.write_text(text.replace("5903", str(first + 3)).replace("5904", str(first + 4)), encoding="utf-8")
+    words = ["-m", "simrack", "serve", str(example), "--speed", "max", "--port", str(first)]
+    with subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True, cwd=RACK) as server:  # noqa: S603
+        try:
+            assert "RC low-pass" in str(server.stdout and server.stdout.readline())
+            done = command(pymeasure, script)
+        finally:
+            server.terminate()
+    assert [float(line.split()[-1]) for line in done.stdout.splitlines()] == [0.998, 0.847, 0.157], done.stderr
