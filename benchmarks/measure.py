@@ -50,7 +50,6 @@ class Child:
     """A process that has ended."""
 
     wall_s: float
-    peak_mb: float | None
     out: str
     cpu_s: float | None = None
 
@@ -60,27 +59,40 @@ WARM = {name: value for name, value in os.environ.items() if name != "PYTHONDONT
 
 
 def child(command: Sequence[str]) -> Child:
-    """Run `command` in an empty working directory; its peak memory is None where the system does not tell."""
+    """Run `command` in an empty working directory; its CPU time is None where the system does not tell."""
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as errors:
         started = time.perf_counter()
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=errors, cwd=folder, env=WARM)
-        peak_mb, cpu_s = _wait(process)
+        cpu_s = _wait(process)
         wall_s = time.perf_counter() - started
         if process.returncode:
             errors.seek(0)
             raise SystemExit(f"{' '.join(command)}: exit {process.returncode}\n{errors.read().decode()}")
         out.seek(0)
-        return Child(wall_s, peak_mb, out.read().decode(), cpu_s)
+        return Child(wall_s, out.read().decode(), cpu_s)
 
 
-def _wait(process: subprocess.Popen[bytes]) -> tuple[float | None, float | None]:
-    """Wait; return peak memory, MB, and CPU time, s, where the system tells."""
+def _wait(process: subprocess.Popen[bytes]) -> float | None:
+    """Wait; return the CPU time, s, where the system tells."""
     if not hasattr(os, "wait4"):
         process.wait()
-        return None, None
+        return None
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
-    return usage.ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10), usage.ru_utime + usage.ru_stime
+    return usage.ru_utime + usage.ru_stime
+
+
+_LAUNCHER = """
+import resource, subprocess, sys
+subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL)
+print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+
+
+def peak_mb(command: Sequence[str]) -> float:
+    """Return the peak memory of `command`, MB; what begins it is small, for Linux counts that of its parent to it."""
+    in_a_mb = 2**20 if sys.platform == "darwin" else 2**10
+    return float(child([sys.executable, "-S", "-c", _LAUNCHER, *command]).out) / in_a_mb
 
 
 def median_child(command: Sequence[str], runs: int) -> Child:

@@ -11,7 +11,7 @@ import json
 import statistics
 import sys
 
-from measure import COMMAND, Child, Figure, child, median_child, report
+from measure import COMMAND, Child, Figure, child, median_child, peak_mb, report
 
 THIRD_PARTY = (
     "import msgspec, numpy.fft, numpy.ma, numpy.polynomial, numpy.random, pyvisa, serial, typer, typer._adapters, "
@@ -92,7 +92,7 @@ def figures(runs: int = 5) -> list[Figure]:
         done = median_child(command(procedure), runs)
         found += [
             report(Figure(f"run {procedure}, whole process", done.wall_s, "s", bar=2, gross=8)),
-            report(Figure(f"run {procedure}, peak memory", done.peak_mb or 0.0, "MB", bar=200, gross=250)),
+            report(Figure(f"run {procedure}, peak memory", peak_mb(command(procedure)), "MB", bar=100, gross=150)),
             report(Figure(f"run {procedure}, bench time", json.loads(done.out)["bench_seconds"], "s")),
             _repeated(procedure, done),
             _beyond_imports(procedure),
