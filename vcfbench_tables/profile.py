@@ -1,4 +1,7 @@
-"""Reading of table languages told in TOML: every mistake is one line with file, key and what was expected."""
+"""Reading of table languages told in TOML: every mistake is one line with file, key and what was expected.
+
+What a profile can say is in :mod:`vcfbench_tables.language`.
+"""
 
 import re
 import warnings

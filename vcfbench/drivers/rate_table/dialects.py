@@ -14,5 +14,5 @@ def spoken(name: str, settings: TableSettings) -> tuple[TableDialect, Link]:
     row = find_language(name)
     if row is not None and row.dialect is not None:
         return resolve(row.dialect)(settings), Link(baud=row.baud_rate)
-    told: tuple[TableDialect, Link] = profile_reader().spoken(name, settings.axis)
-    return told
+    of_profile: tuple[TableDialect, Link] = profile_reader().spoken(name, settings.axis)
+    return of_profile
