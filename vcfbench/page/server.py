@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import Final, Self
 
 from vcfbench.archive.run import Run
 from vcfbench.errors import BenchError, ConfigError
@@ -21,30 +21,12 @@ from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.steps.executor import Event
 
-if TYPE_CHECKING:
-    from vcfbench.page.app import PageContent
-
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
 _PARTING_S: Final = 1.5  # Time of browsers for the last of a run, s: the command does not wait for them any longer
-_STARTING_S: Final = 10.0
+_LOOKS_S: Final = 10.0
 _TAKEN_AT_ONCE: Final = 8
 """Connections accepted in one go, each with a file descriptor, before the first can be refused."""
-
-
-def _content_and_server(runs: Path, devices: Path) -> tuple[PageContent, Any]:
-    """Return the page of a station, and the server that shows it; ConfigError where the extra is not installed."""
-    need("starlette", "page", _WHAT)
-    uvicorn = need("uvicorn", "page", _WHAT)
-    from vcfbench.page.app import PageContent, application  # noqa: PLC0415  # made of starlette
-    from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # made of uvicorn
-
-    shown = PageContent(StationDirectories(runs, devices))
-    how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
-    config = uvicorn.Config(
-        application(shown), http=BoundedConnection, backlog=_TAKEN_AT_ONCE, timeout_graceful_shutdown=1, **how
-    )
-    return shown, uvicorn.Server(config)
 
 
 def _bound(port: int) -> socket.socket:
@@ -66,7 +48,7 @@ def _bound(port: int) -> socket.socket:
 
 
 class LivePage:
-    """The page of the runs of this process, in a thread of its own that nothing of a run waits for.
+    """The page of a station and of the runs of this process, in a thread of its own that nothing of a run waits for.
 
     Somebody who knows the token controls the run that goes: stops it, has it pause and go on. With a `panel` that
     person starts them, too.
@@ -76,17 +58,31 @@ class LivePage:
     """
 
     def __init__(self, runs: Path, devices: Path, port: int, panel: Panel | None = None) -> None:
+        need("starlette", "page", _WHAT)
+        uvicorn = need("uvicorn", "page", _WHAT)
+        from vcfbench.page.app import PageContent, application  # noqa: PLC0415  # made of starlette
+        from vcfbench.page.connections import BoundedConnection  # noqa: PLC0415  # made of uvicorn
+
         self.view, self.panel = View(), panel
-        self._shown, self._server = _content_and_server(runs, devices)
-        self._shown.panel, self._shown.token = panel, secrets.token_urlsafe(12)
+        self._shown = PageContent(StationDirectories(runs, devices), panel=panel, token=secrets.token_urlsafe(12))
+        how = {"log_config": None, "log_level": "critical", "access_log": False, "lifespan": "off", "ws": "none"}
+        config = uvicorn.Config(
+            application(self._shown), http=BoundedConnection, backlog=_TAKEN_AT_ONCE, timeout_graceful_shutdown=1, **how
+        )
+        self._server = uvicorn.Server(config)
         self._socket = _bound(port)
-        self._thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
+        self.thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
+
+    @property
+    def station(self) -> str:
+        """Address to look at records and devices."""
+        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/"
 
     @property
     def address(self) -> str:
         """Address to look and stop: the token comes last, where no browser sends it."""
         what = "run/live" if self.panel is None else "panel"
-        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/{what}#{self._shown.token}"
+        return f"{self.station}{what}#{self._shown.token}"
 
     def follow(self, control: RunControl) -> None:
         """Show from now on the run that `control` controls."""
@@ -100,16 +96,15 @@ class LivePage:
         return self._shown.control is not None and bool(self._shown.control.stop_by)
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self.thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
         """Tell the browsers that the run is over, and go."""
         if self.view.end is None:
             self.view.finished({"status": "aborted", "error": str(error[1] or "the command ended")})
-        self._shown.closing = True
-        self._server.should_exit = True
-        self._thread.join(_PARTING_S)
+        self._shown.closing = self._server.should_exit = True
+        self.thread.join(_PARTING_S)
 
     def begin(self, prepared: Prepared) -> None:
         """Take in the beginning of a run."""
@@ -131,15 +126,8 @@ def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], No
         ConfigError: the port is taken, or what the page needs is not installed.
         BenchError: the server ended by itself.
     """
-    shown, server = _content_and_server(runs, devices)
-    listening = _bound(port)
-    said(f"http://{LOOPBACK}:{listening.getsockname()[1]}/")
-    thread = Thread(target=server.run, args=([listening],), name="page", daemon=True)
-    thread.start()
-    try:
-        while thread.is_alive():
-            thread.join(_STARTING_S)
-    finally:
-        shown.closing = server.should_exit = True
-        thread.join(_PARTING_S)
+    with LivePage(runs, devices, port) as page:
+        said(page.station)
+        while page.thread.is_alive():
+            page.thread.join(_LOOKS_S)
     raise BenchError("the server of the page ended by itself")

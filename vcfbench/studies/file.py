@@ -235,13 +235,11 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     if bench in EMBEDDED and not file.is_file():
         return f"embedded {bench} bench", parse_toml(embedded_text(bench), bench)
     table = parse_toml(read_text(file, "a bench file"), shown(file))
-    dialect = table.get("rate_table", {}).get("dialect", "") if isinstance(table.get("rate_table"), dict) else ""
-    if isinstance(dialect, str) and dialect.endswith(".toml"):
-        table = placed(table, "rate_table.dialect", str((file.parent / dialect).resolve()), shown(file))
-    for role in ("multimeter", "v_vc_meter"):
+    for role, key in (("rate_table", "dialect"), ("multimeter", "calibration_dcc"), ("v_vc_meter", "calibration_dcc")):
         part = table.get(role)
-        if isinstance(part, dict) and isinstance(named := part.get("calibration_dcc"), str):
-            table = placed(table, f"{role}.calibration_dcc", str((file.parent / named).resolve()), shown(file))
+        named = part.get(key) if isinstance(part, dict) else None
+        if isinstance(named, str) and (key != "dialect" or named.endswith(".toml")):
+            table = placed(table, f"{role}.{key}", str((file.parent / named).resolve()), shown(file))
     return shown(file), table
 
 

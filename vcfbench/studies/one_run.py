@@ -41,21 +41,15 @@ def perform(work: PlannedRun) -> RunRow:
     """Do one run; whatever goes wrong in it is in the row; Aborted: a signal came."""
     case, study = work.study.cases[0], work.study
     try:
-        request = structs.replace(study.request(case, work.seed), runs=work.keep)
-        bench: Any = request.bench  # it is described
-        request = structs.replace(request, bench=structs.replace(bench, notify=None))  # nobody wants a thousand of them
+        request = study.request(case, work.seed)
+        bench: Any = request.bench  # it is described; nobody wants a thousand notices
+        request = structs.replace(request, runs=work.keep, bench=structs.replace(bench, notify=None))
         run = conduct(request, StopSignals())  # not entered: signals are for whoever conducts the study
-        metrics = metrics_of(run, request.bench, study.metrics)  # type: ignore[arg-type]  # it is described
+        metrics = metrics_of(run, bench, study.metrics)
     except Aborted:
         raise
-    except BenchError as error:
-        return failed(work, str(error))
     except Exception as error:  # noqa: BLE001  # a procedure is anybody's; the other runs go on
-        return failed(work, f"{type(error).__name__}: {error}")
+        said = str(error) if isinstance(error, BenchError) else f"{type(error).__name__}: {error}"
+        return RunRow(*work.key, "failed", said)
     verdict = None if run.verdict is None else run.verdict.word
     return RunRow(*work.key, run.status.value, None, verdict, run.bench_seconds, metrics)
-
-
-def failed(work: PlannedRun, message: str) -> RunRow:
-    """Return the row of a run that came to nothing."""
-    return RunRow(*work.key, "failed", message)

@@ -171,15 +171,13 @@ def combined(axes: Sequence[Listed], how: str, source: str) -> tuple[dict[str, A
     Raises:
         ConfigError: values that are to be paired are not of one number.
     """
-    if how == "grid":
-        every = product(*(axis.values for axis in axes))
-        return tuple({axis.path: value for axis, value in zip(axes, row, strict=True)} for row in every)
+    columns = [axis.values for axis in axes]
     numbers = {axis.path: len(axis.values) for axis in axes}
-    if len(set(numbers.values())) > 1:
+    if how != "grid" and len(set(numbers.values())) > 1:
         came = ", ".join(f"{number} of {path}" for path, number in numbers.items())
         raise refusal(f"{source}: combine", "as many values of each path, to pair them", came)
-    pairs = zip(*(axis.values for axis in axes), strict=True) if axes else [()]
-    return tuple({axis.path: value for axis, value in zip(axes, row, strict=True)} for row in pairs)
+    rows = product(*columns) if how == "grid" or not axes else zip(*columns, strict=True)
+    return tuple(dict(zip(numbers, row, strict=True)) for row in rows)
 
 
 def placed(table: Mapping[str, Any], path: str, value: Any, where: str) -> dict[str, Any]:
