@@ -1,13 +1,18 @@
-"""Loads on the nodes of the PCB by instruments and faults: resistances to ground, behind each node's own."""
+"""Loads on the nodes of a World by instruments and faults: resistances to ground, behind each node's own."""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from abc import abstractmethod
+from typing import TYPE_CHECKING, ClassVar
+
+from simrack.observations import Observed
+from simrack.sources import Approach
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+    from collections.abc import Callable, Hashable, Mapping
 
+    from simrack.clock import Clock
     from simrack.sources import Drive, Played
 
 
@@ -43,6 +48,10 @@ class NodeLoads:
         own = self._sources_ohm
         self.shares = {node: 1.0 / (1.0 + own[node] * self.conductance_s(node)) for node in loaded if node in own}
 
+    def ohm_of(self, who: Hashable) -> float:
+        """Return the resistance that somebody has put there, ohm; inf is none."""
+        return self._loads[who][1] if who in self._loads else math.inf
+
     def conductance_s(self, node: str) -> float:
         """Return the conductance from `node` to ground, S."""
         return self._conductances_s.get(node, 0.0)
@@ -59,3 +68,60 @@ class NodeLoads:
             return source
         share = 1.0 / (1.0 + source.source_ohm * conductance)
         return source.divided(share)
+
+
+class Loaded(Observed):
+    """An observed World whose nodes and rails carry loads; whoever supplies them is told of each change.
+
+    Args:
+        clock: bench time.
+        sources_ohm: as of :class:`NodeLoads`.
+    """
+
+    rails: ClassVar[tuple[str, ...]]
+
+    def __init__(self, clock: Clock, sources_ohm: Mapping[str, float]) -> None:
+        super().__init__(clock)
+        self._loads = NodeLoads(sources_ohm)
+        self._on_load: list[Callable[[], None]] = []
+
+    @abstractmethod
+    def move_rail(self, rail: str, approach: Approach) -> None:
+        """Let the voltage on a supply pin go its way from now on, signed."""
+
+    def set_rail(self, rail: str, voltage_v: float) -> None:
+        """Put a voltage on a supply pin from now on, signed: "positive" +10 V, "negative" -10 V."""
+        self.move_rail(rail, Approach(voltage_v))
+
+    def load_ohm(self, rail: str) -> float:
+        """Return the load on `rail` beside the device, ohm; inf is none."""
+        self._require(rail, self.rails)
+        return self._loads.ohm_of((Loaded, rail))
+
+    def set_load(self, rail: str, resistance_ohm: float) -> None:
+        """Put a load on `rail` beside the device, a fault for instance; inf takes it off.
+
+        Raises:
+            ValueError: it is not above 0 ohm.
+        """
+        self._require(rail, self.rails)
+        self._load((Loaded, rail), f"rail_{rail}", resistance_ohm)
+
+    def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        """Hang a resistance on `node` in place of any former one of `who`; inf takes it off.
+
+        Raises:
+            ValueError: the node is unknown, or the resistance is not above 0 ohm.
+        """
+        self._require(node, self.nodes)
+        self._load(who, node, resistance_ohm)
+
+    def _load(self, who: Hashable, node: str, resistance_ohm: float) -> None:
+        self.advance()
+        self._loads.put(who, node, resistance_ohm)
+        for regulate in self._on_load:
+            regulate()
+
+    def on_load(self, regulate: Callable[[], None]) -> None:
+        """Have `regulate` called after each change of a load: a supply finds its working point anew at once."""
+        self._on_load.append(regulate)

@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from msgspec import Struct
 
-from simrack.loads import NodeLoads
+from simrack.loads import Loaded
 from simrack.motion import TableMotion
-from simrack.observations import Observed
 from simrack.sources import Approach, Drive, Ripple, Sine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
+    from collections.abc import Hashable, Mapping
 
     from numpy.typing import NDArray
 
@@ -178,7 +177,7 @@ def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> _Clos
     return _Closed(constant_v + still, terms)
 
 
-class WiredWorld(Observed):
+class WiredWorld(Loaded):
     """Nodes that sources, a circuit and meters share; rails, a shaft, and air at room temperature.
 
     Args:
@@ -191,19 +190,15 @@ class WiredWorld(Observed):
     inputs: ClassVar = ("input",)
 
     def __init__(self, clock: Clock, circuit: Circuit | None = None) -> None:
-        super().__init__(clock)
+        super().__init__(clock, {})
         self.device = "wire" if circuit is None else circuit.name
         self.leads: dict[str, LeadsOfRole] = {}
         self.table = TableMotion(clock, Mechanics(), self.advance)
         self._circuit = circuit
         self._now_s = clock.now()
         self._source: Drive | Played | None = None
-        self._loads = NodeLoads({})
-        self._loads_ohm = dict.fromkeys(RAILS, math.inf)
         self._rails = dict.fromkeys(RAILS, _Rail(Approach(0.0)))
-        self._on_load: list[Callable[[], None]] = []
         self._ambient_c = _ROOM_C
-        self._changes = 0
 
     @property
     def reached_s(self) -> float:
@@ -249,10 +244,6 @@ class WiredWorld(Observed):
         self.advance()
         self._source = source
 
-    def set_rail(self, rail: str, voltage_v: float) -> None:
-        """Put a voltage on a rail from now on, signed."""
-        self.move_rail(rail, Approach(voltage_v))
-
     def move_rail(self, rail: str, approach: Approach) -> None:
         """Let the voltage on a rail go its way from now on."""
         self._change_rail(rail, _Rail(approach, self._rails[rail].ripple))
@@ -268,41 +259,12 @@ class WiredWorld(Observed):
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
         """Return the magnitude of the current that circuit and loads draw at a voltage, A."""
-        conductance = 1.0 / self._loads_ohm[rail] + self._loads.conductance_s(f"rail_{rail}")
         own = 0.0 if self._circuit is None else self._circuit.current_a(rail, voltage_v)
-        return own + abs(voltage_v) * conductance
+        return own + abs(voltage_v) * self._loads.conductance_s(f"rail_{rail}")
 
     def drawing(self) -> Hashable:
-        """Return a key of the currents: how often a load has changed."""
-        return self._changes
-
-    def load_ohm(self, rail: str) -> float:
-        """Return the load on a rail, ohm; inf is none."""
-        return self._loads_ohm[rail]
-
-    def set_load(self, rail: str, resistance_ohm: float) -> None:
-        """Put a load on a rail; inf takes it off. ValueError if it is not above 0 ohm."""
-        if not resistance_ohm > 0.0:
-            raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
-        self.advance()
-        self._loads_ohm[rail] = resistance_ohm
-        self._regulate()
-
-    def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node` in place of any former one of `who`; inf takes it off."""
-        self._require(node, NODES)
-        self.advance()
-        self._loads.put(who, node, resistance_ohm)
-        self._regulate()
-
-    def on_load(self, regulate: Callable[[], None]) -> None:
-        """Have `regulate` called after each change of a load."""
-        self._on_load.append(regulate)
-
-    def _regulate(self) -> None:
-        self._changes += 1
-        for regulate in self._on_load:
-            regulate()
+        """Return a key of the currents: the loads."""
+        return tuple(self._loads.conductance_s(f"rail_{rail}") for rail in RAILS)
 
     def source_ohm(self, node: str) -> float:
         """Return the resistance behind a node, ohm."""

@@ -5,8 +5,7 @@ Propagation stops at events and at the edges of registered windows and captures 
 a second does.
 """
 
-import math
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Hashable, Iterator
 from copy import copy
 from functools import partial
 
@@ -15,9 +14,8 @@ from msgspec.structs import replace
 from simrack.adding import added
 from simrack.adjustment import Adjustment
 from simrack.flutter import Flutter
-from simrack.loads import NodeLoads
+from simrack.loads import Loaded
 from simrack.motion import TableMotion
-from simrack.observations import Observed
 from simrack.sources import Approach, Drive, Played, Ripple
 from simrack.world import LeadsOfRole
 
@@ -37,7 +35,7 @@ INPUTS = ("v_vc", "vibration")
 """Where generators are connected: what is put on the second is added to what is on the first."""
 
 
-class World(Observed):
+class World(Loaded):
     """Gyro, PCB, table, rails and wiring at bench time; see the module's words on how time passes."""
 
     device = "gyroscope"
@@ -46,7 +44,7 @@ class World(Observed):
     inputs = INPUTS
 
     def __init__(self, clock: Clock, parameters: BenchParameters, seed: int) -> None:
-        super().__init__(clock)
+        super().__init__(clock, parameters.source.by_node())
         self.parameters = parameters
         self.table = TableMotion(clock, parameters.table, self.advance, Flutter.of(parameters.table, seed))
         self._gyro = Gyro(parameters, seed, clock.now())
@@ -55,12 +53,9 @@ class World(Observed):
         self.leads: dict[str, LeadsOfRole] = {}
         """The leads of what looks at the World, by role."""
         self._rails = dict.fromkeys(RAILS, Approach(0.0))
-        self._loads_ohm = dict.fromkeys(RAILS, math.inf)
-        self._node_loads = NodeLoads(parameters.source.by_node())
         self._generators: dict[str, Drive | Played | None] = dict.fromkeys(INPUTS)
         self._v_vc_source: Drive | Played | None = None
         self._imagined: Gyro | None = None
-        self._on_load: list[Callable[[], None]] = []
 
     @property
     def reached_s(self) -> float:
@@ -97,18 +92,14 @@ class World(Observed):
             self._pass_edge(stop)
 
     def _loaded(self, stretch: Stretch) -> Stretch:
-        shares = self._node_loads.shares
+        shares = self._loads.shares
         return replace(stretch, shares=shares) if shares else stretch
 
-    def set_rail(self, rail: str, voltage_v: float) -> None:
-        """Put a voltage on a supply pin from now on, signed: "positive" +10 V, "negative" -10 V.
+    def move_rail(self, rail: str, approach: Approach) -> None:
+        """Let the voltage on a supply pin go its way from now on, signed.
 
         A pin of the wrong polarity counts as 0 V: the PCB's protection diodes block it.
         """
-        self.move_rail(rail, Approach(voltage_v))
-
-    def move_rail(self, rail: str, approach: Approach) -> None:
-        """Let the voltage on a supply pin go its way from now on; signs and wrong polarity as of :meth:`set_rail`."""
         self._require(rail, RAILS)
         self.advance()
         self._rails[rail] = approach
@@ -127,67 +118,33 @@ class World(Observed):
         return self._drawn_a(self._gyro, rail, voltage_v, self.clock.now())
 
     def _drawn_a(self, gyro: Gyro, rail: str, voltage_v: float, now_s: float) -> float:
-        beside = 1.0 / self._loads_ohm[rail] + self._node_loads.conductance_s(f"rail_{rail}")
-        return gyro.rail_current_a(RAILS.index(rail), voltage_v, now_s) + abs(voltage_v) * beside
+        own_a = gyro.rail_current_a(RAILS.index(rail), voltage_v, now_s)
+        return own_a + abs(voltage_v) * self._loads.conductance_s(f"rail_{rail}")
 
     def drawing(self) -> Hashable:
         """Return a key of the rails' currents: while it is equal, so are they; None while they change."""
         self._pass_events()
         return self._gyro.drawing()
 
-    def load_ohm(self, rail: str) -> float:
-        """Return the load on `rail` beside the PCB, ohm; inf is none."""
-        self._require(rail, RAILS)
-        return self._loads_ohm[rail]
-
-    def set_load(self, rail: str, resistance_ohm: float) -> None:
-        """Put a load on `rail` beside the PCB, a fault for instance; inf takes it off.
-
-        Raises:
-            ValueError: it is not above 0 ohm.
-        """
-        self._require(rail, RAILS)
-        if not resistance_ohm > 0.0:
-            raise ValueError(f"a load has more than 0 ohm, not {resistance_ohm}")
-        self.advance()
-        self._loads_ohm[rail] = resistance_ohm
-        self._regulate()
-
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node` in place of any former one of `who`; inf takes it off.
+        """Hang a resistance on `node`, as :class:`simrack.loads.Loaded` does.
 
         The PCB's outputs divide with their own resistance, V_Vc with the generator's; a rail has to supply it.
-
-        Raises:
-            ValueError: the node is unknown, or the resistance is not above 0 ohm.
         """
-        self._require(node, NODES)
-        self.advance()
-        self._node_loads.put(who, node, resistance_ohm)
-        self._gyro.connect_v_vc(self._node_loads.behind("v_vc", self._v_vc_source))
-        self._regulate()
+        super().load_node(who, node, resistance_ohm)
+        self._gyro.connect_v_vc(self._loads.behind("v_vc", self._v_vc_source))
 
     def source_ohm(self, node: str) -> float:
         """Return the resistance behind a node now, ohm; a PCB without power counts as one with it, its rails apart."""
         self._require(node, NODES)
         rail = node.removeprefix("rail_")
         if rail in RAILS and not self._rails[rail].at(self.clock.now()):  # no supply holds it
-            return self._node_loads.presented_ohm(
-                node, 1.0 / (1.0 / self.parameters.supply.input_ohm + 1.0 / self._loads_ohm[rail])
-            )
+            return self._loads.presented_ohm(node, self.parameters.supply.input_ohm)
         if node != "v_vc":
-            return self._node_loads.presented_ohm(node)
+            return self._loads.presented_ohm(node)
         pull_down, source = self.parameters.virtual_path.pull_down_ohm, self._v_vc_source
         own = pull_down if source is None else pull_down * source.source_ohm / (pull_down + source.source_ohm)
-        return self._node_loads.presented_ohm(node, own)
-
-    def _regulate(self) -> None:
-        for regulate in self._on_load:
-            regulate()
-
-    def on_load(self, regulate: Callable[[], None]) -> None:
-        """Have `regulate` called after each change of a load: a supply finds its working point anew at once."""
-        self._on_load.append(regulate)
+        return self._loads.presented_ohm(node, own)
 
     def ambient_c(self) -> float:
         """Return the temperature around the gyroscope, degC."""
@@ -235,7 +192,7 @@ class World(Observed):
         self._generators[node] = source
         both = added(self._generators["v_vc"], self._generators["vibration"])
         self._v_vc_source = self.mains.through_v_vc_lead(both)
-        self._gyro.connect_v_vc(self._node_loads.behind("v_vc", self._v_vc_source))
+        self._gyro.connect_v_vc(self._loads.behind("v_vc", self._v_vc_source))
 
     def value_v(self, node: str) -> float:
         """Return a node's voltage now."""
