@@ -16,8 +16,8 @@ from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.chain import Chain, ChainDesign, Forcing, Response
 from vcfbench.sim.gyro.design import earth_rate_deg_s, g_rate_deg_s
-from vcfbench.sim.gyro.drive import DriveSegment
-from vcfbench.sim.gyro.electronics import Passage
+from vcfbench.sim.gyro.drive import DriveSegment, weaker_v
+from vcfbench.sim.gyro.electronics import Passage, Pin
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import real_terms
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
@@ -46,17 +46,28 @@ def switch_on(noise: NoiseSources, seed: int, number: int) -> SwitchOn:
 
 
 class Acting(Struct, frozen=True):
-    """Forcing of the chain from `since_s` on, the carrier's phase being `phase_rad` then."""
+    """Conditions from one event to the next, and their forcing of the chain; at `since_s` the carrier's phase was that.
+
+    `passage` and `pins` are the voltages on V_Vc and the supply pins.
+    """
 
     since_s: float
     phase_rad: float
     bench: BenchParameters
     temperature_c: float
+    drive_mode: Resonance
     drive: DriveSegment
     rate: RateSegment
     warm_up: WarmUp
     passage: Passage
+    pins: tuple[Pin, Pin]
     switched_on: SwitchOn
+
+    @property
+    def alive(self) -> bool:
+        """Whether the PCB has enough power to show anything."""
+        positive, negative = self.pins
+        return weaker_v((positive.approach, negative.approach), self.since_s) >= self.bench.supply.dead_v
 
     @property
     def turn(self) -> complex:

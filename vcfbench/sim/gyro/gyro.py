@@ -34,7 +34,7 @@ from vcfbench.sim.gyro.drive import (
 from vcfbench.sim.gyro.electronics import Pin, passage, rail_current_a
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.noise_course import NoiseCourse
-from vcfbench.sim.gyro.stretch import Situation, Stretch
+from vcfbench.sim.gyro.stretch import Stretch
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 from vcfbench.sim.parameters import BenchParameters
 
@@ -73,7 +73,8 @@ class Gyro:
         self._acting: Acting | None = None
         self._next_event_s = math.inf
         """That while the same acts, which every such event ends."""
-        self._given: Situation | None = None
+        self._answer: Answer | None = None
+        """The chain's to it, once somebody looks."""
         self._seen_share = seen_share(bench)
         self._rate: RateSegment | None = None
         self._seen: RateSegment | None = None
@@ -240,10 +241,12 @@ class Gyro:
                 self._phase,
                 self._bench,
                 self._temperature_c(),
+                self._drive_mode,
                 self._drive[0],
                 self._seen or rate,
                 self._warm_up,
                 self._passage,
+                self._pins,
                 self._switched_on,
             )
             self._course.note(self._acting)
@@ -253,9 +256,9 @@ class Gyro:
     def _end_acting(self) -> None:
         """End the present forcing of the chain now, before something changes it."""
         self._phase = self._phase_now()
-        if self._given is not None:
-            self._given.answer.part()
-        self._acting = self._given = None
+        if self._answer is not None:
+            self._answer.part()
+        self._acting = self._answer = None
 
     def _arrive(self, stop_s: float) -> None:
         self.now_s = stop_s
@@ -294,19 +297,9 @@ class Gyro:
 
     def _stretch(self, acting: Acting, stop_s: float, noise: NoisePath | None, noise_integral_v_s: float) -> Stretch:
         """Return the stretch from now to `stop_s`."""
-        # The situation while a forcing acts; somebody looks
-        if self._given is None:
-            self._given = Situation(
-                acting.bench,
-                Answer(self._course, self.now_s),
-                self._drive_mode,
-                acting.drive,
-                acting.passage,
-                self._pins,
-                self._weaker_at(acting.since_s) >= acting.bench.supply.dead_v,
-            )
-        since_s, given = self.now_s - acting.since_s, self._given
-        return Stretch(given, self.now_s, stop_s, since_s, self._phase_now(), noise, noise_integral_v_s)
+        answer = self._answer = self._answer or Answer(self._course, self.now_s)
+        since_s, phase_rad = self.now_s - acting.since_s, self._phase_now()
+        return Stretch(acting, answer, self.now_s, stop_s, since_s, phase_rad, noise, noise_integral_v_s)
 
     # -- power --
 
