@@ -25,22 +25,6 @@ from vcfbench.sim.gyro.signals import FEW_TERMS, ExponentialSum
 from vcfbench.sim.parameters import BenchParameters, SenseMode
 
 
-class ChainState(Struct, frozen=True):
-    """Memory of the chain, in terms that outlive a change of its parameters.
-
-    `displacements`, `velocities`: complex envelopes of both sense modes, m and m/s. `filtered`: the filter's parts, V.
-    """
-
-    displacements: NDArray[np.complex128]
-    velocities: NDArray[np.complex128]
-    filtered: NDArray[np.complex128]
-
-    @classmethod
-    def at_rest(cls, order: int) -> "ChainState":
-        """Return the state of a chain that never moved."""
-        return cls(np.zeros(2, complex), np.zeros(2, complex), np.zeros(order, complex))
-
-
 class Forcing(Struct, frozen=True):
     """Rate (rad/s) and modulator output (V) from now on; terms (a, s) add a exp(s t) each."""
 
@@ -162,38 +146,20 @@ class Chain(Struct, frozen=True, dict=True):
         """Column of `virtual` over `turned_virtual`."""
         return np.concatenate((self.virtual, self.turned_virtual))[:, None]
 
-    def modal(self, state: ChainState, turn: complex) -> NDArray[np.complex128]:
-        """Return the eigenmodes' coordinates of a state; `turn` is e^{2j th}, 0 leaves the second product out."""
-        parts = np.array(
-            [
-                part
-                for mode, y, dy in zip(self.resonances, state.displacements, state.velocities, strict=True)
-                for part in mode.parts(complex(y), complex(dy))
-            ]
-        )
-        return np.concatenate((parts, state.filtered - (self.coupling + turn * self.turned_coupling) @ parts))
-
-    def state(self, modal: NDArray[np.complex128], turn: complex) -> ChainState:
-        """Return the state that has these coordinates."""
-        parts = modal[:4]
-        pairs = [(complex(parts[2 * i]), complex(parts[2 * i + 1])) for i in range(2)]
-        modes = list(zip(self.resonances, pairs, strict=True))
-        return ChainState(
-            np.array([mode.displacement(pair) for mode, pair in modes]),
-            np.array([mode.velocity(pair) for mode, pair in modes]),
-            modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts,
-        )
-
     def handed_over(self, modal: NDArray[np.complex128], turn: complex, other: "Chain") -> NDArray[np.complex128]:
         """Return the coordinates that the state with these has in another chain; `turn` is e^{2j th} then.
 
-        Where only the drive has changed the modes' parts stay: see :mod:`.modes`.
+        0 leaves the second product out. Where only the drive has changed the modes' parts stay: see :mod:`.modes`.
         """
-        if other.resonances != self.resonances:
-            return other.modal(self.state(modal, turn), turn)
         parts = modal[:4]
-        between = self.coupling - other.coupling + turn * (self.turned_coupling - other.turned_coupling)
-        return np.concatenate((parts, modal[4:] + between @ parts))
+        if other.resonances == self.resonances:
+            between = self.coupling - other.coupling + turn * (self.turned_coupling - other.turned_coupling)
+            return np.concatenate((parts, modal[4:] + between @ parts))
+        modes = zip(self.resonances, other.resonances, parts.reshape(2, 2).tolist(), strict=True)
+        moved = [after.parts(before.displacement(pair), before.velocity(pair)) for before, after, pair in modes]
+        others = np.ravel(moved)
+        filtered = modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts
+        return np.concatenate((others, filtered - (other.coupling + turn * other.turned_coupling) @ others))
 
     def respond(self, modal: NDArray[np.complex128], forcing: Forcing, turn: complex) -> Response:
         """Return the response to `forcing` from coordinates `modal` on; `turn` is e^{2j th} then."""
