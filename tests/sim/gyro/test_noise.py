@@ -17,7 +17,7 @@ from vcfbench.sim.gyro.chain import ChainDesign, Forcing
 from vcfbench.sim.gyro.course import chain_at
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.drive import locked
-from vcfbench.sim.gyro.noise import STEPS_KEPT, FlickerNoise, NoiseState, NoisyChain
+from vcfbench.sim.gyro.noise import STEPS_KEPT, FlickerNoise, Interval, NoiseState, NoisyChain
 from vcfbench.sim.gyro.noise_course import NOISE_STEP_K
 from vcfbench.sim.gyro.shaken import Shaking
 from vcfbench.sim.gyro.signals import real_terms
@@ -146,12 +146,20 @@ def test_a_bench_begins_with_flicker_that_has_gone_on_for_ever() -> None:
     assert 0.37 < np.std(biases, ddof=1) / 3.08e-3 < 1.7
 
 
-def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow() -> None:
+def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, worked_out = NoisyChain.interval, list[float]()
+
+    def counted(chain: NoisyChain, interval_s: float) -> Interval:
+        worked_out.append(interval_s)
+        return plain(chain, interval_s)
+
+    monkeypatch.setattr(NoisyChain, "interval", counted)
     noise, random = noisy(), np.random.default_rng(5)
     state = NoiseState.of(np.zeros(8, complex), np.zeros(COUNT))
-    for interval_s in np.linspace(0.001, 0.003, 200):
-        state, _ = noise.step(state, float(interval_s), random)
-    assert noise._kept_interval.cache_info().currsize == STEPS_KEPT  # nothing else shows it but memory
+    intervals = np.linspace(0.001, 0.003, 200).tolist()
+    for interval_s in (*intervals, intervals[-STEPS_KEPT], intervals[-STEPS_KEPT - 1]):
+        state, _ = noise.step(state, interval_s, random)
+    assert worked_out == pytest.approx([*intervals, intervals[-STEPS_KEPT - 1]], abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -324,13 +332,13 @@ def test_flutter_is_what_the_chain_answers_to_its_lines() -> None:
     assert integral == pytest.approx((pushed.filtered.integral(lasts) - still.filtered.integral(lasts)).real, rel=1e-6)
     times = np.linspace(0.0, lasts, 400)
     seen = (pushed.filtered.at(times) - still.filtered.at(times)).real
-    assert np.max(np.abs(shaken.filtered(times) - seen)) < 1e-6 * np.max(np.abs(seen))
+    assert np.max(np.abs(shaken.filtered.at(times).real - seen)) < 1e-6 * np.max(np.abs(seen))
 
 
 def test_the_variance_of_flutter_is_that_of_what_it_shows_once_the_chain_has_settled() -> None:
     shaken = Shaking(locked_chain(PAPER), flutter_of(3)).shaken(steady(flutter_of(3), 0.05), 0.0, 12.0)
     assert shaken is not None
-    seen = shaken.filtered(np.linspace(2.0, 12.0, 20_000))
+    seen = shaken.filtered.at(np.linspace(2.0, 12.0, 20_000)).real
     assert shaken.variance_v2(10.0) == pytest.approx(seen.var(), rel=0.02)
 
 

@@ -98,14 +98,14 @@ class NoisePath(Struct):
         volts = np.full(times_s.shape, (self.noisy.freed(self.start) @ self.noisy.shows)[0].real)
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.filtered(elapsed)
-        return volts if self.shaken is None else volts + self.shaken.filtered(times_s)
+        return volts if self.shaken is None else volts + self.shaken.filtered.at(times_s).real
 
     def sense(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
         """Return the noise of the envelope of V_s at times within the stretch, V."""
         volts = np.full(times_s.shape, (self.noisy.freed(self.start) @ self.noisy.shows)[2])
         for held, waveform, elapsed in self._looked_at(times_s):
             volts[held] = waveform.sense(elapsed)
-        return volts if self.shaken is None else volts + self.shaken.sense(times_s)
+        return volts if self.shaken is None else volts + self.shaken.sense.at(times_s)
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance that the filtered noise is expected to have about its mean over a time, V^2."""

@@ -23,6 +23,7 @@ from vcfbench.sim.parameters import NoiseSources
 
 _AsArray = Callable[[NDArray[np.complex128]], NDArray[np.complex128]]
 _Number = TypeVar("_Number", np.float64, np.complex128)
+_Kept = TypeVar("_Kept")
 
 
 class FlickerNoise(Struct, frozen=True):
@@ -121,16 +122,19 @@ class Interval(Struct, frozen=True, dict=True):
 
 
 STEPS_KEPT = 64
+"""Intervals of which something is kept: a plan has a handful, a bench served in real time never the same one twice."""
 BLOCK = 128
 SMALL = 1e-3
 
 
-class NoisyChain:
-    """A chain with its noise sources; factors of the covariance are kept by interval, rounded to 1 ns.
+def kept(worked_out: Callable[[float], _Kept]) -> Callable[[float], _Kept]:
+    """Return a function of an interval (s) that keeps its values, by the interval rounded to 1 ns."""
+    by_ns = lru_cache(STEPS_KEPT)(lambda interval_ns: worked_out(interval_ns * 1e-9))
+    return lambda interval_s: by_ns(round(interval_s * 1e9))
 
-    A plan has a handful of different intervals. A bench served in real time never has the same one twice, so the
-    oldest of `STEPS_KEPT` goes when another comes.
-    """
+
+class NoisyChain:
+    """A chain with its noise sources; factors of the covariance are kept by interval."""
 
     def __init__(self, chain: Chain, flicker: FlickerNoise, white_rad_sqrt_s: float) -> None:
         """Take the white noise in phase with the Coriolis force, as much as in quadrature."""
@@ -156,8 +160,8 @@ class NoisyChain:
         shows = np.column_stack((chain.to_filtered, chain.to_filtered * chain.eigenmodes, turning_with(chain)))
         self.shows = np.concatenate((shows, follow.T @ shows))
         """What the modes (:meth:`freed`) show: filtered noise and its slope (real parts), noise of the V_s envelope."""
-        self._kept_interval = lru_cache(STEPS_KEPT)(self._interval)
-        self._kept_variance_v2 = lru_cache(STEPS_KEPT)(self._variance_v2)
+        self._kept_interval = kept(self.interval)
+        self.variance_v2 = kept(self._variance_v2)
         self._autocovariance: NDArray[np.complex128] | None = None
 
     def covariance(self, interval_s: float) -> NDArray[np.float64]:
@@ -174,12 +178,9 @@ class NoisyChain:
 
     def step(self, state: NoiseState, interval_s: float, random: np.random.Generator) -> tuple[NoiseState, float]:
         """Return the state after `interval_s` and the integral of the filtered noise over it, V s."""
-        once = self._kept_interval(round(interval_s * 1e9))
+        once = self._kept_interval(interval_s)
         after = once.whole @ np.concatenate((state.made, random.standard_normal(len(once.factor))))
         return NoiseState(after[:-1], self._n), float(after[-1])
-
-    def _interval(self, interval_ns: int) -> Interval:
-        return self.interval(interval_ns * 1e-9)
 
     def interval(self, interval_s: float) -> Interval:
         """Return the effect of an interval on a state."""
@@ -191,21 +192,18 @@ class NoisyChain:
         weights[n:] -= weights[:n] @ follow
         return Interval(grown[:n], grown[n:].real, carried, weights, _factor(self.covariance(interval_s)))
 
-    def variance_v2(self, duration_s: float) -> float:
+    def _variance_v2(self, duration_s: float) -> float:
         """Return the variance of stationary filtered noise about its mean over a time, on average, V^2.
 
         The autocovariance is a sum of exponentials c exp(l t); the mean over T has the variance of sum c m(l T), m(x) =
         2 (exp(x) - 1 - x) / x^2.
         """
-        return self._kept_variance_v2(round(duration_s * 1e9))
-
-    def _variance_v2(self, duration_ns: int) -> float:
         if self._autocovariance is None:
             shows, sources, moving = self.shows[:, 0], self._input[:-1], self.moving
             plain = (sources @ sources.T) / -np.add.outer(moving, moving) @ shows
             turned = (sources @ sources.conj().T) / -np.add.outer(moving, moving.conj()) @ shows.conj()
             self._autocovariance = np.asarray(0.5 * shows * (plain + turned))
-        x = self.moving * (duration_ns * 1e-9)
+        x = self.moving * duration_s
         small = np.abs(x) < SMALL
         far = np.where(small, 1.0, x)
         mean = np.where(small, 1 + x / 3 + x**2 / 12, 2 * (np.expm1(far) - far) / far**2)

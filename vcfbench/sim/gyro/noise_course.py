@@ -7,7 +7,6 @@ somebody looks, the same numbers as if they had been drawn at once. A way down t
 import math
 from collections import deque
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -29,28 +28,22 @@ MOST_NOTED = 64
 """Changes that are noted at most; with the next one the steps are drawn."""
 
 
-class _Passing(NamedTuple):
-    """Which chain the noise passes: by its temperature, in steps so that its factors last, and its drive."""
-
-    temperature_steps: int
-    displacement_m: complex
-
-
 class _Noted(Struct, frozen=True):
     """Conditions from `since_s` on; while the drive is not locked there is no chain, and only the flicker goes on."""
 
     since_s: float
-    passing: _Passing | None
+    passing: tuple[int, complex] | None
+    """Which chain the noise passes: by its temperature, in steps so that its factors last, and its drive, m."""
     bench: BenchParameters
     rate: RateSegment | None
 
 
 @lru_cache(CHAINS_KEPT)
-def _noisy_chain(design: ChainDesign, bench: BenchParameters, passing: _Passing) -> NoisyChain:
+def _noisy_chain(design: ChainDesign, bench: BenchParameters, passing: tuple[int, complex]) -> NoisyChain:
     """Return the chain that noise passes; gyroscopes of the same parameters share it, and its factors."""
-    temperature_c = passing.temperature_steps * NOISE_STEP_K
+    temperature_c, displacement_m = passing[0] * NOISE_STEP_K, passing[1]
     speed = resonance_at(bench.drive_mode, bench.thermal, temperature_c).natural_rad_s
-    chain = chain_at(design, bench, temperature_c, locked(abs(passing.displacement_m), speed))
+    chain = chain_at(design, bench, temperature_c, locked(abs(displacement_m), speed))
     white = math.radians(bench.noise.angle_random_walk_deg_sqrt_s)
     return NoisyChain(chain, FlickerNoise.of(bench.noise), white)
 
@@ -87,7 +80,7 @@ class NoiseCourse:
         """Let the noise pass the chain that fits temperature and drive from now on."""
         passing = None
         if drive.locked and self._noisy:
-            passing = _Passing(round(temperature_c / NOISE_STEP_K), drive.displacement_m)
+            passing = round(temperature_c / NOISE_STEP_K), drive.displacement_m
         if passing != self._latest.passing:
             self._note(_Noted(now_s, passing, bench, self._latest.rate))
 

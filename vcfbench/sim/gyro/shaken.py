@@ -6,7 +6,7 @@ flutter makes of a chain at rest; what went before decays with the rest of the n
 """
 
 import math
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from msgspec import Struct
@@ -15,7 +15,7 @@ from simrack.flutter import Flutter
 from simrack.motion import RateSegment
 
 from vcfbench.sim.gyro.chain import Chain
-from vcfbench.sim.gyro.noise import STEPS_KEPT, NoiseState, turning_with
+from vcfbench.sim.gyro.noise import NoiseState, kept, turning_with
 from vcfbench.sim.gyro.signals import ExponentialSum
 
 
@@ -32,40 +32,34 @@ class Shaking:
         self._speeds_rad_s = flutter.speeds_rad_s
         self._shown = chain.to_filtered @ self.forced
         self._power = np.abs(self._shown[:lines] + self._shown[lines:].conj()) ** 2 / 2.0
-        self._kept_interval = lru_cache(STEPS_KEPT)(self._interval)  # plans repeat theirs
-        self._kept_variance_v2 = lru_cache(STEPS_KEPT)(self._variance_v2)
+        self._kept_interval = kept(self._interval)
+        self.variance_v2 = kept(self._variance_v2)
 
     def shaken(self, rate: RateSegment, start_s: float, duration_s: float) -> "Shaken | None":
         """Return the response to the flutter of a segment of the motion over an interval, None if it has none."""
         if not rate.shaking_deg_s:
             return None
         turned = rate.shaking_deg_s * np.exp(1j * (self._speeds_rad_s * start_s))
-        sizes, (to_modal, to_integral) = (
-            np.concatenate((turned, turned.conj())),
-            self._kept_interval(round(duration_s * 1e9)),
-        )
+        sizes, (to_modal, to_integral) = np.concatenate((turned, turned.conj())), self._kept_interval(duration_s)
         modal = to_modal @ sizes
         gathered = np.concatenate((modal.real, modal.imag))
         return Shaken(self, sizes, rate.shaking_deg_s, gathered, float((to_integral @ sizes).real))
 
-    def _interval(self, duration_ns: int) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+    def _interval(self, duration_s: float) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """Return the effect of an interval on a chain at rest, a column a line: on each eigenmode, and the integral.
 
         The lines turn; the free motions that keep the chain at rest at the start decay.
         """
-        turned = self._speeds_rad_s * (duration_ns * 1e-9)
+        turned = self._speeds_rad_s * duration_s
         moved = -2.0 * np.sin(0.5 * turned) ** 2 + 1j * np.sin(turned)
         both = np.concatenate((moved, moved.conj()))
-        decayed = np.asarray(np.expm1(self.chain.eigenmodes * (duration_ns * 1e-9)), complex)
+        decayed = np.asarray(np.expm1(self.chain.eigenmodes * duration_s), complex)
         free = self.chain.to_filtered * decayed / self.chain.eigenmodes
         return self.forced * (both - decayed[:, None]), self._shown * both / self.exponents - free @ self.forced
 
-    def variance_v2(self, duration_s: float) -> float:
+    def _variance_v2(self, duration_s: float) -> float:
         """Return the variance of the filtered signal about its mean over a time, of flutter of 1 deg/s, V^2."""
-        return self._kept_variance_v2(round(duration_s * 1e9))
-
-    def _variance_v2(self, duration_ns: int) -> float:
-        turned = np.sinc(self._speeds_rad_s * (duration_ns * 1e-9) / math.tau)
+        turned = np.sinc(self._speeds_rad_s * duration_s / math.tau)
         return float(self._power @ (1.0 - turned**2))
 
 
@@ -89,25 +83,19 @@ class Shaken(Struct, frozen=True, dict=True):
         return NoiseState(made, state.modes), integral_v_s + sign * self.integral_v_s
 
     @cached_property
-    def _filtered(self) -> ExponentialSum:
+    def filtered(self) -> ExponentialSum:
+        """The filtered signal from the start on, V; its real part counts."""
         return self._sum(self.by.chain.to_filtered)
 
     @cached_property
-    def _sense(self) -> ExponentialSum:
+    def sense(self) -> ExponentialSum:
+        """The envelope of V_s, V."""
         return self._sum(turning_with(self.by.chain))
 
     def _sum(self, weights: NDArray[np.complex128]) -> ExponentialSum:
         free = -(self.by.forced @ self.sizes)
         sizes = np.concatenate((weights * free, (weights @ self.by.forced) * self.sizes))
         return ExponentialSum(0j, 0j, sizes, np.concatenate((self.by.chain.eigenmodes, self.by.exponents)))
-
-    def filtered(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the filtered signal at times from the start, V."""
-        return self._filtered.at(times_s).real
-
-    def sense(self, times_s: NDArray[np.float64]) -> NDArray[np.complex128]:
-        """Return the envelope of V_s at times from the start, V."""
-        return self._sense.at(times_s)
 
     def variance_v2(self, duration_s: float) -> float:
         """Return the variance of the filtered signal about its mean over a time, once the chain has settled, V^2."""
