@@ -19,7 +19,7 @@ from simrack.sources import Approach
 
 from vcfbench.sim.gyro.modes import Resonance
 from vcfbench.sim.gyro.signals import ExponentialSum
-from vcfbench.sim.parameters import BenchParameters, DriveLoop
+from vcfbench.sim.parameters import BenchParameters
 
 CONTROL_STEP_S = 0.25e-3
 STEPS_A_SEGMENT = 16
@@ -75,34 +75,6 @@ def resting(drive_rad_s: float) -> DriveSegment:
     return DriveSegment(math.inf, drive_rad_s, 0j, 0j, locked=False, motions=())
 
 
-class _Loop:
-    """AGC and PLL with their integrators; amplitudes relative to the set one, forces to the one that holds it."""
-
-    def __init__(self, loop: DriveLoop, mode: Resonance) -> None:
-        self._natural_rad_s = mode.natural_rad_s
-        self._free_running_rad_s = mode.natural_rad_s + 2 * math.pi * loop.pll_free_running_offset_hz
-        self._agc_proportional, self._pll_proportional_per_s = loop.agc_proportional, loop.pll_proportional_per_s
-        self._agc_integral, self._pll_integral = loop.agc_integral_per_s, loop.pll_integral_per_s2
-        self._agc, self._pll_rad_s = 0.0, 0.0
-
-    def control(self, displacement_m: complex, amplitude_m: float, limit: float) -> tuple[float, float, bool]:
-        """Return relative force, VCO frequency and whether the loop has settled; then integrate over one step.
-
-        `amplitude_m` and the relative force `limit` are those of the rails in this step.
-        """
-        error = 1 - abs(displacement_m) / amplitude_m
-        phase = cmath.phase(-displacement_m) if displacement_m else 0.0
-        wanted = self._agc_proportional * error + self._agc
-        force = 0.0 if wanted < 0.0 else min(wanted, limit)
-        if wanted == force:
-            self._agc += self._agc_integral * error * CONTROL_STEP_S
-        self._pll_rad_s += self._pll_integral * phase * CONTROL_STEP_S
-        frequency = self._free_running_rad_s + self._pll_proportional_per_s * phase + self._pll_rad_s
-        if -SETTLED < error < SETTLED and -SETTLED < phase < SETTLED:
-            return force, frequency, abs(frequency - self._natural_rad_s) < SETTLED * self._natural_rad_s
-        return force, frequency, False
-
-
 def weaker_v(rails: tuple[Approach, Approach], instant_s: float) -> float:
     """Return the weaker rail at a bench time, V; of the wrong polarity it counts as 0 V."""
     positive, negative = rails
@@ -139,57 +111,63 @@ def start_up(
     """Return the drive's motion from `parts` to lock on rails as they go on.
 
     The loop starts with empty integrators and its VCO at the free-running frequency. If it has not settled after
-    `LONGEST_START_S`, it is taken as locked then.
+    `LONGEST_START_S`, it is taken as locked then. Amplitudes are relative to the one that the rails give, forces to
+    the one that holds it.
     """
     rails_settled_s = max((rail.ends_s(start_s) for rail in rails if rail.terms), default=-math.inf)
     goal_v = max(min(rails[0].goal_v, -rails[1].goal_v), 0.0)
-    stiffness = mode.natural_rad_s**2
-    loop = _Loop(bench.drive_loop, mode)
-    plus, minus = mode.poles
-    apart = plus - minus
+    loop, natural_rad_s, (plus, minus) = bench.drive_loop, mode.natural_rad_s, mode.poles
+    free_running_rad_s = natural_rad_s + 2 * math.pi * loop.pll_free_running_offset_hz
+    agc = pll_rad_s = 0.0
     motions, known_v = list[Motion](), math.nan
     for step in range(round(LONGEST_START_S / CONTROL_STEP_S)):
         instant_s = start_s + step * CONTROL_STEP_S
         supply_v = goal_v if instant_s >= rails_settled_s else weaker_v(rails, instant_s)
         if supply_v != known_v:
             known_v, amplitude_m = supply_v, held_m(bench, mode, supply_v)
-            holding = stiffness * amplitude_m / mode.quality
+            holding = natural_rad_s**2 * amplitude_m / mode.quality
             if not holding:  # the rails are on their way off, and stop the loop before they are
                 break
-            limit = bench.drive_loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
-        force, frequency, settled = loop.control((parts[0] - parts[1]) / apart, amplitude_m, limit)
-        if settled and step % STEPS_A_SEGMENT == 0:
+            limit = loop.force_limit_n_per_v * supply_v / (bench.drive_mode.mass_kg * holding)
+        displacement_m = (parts[0] - parts[1]) / (plus - minus)
+        error = 1 - abs(displacement_m) / amplitude_m
+        phase = cmath.phase(-displacement_m) if displacement_m else 0.0
+        wanted = loop.agc_proportional * error + agc
+        force = 0.0 if wanted < 0.0 else min(wanted, limit)
+        if wanted == force:
+            agc += loop.agc_integral_per_s * error * CONTROL_STEP_S
+        pll_rad_s += loop.pll_integral_per_s2 * phase * CONTROL_STEP_S
+        frequency = free_running_rad_s + loop.pll_proportional_per_s * phase + pll_rad_s
+        calm = step % STEPS_A_SEGMENT == 0 and max(abs(error), abs(phase)) < SETTLED
+        if calm and abs(frequency - natural_rad_s) < SETTLED * natural_rad_s:
             break
         motion = Motion(instant_s, parts, -1j * force * holding, frequency, phase_rad)
         motions.append(motion)
         parts = mode.step(parts, motion.force_m_s2, frequency, CONTROL_STEP_S)
         phase_rad += frequency * CONTROL_STEP_S
-    chunks = _chunks(mode, motions, STEADY * amplitude_m)
-    return *(_mean(mode, chunk) for chunk in chunks), locked(amplitude_m, mode.natural_rad_s)
+    return *_segments(mode, motions, STEADY * amplitude_m), locked(amplitude_m, natural_rad_s)
 
 
-def _chunks(mode: Resonance, motions: Sequence[Motion], steady_m: float) -> Iterator[Sequence[Motion]]:
-    """Cut `motions` where the envelope or the VCO's phase has gone further than `steady_m` since the last cut."""
+def _segments(mode: Resonance, motions: Sequence[Motion], steady_m: float) -> Iterator[DriveSegment]:
+    """Cut `motions` where the envelope or the VCO's phase has gone further than `steady_m` since the last cut.
+
+    The envelopes of a segment are averaged over its control steps.
+    """
     first = 0
-    for place in range(STEPS_A_SEGMENT, len(motions), STEPS_A_SEGMENT):
-        begun, now = motions[first], motions[place]
-        moved_m = abs(mode.displacement(now.parts) - mode.displacement(begun.parts))
-        turned = abs(now.drive_rad_s - begun.drive_rad_s) * (now.start_s - begun.start_s)
-        if max(moved_m, turned * abs(mode.displacement(now.parts))) > steady_m:
-            yield motions[first:place]
-            first = place
-    if motions:
-        yield motions[first:]
-
-
-def _mean(mode: Resonance, motions: Sequence[Motion]) -> DriveSegment:
-    """Return the segment of one chunk of control steps, its envelopes averaged over them."""
-    count = len(motions)
-    parts = sum([each.parts[0] for each in motions]) / count, sum([each.parts[1] for each in motions]) / count
-    displacement, velocity = mode.displacement(parts), mode.velocity(parts)
-    frequency = sum([each.drive_rad_s for each in motions]) / count
-    stop = motions[-1].start_s + CONTROL_STEP_S
-    return DriveSegment(stop, frequency, displacement, velocity, locked=False, motions=tuple(motions))
+    for place in range(STEPS_A_SEGMENT, len(motions) + STEPS_A_SEGMENT, STEPS_A_SEGMENT):
+        if place < len(motions):
+            begun, now = motions[first], motions[place]
+            moved_m = abs(mode.displacement(now.parts) - mode.displacement(begun.parts))
+            turned = abs(now.drive_rad_s - begun.drive_rad_s) * (now.start_s - begun.start_s)
+            if max(moved_m, turned * abs(mode.displacement(now.parts))) <= steady_m:
+                continue
+        chunk = motions[first:place]
+        plus, minus, speeds = zip(*((*each.parts, each.drive_rad_s) for each in chunk), strict=True)
+        parts = sum(plus) / len(chunk), sum(minus) / len(chunk)
+        displacement, velocity = mode.displacement(parts), mode.velocity(parts)
+        stop = chunk[-1].start_s + CONTROL_STEP_S
+        yield DriveSegment(stop, sum(speeds) / len(chunk), displacement, velocity, locked=False, motions=tuple(chunk))
+        first = place
 
 
 def ring_down(

@@ -133,10 +133,18 @@ def passage(source: Drive | Played | None, path: VirtualPath, now_s: float) -> P
     if source is None:  # an open switch lets nothing through, not even the modulator's leakage
         nothing = Oscillation(0.0, [])
         return Passage(0.0, math.inf, nothing, nothing)
-    if isinstance(source, Drive):
-        node = source_voltage(source, path)
-        return Passage(0.0, math.inf, node, modulate(path, node))
     share = node_voltage(1.0, source.source_ohm, path)
+    if isinstance(source, Drive):  # its origin is bench time 0
+        constant, terms = source.dc_v * share, list[tuple[complex, complex]]()
+        sines: tuple[Drive | Sine, ...] = (source, *source.overtones)
+        for sine in sines:
+            size = -1j * cmath.rect(sine.amplitude_v * share, sine.phase_rad)
+            if sine.frequency_hz == 0:
+                constant += size.real
+            elif size:
+                terms.append((size, 2j * math.pi * sine.frequency_hz))
+        node = Oscillation(constant, terms)
+        return Passage(0.0, math.inf, node, modulate(path, node))
     bend: Bend = (path.offset_v, share, path.second_order_per_v * share**2, path.third_order_per_v2 * share**3)
     piece = source.piece(now_s, bend)
     return Passage(now_s, piece.stop_s, PlayedVoltage(source, share, now_s), _written(piece))
@@ -149,20 +157,6 @@ def _written(piece: Piece) -> Oscillation:
 def node_voltage(open_circuit_v: float, source_ohm: float, path: VirtualPath) -> float:
     """Return the voltage of a source at the V_Vc input, loaded by the pull-down."""
     return open_circuit_v * path.pull_down_ohm / (path.pull_down_ohm + source_ohm)
-
-
-def source_voltage(source: Drive, path: VirtualPath) -> Oscillation:
-    """Return the voltage of a generator at the V_Vc input; its origin is bench time 0."""
-    loaded = node_voltage(1.0, source.source_ohm, path)
-    constant, terms = source.dc_v * loaded, list[tuple[complex, complex]]()
-    sines: tuple[Drive | Sine, ...] = (source, *source.overtones)
-    for sine in sines:
-        size = -1j * cmath.rect(sine.amplitude_v * loaded, sine.phase_rad)
-        if sine.frequency_hz == 0:
-            constant += size.real
-        elif size:
-            terms.append((size, 2j * math.pi * sine.frequency_hz))
-    return Oscillation(constant, terms)
 
 
 def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:

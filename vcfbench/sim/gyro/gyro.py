@@ -63,7 +63,7 @@ class Gyro:
         self._bench = bench
         self._seed = seed
         self._pins = (Pin(1.0, Approach(0.0)), Pin(-1.0, Approach(0.0)))
-        self._held_v, self._rail_event_s = 0.0, math.inf
+        self._rail_event_s = math.inf
         self._running = False
         self._switch_ons, self._switched_on = 0, SwitchOn()
         self._source: Drive | Played | None = None
@@ -114,7 +114,7 @@ class Gyro:
         positive, negative = (replace(pin, approach=pin.approach.later(self.now_s)) for pin in self._pins)
         self._pins = (positive, negative)
         supply, was_running = self._bench.supply, self._running
-        self._running = self._weaker_rail() >= (supply.brown_out_v if was_running else supply.start_v)
+        self._running = self._weaker_at(self.now_s) >= (supply.brown_out_v if was_running else supply.start_v)
         if self._running != was_running:
             self._heat()
         if self._running and not was_running:
@@ -185,7 +185,8 @@ class Gyro:
         """
         weaker_v = min(abs(voltage_v), abs(self._pins[1 - rail].smooth_v(instant_s)))
         starts = weaker_v > 0.0 and (self._running or weaker_v >= self._bench.supply.start_v)
-        lacking = 1 - abs(self._drive[0].displacement_m) / self._amplitude_m(weaker_v) if starts else 0.0
+        swings_m = abs(self._drive[0].displacement_m)
+        lacking = 1 - swings_m / held_m(self._bench, self._drive_mode, weaker_v) if starts else 0.0
         return rail_current_a(self._bench.supply, voltage_v, min(max(lacking, 0.0), 1.0))
 
     def drawing(self) -> Hashable:
@@ -289,9 +290,9 @@ class Gyro:
 
     def _settle(self) -> None:
         """Go on with the drive and the chain that fit rails and temperature now; a locked loop follows both at once."""
-        self._held_v, self._rail_event_s = self._rails_ahead()
+        held_v, self._rail_event_s = self._rails_ahead()
         if self._drive[0].locked:
-            self._drive = [locked(self._amplitude_m(self._held_v), self._drive_mode.natural_rad_s)]
+            self._drive = [locked(held_m(self._bench, self._drive_mode, held_v), self._drive_mode.natural_rad_s)]
         self._end_acting()
         self._noise.go_through(self.now_s, self._bench, self._temperature_c(), self._drive[0])
 
@@ -307,9 +308,6 @@ class Gyro:
     def _rails(self) -> tuple[Approach, Approach]:
         return self._pins[0].approach, self._pins[1].approach
 
-    def _weaker_rail(self) -> float:
-        return self._weaker_at(self.now_s)
-
     def _weaker_at(self, instant_s: float) -> float:
         return weaker_v(self._rails, instant_s)
 
@@ -317,13 +315,13 @@ class Gyro:
         """Return the weaker rail that a locked drive goes by, and up to when: the next threshold, end or step."""
         moving = [(sign, rail) for sign, rail in zip((1.0, -1.0), self._rails, strict=True) if rail.terms]
         if not moving:
-            return self._weaker_rail(), math.inf
+            return self._weaker_at(self.now_s), math.inf
         supply, now = self._bench.supply, self.now_s
         levels = (0.0, supply.dead_v, supply.brown_out_v if self._running else supply.start_v)
         crossings = [rail.crosses_s(now, sign * level) for sign, rail in moving for level in levels]
         stop = min(*crossings, *(rail.ends_s(now) for _, rail in moving))
         if not self._drive[0].locked:
-            return self._weaker_rail(), stop
+            return self._weaker_at(self.now_s), stop
         step_v = self._rail_step_v()
         travels = [(rail, rail.travel_v(now)) for _, rail in moving]
         # what is left is never more than half a step; by rounding alone it would be a step that takes no time
@@ -334,19 +332,16 @@ class Gyro:
             positive, negative = self._rails
             return max(min(positive.goal_v, -negative.goal_v), 0.0), stop
         stop = min(stop, *(rail.moved_s(now, distance_v) for rail, distance_v in steps))
-        return 0.5 * (self._weaker_rail() + self._weaker_at(stop)), stop
+        return 0.5 * (self._weaker_at(self.now_s) + self._weaker_at(stop)), stop
 
     def _rail_step_v(self) -> float:
         """Return by how much the rails may move before the locked drive's amplitude follows."""
-        weakest = min(self._weaker_rail(), *(abs(rail.goal_v) for rail in self._rails))
+        weakest = min(self._weaker_at(self.now_s), *(abs(rail.goal_v) for rail in self._rails))
         weakest = max(weakest, self._bench.supply.brown_out_v)  # below, the drive is not locked any more
         if wanted_m(self._bench, weakest) > strongest_m(self._bench, self._drive_mode, weakest):
             return FORCED_STEP_V
         relative = abs(self._bench.drive_loop.amplitude_supply_coefficient_per_v)
         return AMPLITUDE_STEP / relative if relative else math.inf
-
-    def _amplitude_m(self, rail_v: float) -> float:
-        return held_m(self._bench, self._drive_mode, rail_v)
 
     def _heat(self) -> None:
         """Let the temperature go to its new goal from where it is."""
