@@ -5,6 +5,7 @@ factor, the in-phase mode with the drive frequency, but never near the mode that
 """
 
 import math
+from typing import Annotated
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -21,7 +22,7 @@ _SECONDS = 3600.0
 
 
 class DataSheet(Struct, frozen=True, kw_only=True):
-    """Data sheet of a gyroscope.
+    """Data sheet of a gyroscope; each figure is annotated with the least and the largest size that it may have.
 
     Args:
         scale_factor_v_per_deg_s: of the output, signed. bias_deg_s: at rest, as a rate. range_deg_s: either way.
@@ -35,21 +36,21 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         ConfigError: a figure that no such gyroscope has; its name comes first.
     """
 
-    scale_factor_v_per_deg_s: float = IDEAL_TARGETS.scale_factor_v_s_deg
-    bias_deg_s: float = 0.0
-    range_deg_s: float = 200.0
-    drive_hz: float = PERFECT.drive_mode.frequency_hz
-    q_drive: float = PERFECT.drive_mode.quality
-    split_hz: float = 24.8
-    q_sense: float = PERFECT.sense_anti_phase.quality
-    angle_random_walk_deg_sqrt_h: float = 0.0
-    bias_instability_deg_h: float = 0.0
-    bandwidth_hz: float | None = None
-    k_vc_deg_s_per_v: float = 150.0
+    scale_factor_v_per_deg_s: Annotated[float, 1e-5, 10.0] = IDEAL_TARGETS.scale_factor_v_s_deg
+    bias_deg_s: Annotated[float, 0.0, 1000.0] = 0.0
+    range_deg_s: Annotated[float, 1.0, 900.0] = 200.0
+    drive_hz: Annotated[float, 500.0, 50_000.0] = PERFECT.drive_mode.frequency_hz
+    q_drive: Annotated[float, 10.0, 1e6] = PERFECT.drive_mode.quality
+    split_hz: Annotated[float, 1.0, 1000.0] = 24.8
+    q_sense: Annotated[float, 10.0, 1e6] = PERFECT.sense_anti_phase.quality
+    angle_random_walk_deg_sqrt_h: Annotated[float, 0.0, 100.0] = 0.0
+    bias_instability_deg_h: Annotated[float, 0.0, 10_000.0] = 0.0
+    bandwidth_hz: Annotated[float | None, 0.5, 500.0] = None
+    k_vc_deg_s_per_v: Annotated[float, 0.1, 10_000.0] = 150.0
 
     def __post_init__(self) -> None:
-        for name, low, high in _RANGES:
-            value = getattr(self, name)
+        for name, annotated in self.__annotations__.items():
+            value, (low, high) = getattr(self, name), annotated.__metadata__
             if value is not None and not low <= abs(value) <= high:
                 raise ConfigError(f"{name}: expected a size from {low:g} to {high:g}, came {value:g}")
         if abs(self.split_hz) > 0.1 * self.drive_hz:
@@ -73,21 +74,6 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         """How far the in-phase sense mode is below the drive mode, Hz."""
         usual = 1.0 - PERFECT.sense_in_phase.frequency_hz / PERFECT.drive_mode.frequency_hz
         return max(usual * self.drive_hz, 6.0 * abs(self.split_hz))
-
-
-_RANGES = (
-    ("scale_factor_v_per_deg_s", 1e-5, 10.0),
-    ("bias_deg_s", 0.0, 1000.0),
-    ("range_deg_s", 1.0, 900.0),
-    ("drive_hz", 500.0, 50_000.0),
-    ("q_drive", 10.0, 1e6),
-    ("split_hz", 1.0, 1000.0),
-    ("q_sense", 10.0, 1e6),
-    ("angle_random_walk_deg_sqrt_h", 0.0, 100.0),
-    ("bias_instability_deg_h", 0.0, 10_000.0),
-    ("bandwidth_hz", 0.5, 500.0),
-    ("k_vc_deg_s_per_v", 0.1, 10_000.0),
-)
 
 
 def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> BenchParameters:
