@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from simrack.sources import Drive
 
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.gyro.electronics import Oscillation, amplify, modulate, node_voltage, output_limits, rail_current_a
+from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits, amplify, modulate, passage, rail_current_a
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 
 PAPER = paper_bench()
@@ -33,11 +34,13 @@ def test_modulator_of_a_sine_is_its_polynomial_at_every_instant(
 def test_output_amplifier_is_a_clipped_polynomial() -> None:
     stage = replace(PAPER.output_stage, gain=2.0, offset_v=0.1, second_order_per_v=0.01, third_order_per_v2=0.001)
     assert amplify(stage, np.array([1.0, -1.0, 9.0]), (-8.5, 8.5)) == pytest.approx([2.148, -1.868, 8.5])
-    assert output_limits(stage, 10.0, -9.0) == (-7.5, 8.5)
+    limits = OutputLimits(stage, Oscillation(10.0, []), Oscillation(-9.0, []))
+    assert limits.tightest(1.0) == (-7.5, 8.5)
 
 
 def test_the_generators_source_loads_against_the_pull_down() -> None:
-    assert node_voltage(5.0, 50.0, PAPER.virtual_path) == pytest.approx(5.0 * 1e6 / 1000050)
+    v_vc = passage(Drive(5.0, source_ohm=50.0), PAPER.virtual_path, 0.0).v_vc
+    assert v_vc.at(np.zeros(1)) == pytest.approx(5.0 * 1e6 / 1000050)
 
 
 def test_bands_of_temperature_are_entered_where_the_exponential_crosses_them() -> None:

@@ -172,7 +172,12 @@ class Chain(Struct, frozen=True, dict=True):
         constant = (slope - steady) / own
         turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
         exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
-        forced, turned_forced = self._forced(forcing, exponents, turn)
+        # What each term of the forcing moves, a column each
+        acting = self.by_rate * np.array([a for a, _ in forcing.rate_terms], complex)
+        virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
+        acting = np.concatenate((acting, virtual), axis=1)
+        forced = acting[: len(own)] / (exponents - own[:, None])
+        turned_forced = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:, None])
         free = modal - constant - forced.sum(axis=1)
         free[4:] -= turned_constant + turned_forced.sum(axis=1)
         # The envelope of V_s without motion; of a rate there is nothing
@@ -182,17 +187,6 @@ class Chain(Struct, frozen=True, dict=True):
         return Response(
             self, turn, free, constant, slope, forced, exponents, turned_constant, turned_slope, turned_forced, through
         )
-
-    def _forced(
-        self, forcing: Forcing, exponents: NDArray[np.complex128], turn: complex
-    ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Return how each term of the forcing moves the eigenmodes, and the filter's times e^{2j th}; a column each."""
-        own = self.eigenmodes[:, None]
-        acting = self.by_rate * np.array([a for a, _ in forcing.rate_terms], complex)
-        virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
-        acting = np.concatenate((acting, virtual), axis=1)
-        turned = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:])
-        return acting[: len(own)] / (exponents - own), turned
 
 
 def _moved(forced: NDArray[np.complex128], moved: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -217,7 +211,8 @@ class ChainDesign:
         self._ones = np.ones(len(self._filter_poles))
         self._nothing = np.zeros(len(self._filter_poles))
         self._shares = _each(bench, lambda mode: mode.left_participation + mode.right_participation)
-        self._combs = _each(bench, lambda mode: _combs(bench, mode))
+        left, right = virtual.left_comb_n_per_v2, virtual.right_comb_n_per_v2
+        self._combs = _each(bench, lambda mode: mode.left_participation * left + mode.right_participation * right)
         self._quadrature = _each(bench, lambda mode: mode.quadrature_rad_s)
         self._nominal_rad_s = 2 * np.pi * bench.drive_mode.frequency_hz
         self._carrier = -1j * cmath.exp(1j * virtual.carrier_phase_rad)
@@ -286,8 +281,3 @@ def _each(bench: BenchParameters, figure: Callable[[SenseMode], float]) -> NDArr
     return np.array(
         [figure(mode) for mode in (bench.sense_in_phase, bench.sense_anti_phase) for _ in range(2)], complex
     )
-
-
-def _combs(bench: BenchParameters, mode: SenseMode) -> float:
-    left, right = bench.virtual_path.left_comb_n_per_v2, bench.virtual_path.right_comb_n_per_v2
-    return mode.left_participation * left + mode.right_participation * right

@@ -133,7 +133,7 @@ def passage(source: Drive | Played | None, path: VirtualPath, now_s: float) -> P
     if source is None:  # an open switch lets nothing through, not even the modulator's leakage
         nothing = Oscillation(0.0, [])
         return Passage(0.0, math.inf, nothing, nothing)
-    share = node_voltage(1.0, source.source_ohm, path)
+    share = path.pull_down_ohm / (path.pull_down_ohm + source.source_ohm)
     if isinstance(source, Drive):  # its origin is bench time 0
         constant, terms = source.dc_v * share, list[tuple[complex, complex]]()
         sines: tuple[Drive | Sine, ...] = (source, *source.overtones)
@@ -152,11 +152,6 @@ def passage(source: Drive | Played | None, path: VirtualPath, now_s: float) -> P
 
 def _written(piece: Piece) -> Oscillation:
     return Oscillation(piece.constant, list(piece.terms), piece.slope_per_s)
-
-
-def node_voltage(open_circuit_v: float, source_ohm: float, path: VirtualPath) -> float:
-    """Return the voltage of a source at the V_Vc input, loaded by the pull-down."""
-    return open_circuit_v * path.pull_down_ohm / (path.pull_down_ohm + source_ohm)
 
 
 def modulate(path: VirtualPath, node: Oscillation) -> Oscillation:
@@ -226,11 +221,6 @@ def curved(stage: OutputStage, filtered_v: _Volts) -> _Volts:
     return output_v
 
 
-def output_limits(stage: OutputStage, positive_v: float, negative_v: float) -> tuple[float, float]:
-    """Return where the output saturates, lowest and highest."""
-    return min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
-
-
 class OutputLimits(Struct, frozen=True):
     """Where the output saturates on its rails; times from the origin of both, ripple left out."""
 
@@ -253,7 +243,7 @@ class OutputLimits(Struct, frozen=True):
         """Return limits that hold over all of a time."""
         positive = self.positive.constant_v + _bound(self.positive, duration_s, min)
         negative = self.negative.constant_v + _bound(self.negative, duration_s, max)
-        return output_limits(self.stage, positive, negative)
+        return min(negative + self.stage.headroom_v, 0.0), max(positive - self.stage.headroom_v, 0.0)
 
     def cuts_s(self, duration_s: float) -> set[float]:
         """Return times between which the limits are smooth, by the exponentials' time constants."""

@@ -144,16 +144,22 @@ class NoisyChain:
         drift = flicker.deviation_rad_s * np.sqrt(2 / flicker.times_s)
         follow = chain.rate[:, None] / (slow - chain.eigenmodes[:, None])
         self.chain = chain
-        self._input, self._output = _noise_maps(chain, follow, drift, white_rad_sqrt_s)
+        # How the sources drive the modes (eigenmodes freed of flicker, flicker, exponent 0), and the way back
+        (n, k), white = follow.shape, white_rad_sqrt_s * chain.rate
+        self._input = np.zeros((n + k + 1, k + 2), complex)
+        self._input[:n, :k], self._input[n : n + k, :k] = -follow * drift, np.diag(drift)
+        self._input[:n, k], self._input[:n, k + 1] = white, 1j * white
+        self._output = np.eye(n + k, n + k + 1, dtype=complex)
+        self._output[:n, n : n + k] = follow
         # The integral of v as a sum of modes; the mode of exponent 0 gets its input here
         moving = self._exponents[:-1]
         weights = np.concatenate((chain.to_filtered, chain.to_filtered @ follow)) / moving
         self._input[-1] = weights @ self._input[:-1]
         self._integral = np.concatenate((weights, [-1.0]))
         self._rows = np.vstack((self._output, self._integral))
-        self._plain = _Gathered.of(self._input, self._exponents)
-        self._turned = _Gathered.of(self._input, self._exponents, np.conj)
-        n, rows = self._n, len(self._exponents)
+        self._plain = _gathered(self._input, self._exponents)
+        self._turned = _gathered(self._input, self._exponents, np.conj)
+        rows = n + k + 1
         self._kept = np.concatenate((np.arange(n), rows + np.arange(n), np.arange(n, rows)))
         """The rows of real and imaginary parts that exist: flicker and integral are real."""
         self._follow = follow
@@ -167,8 +173,8 @@ class NoisyChain:
     def covariance(self, interval_s: float) -> NDArray[np.float64]:
         """Return the covariance of (Re modal, Im modal, flicker, integral) gathered over `interval_s`."""
         rows, count = self._rows, len(self._exponents)
-        hermitian = rows @ self._turned.over(interval_s) @ rows.conj().T
-        plain = rows @ self._plain.over(interval_s) @ rows.T
+        hermitian = rows @ self._turned(interval_s) @ rows.conj().T
+        plain = rows @ self._plain(interval_s) @ rows.T
         full = np.empty((2 * count, 2 * count))
         full[:count, :count] = 0.5 * (hermitian + plain).real
         full[count:, count:] = 0.5 * (hermitian - plain).real
@@ -231,8 +237,8 @@ class NoisyChain:
     def spread(self, time_s: float, duration_s: float, weights: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the covariance of the noise gathered by `time_s` with a weighted sum of that by `duration_s`."""
         seen, left = self._seen(weights), duration_s - time_s
-        plain = self._plain.over(time_s) @ (np.exp(self._exponents * left) * seen)
-        turned = self._turned.over(time_s) @ (np.exp(self._exponents * left) * seen).conj()
+        plain = self._plain(time_s) @ (np.exp(self._exponents * left) * seen)
+        turned = self._turned(time_s) @ (np.exp(self._exponents * left) * seen).conj()
         shown = self._rows @ (0.5 * (plain + turned))
         return np.asarray(np.concatenate((shown.real, shown.imag))[self._kept])
 
@@ -261,27 +267,14 @@ class NoisyChain:
         return np.asarray(real @ self._rows)
 
 
-class _Gathered(Struct, frozen=True):
-    """Joint sum of modes over their inputs: `strength` ab times the integral of exp(`speed` ab t)."""
-
-    strength: NDArray[np.complex128]
-    still: NDArray[np.bool_]
-    """Where the speed is 0."""
-    speed: NDArray[np.complex128]
-    """-1 where it is 0."""
-
-    @classmethod
-    def of(
-        cls, inputs: NDArray[np.complex128], exponents: NDArray[np.complex128], other: np.ufunc | _AsArray = np.asarray
-    ) -> "_Gathered":
-        """Return that of modes with themselves, or with their conjugates."""
-        total = np.add.outer(exponents, other(exponents))
-        return cls(inputs @ other(inputs).T, total == 0, np.where(total == 0, -1.0, total))
-
-    def over(self, interval_s: float) -> NDArray[np.complex128]:
-        """Return the sum gathered over an interval."""
-        grown = np.where(self.still, interval_s, np.expm1(self.speed * interval_s) / self.speed)
-        return np.asarray(self.strength * grown)
+def _gathered(
+    inputs: NDArray[np.complex128], exponents: NDArray[np.complex128], other: np.ufunc | _AsArray = np.asarray
+) -> Callable[[float], NDArray[np.complex128]]:
+    """Return a function of a time, s: what inputs gather by then in pairs of modes, or of modes and conjugates."""
+    speed = np.add.outer(exponents, other(exponents))
+    strength, still = inputs @ other(inputs).T, speed == 0
+    apart = np.where(still, -1.0, speed)
+    return lambda time_s: np.asarray(strength * np.where(still, time_s, np.expm1(apart * time_s) / apart))
 
 
 def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number]:
@@ -292,20 +285,6 @@ def by_rows(rows: NDArray[_Number], matrix: NDArray[_Number]) -> NDArray[_Number
 def turning_with(chain: Chain) -> NDArray[np.complex128]:
     """Return the weights of V_s without the parts that turn against the carrier: see :mod:`.bridge`."""
     return np.where(chain.eigenmodes.imag > -chain.drive_rad_s, chain.to_sense, 0.0)
-
-
-def _noise_maps(
-    chain: Chain, follow: NDArray[np.complex128], drift: NDArray[np.float64], white: float
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Return how the sources drive the modes (eigenmodes freed of flicker, flicker, exponent 0), and the way back."""
-    n, k = follow.shape
-    inputs = np.zeros((n + k + 1, k + 2), complex)
-    inputs[:n, :k] = -follow * drift
-    inputs[n : n + k, :k] = np.diag(drift)
-    inputs[:n, k], inputs[:n, k + 1] = white * chain.rate, 1j * white * chain.rate
-    outputs = np.eye(n + k, n + k + 1, dtype=complex)
-    outputs[:n, n : n + k] = follow
-    return inputs, outputs
 
 
 def _factor(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
