@@ -83,31 +83,23 @@ def correlated_squares(
     The first set are `terms_first` successive differences at the stride `first`, the second likewise. Gaussian: the
     covariance of two squares is twice the square of the covariance.
     """
-    sums = _sums((terms_first, first), (terms_second, second))
+    of_first, of_each, of_products = _sums(terms_first, first, terms_second, second)
     squares = noise.squares()
     scale = float(terms_first) * float(terms_second)
     return CorrelatedSquares(
-        mean_first=float(sums.first @ squares),
-        covariance=2.0 * float(squares @ sums.of_products @ squares) / scale,
-        covariance_of_means=float(sums.of_each @ squares) / scale,
+        mean_first=float(of_first @ squares),
+        covariance=2.0 * float(squares @ of_products @ squares) / scale,
+        covariance_of_means=float(of_each @ squares) / scale,
     )
 
 
-class _Sums(Struct, frozen=True):
-    """Sums over all lags of the covariances of the differences, for each law with the coefficient 1."""
-
-    first: Floats
-    """Expectations of a squared first difference, (4,)."""
-    of_each: Floats
-    """Sums of the covariances, (4,)."""
-    of_products: Floats
-    """Sums of the products of those of two laws, (4, 4)."""
-
-
 @lru_cache(maxsize=4096)
-def _sums(of_first: tuple[int, int], of_second: tuple[int, int]) -> _Sums:
-    """Return the sums for terms and stride of either set; a fit of the noise asks for the same ones again and again."""
-    (terms_first, first), (terms_second, second) = of_first, of_second
+def _sums(terms_first: int, first: int, terms_second: int, second: int) -> tuple[Floats, Floats, Floats]:
+    """Return of each law with the coefficient 1 what :func:`correlated_squares` is made of.
+
+    The expectations of a squared first difference, (4,); the sums over all lags of the covariances of the differences,
+    (4,), and of the products of those of two laws, (4, 4). A fit of the noise asks for the same ones again and again.
+    """
     shifts = _shifts(first, second)
     low, high = 1 - terms_first, terms_second - 1
     if high - low < _SINGLY:  # all shifted lags are whole and share one table
@@ -125,11 +117,8 @@ def _sums(of_first: tuple[int, int], of_second: tuple[int, int]) -> _Sums:
             covariances += weight * _each_law(lags + shift)
     counts *= np.minimum(np.minimum(terms_first, terms_second), np.minimum(terms_second - lags, terms_first + lags))
     own = _shifts(first, first)
-    return _Sums(
-        first=_each_law(np.array(list(own), dtype=np.float64)) @ np.array(list(own.values()), np.float64),
-        of_each=covariances @ counts,
-        of_products=(covariances * counts) @ covariances.T,
-    )
+    of_first = _each_law(np.array(list(own), dtype=np.float64)) @ np.array(list(own.values()), np.float64)
+    return of_first, covariances @ counts, (covariances * counts) @ covariances.T
 
 
 def _shifts(first: int, second: int) -> dict[int, int]:

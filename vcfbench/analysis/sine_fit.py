@@ -35,17 +35,6 @@ class PhaseDifference(Struct, frozen=True):
     """Amplitude of the second over that of the first."""
 
 
-class _Common(Struct, frozen=True):
-    """Channels fitted with one frequency; angles are counted from the middle of the record, where they are surest."""
-
-    frequency_hz: float
-    cosine: Floats
-    sine: Floats
-    left: Floats
-    """Residuals, (channels, samples)."""
-    rms: Floats
-
-
 def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = None) -> Sine:
     """Fit frequency, amplitude, phase and offset (IEEE 1057, four parameters).
 
@@ -59,12 +48,11 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
         MeasurementError: no sine that the fit settles on.
     """
     channels = _checked([samples])
-    fitted = _common(channels, interval_s, start_hz)
+    frequency_hz, ((a,), (b,)) = _common(channels, interval_s, start_hz)
     # The phase is carried from the middle of the record to the first sample
-    a, b = float(fitted.cosine[0]), float(fitted.sine[0])
     lead_s = (channels.shape[1] - 1) / 2.0 * interval_s
-    phase_rad = math.atan2(-b, a) - 2.0 * math.pi * fitted.frequency_hz * lead_s
-    return Sine(fitted.frequency_hz, math.hypot(a, b), math.remainder(phase_rad, 2.0 * math.pi))
+    phase_rad = math.atan2(-b, a) - 2.0 * math.pi * frequency_hz * lead_s
+    return Sine(frequency_hz, math.hypot(a, b), math.remainder(phase_rad, 2.0 * math.pi))
 
 
 def phase_difference(
@@ -75,9 +63,9 @@ def phase_difference(
     Raises:
         ConfigError: channels of different lengths, or as for :func:`fit_sine`.
     """
-    fitted = _common(_checked([first, second]), interval_s, start_hz)
-    amplitude = np.hypot(fitted.cosine, fitted.sine)
-    phase = np.arctan2(-fitted.sine, fitted.cosine)
+    _, (cosine, sine) = _common(_checked([first, second]), interval_s, start_hz)
+    amplitude = np.hypot(cosine, sine)
+    phase = np.arctan2(-sine, cosine)
     turned = math.remainder(float(phase[1] - phase[0]), 2.0 * math.pi)
     return PhaseDifference(math.degrees(turned), float(amplitude[1] / amplitude[0]))
 
@@ -115,50 +103,43 @@ def _no_sine(why: str) -> MeasurementError:
     )
 
 
-def _common(channels: Floats, interval_s: float, start_hz: float | None) -> _Common:
-    """Find the frequency that fits all channels best, by Gauss and Newton from `start_hz` or the spectrum."""
-    count = channels.shape[1]
+def _common(channels: Floats, interval_s: float, start_hz: float | None) -> tuple[float, Floats]:
+    """Return the frequency that fits all channels best, and the cosine and the sine in each of them, (2, channels).
+
+    By Gauss and Newton from `start_hz` or the spectrum. Angles are counted from the middle of the record, where they
+    are surest.
+    """
+    number, count = channels.shape
     times = np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s)
     strongest = channels[np.ptp(channels, axis=1).argmax()]
     frequency = _spectral_peak_hz(strongest, interval_s) if start_hz is None else start_hz
     most = 0.5 / (count * interval_s)
     for _ in range(_ROUNDS):
-        fitted = _at(channels, times, frequency)
+        basis, found = _at(channels, times, frequency)
+        left = channels.T - basis @ found
+        rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - 3.0))
         # A channel without residuals must not weigh infinitely
-        largest = float(fitted.rms.max())
-        rms = np.maximum(fitted.rms, 1e-12 * largest) if largest > 0.0 else np.ones_like(fitted.rms)
+        largest = float(rms.max())
+        rms = np.maximum(rms, 1e-12 * largest) if largest > 0.0 else np.ones_like(rms)
         weight = np.repeat(1.0 / rms, times.size)
-        rows = _design(fitted, times) * weight[:, None]
-        step = float(np.linalg.solve(rows.T @ rows, rows.T @ (fitted.left.ravel() * weight))[0])
+        # The derivatives of all samples by the frequency and by each channel's three parameters
+        rows = np.zeros((number, times.size, 1 + 3 * number))
+        for channel, (cosine, sine, _) in enumerate(found.T):
+            rows[channel, :, 0] = 2.0 * math.pi * times * (-cosine * basis[:, 1] + sine * basis[:, 0])
+            rows[channel, :, 1 + 3 * channel : 4 + 3 * channel] = basis
+        weighted = rows.reshape(number * times.size, -1) * weight[:, None]
+        step = float(np.linalg.solve(weighted.T @ weighted, weighted.T @ (left.T.ravel() * weight))[0])
         frequency += max(-most, min(most, step))
         if abs(step) * count * interval_s < _SETTLED:
-            return _at(channels, times, frequency)
+            return frequency, np.asarray(_at(channels, times, frequency)[1][:2])
     raise _no_sine(f"the fit does not settle near {frequency:g} Hz")
 
 
-def _at(channels: Floats, times: Floats, frequency_hz: float) -> _Common:
-    """Fit every channel at `frequency_hz`."""
-    basis = _basis(frequency_hz, times)
+def _at(channels: Floats, times: Floats, frequency_hz: float) -> tuple[Floats, Floats]:
+    """Return cosine, sine and 1 at all times, and how much of each fits every channel."""
+    angle = 2.0 * math.pi * frequency_hz * times
+    basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
     if rank < 3 or not 0.0 < frequency_hz < math.inf:
         raise ConfigError(f"samples over {times[-1] - times[0]:g} s do not tell a sine of {frequency_hz:g} Hz")
-    left = channels.T - basis @ found
-    rms = np.sqrt(np.sum(left**2, axis=0) / (times.size - 3.0))
-    return _Common(frequency_hz, found[0], found[1], left.T, rms)
-
-
-def _basis(frequency_hz: float, times: Floats) -> Floats:
-    angle = 2.0 * math.pi * frequency_hz * times
-    return np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
-
-
-def _design(fitted: _Common, times: Floats) -> Floats:
-    """Return the derivatives of all samples by the frequency and by each channel's three parameters."""
-    basis = _basis(fitted.frequency_hz, times)
-    channels = fitted.cosine.size
-    rows = np.zeros((channels, times.size, 1 + 3 * channels))
-    for channel in range(channels):
-        swing = -fitted.cosine[channel] * basis[:, 1] + fitted.sine[channel] * basis[:, 0]
-        rows[channel, :, 0] = 2.0 * math.pi * times * swing
-        rows[channel, :, 1 + 3 * channel : 4 + 3 * channel] = basis
-    return np.asarray(rows.reshape(channels * times.size, -1))
+    return basis, np.asarray(found)
