@@ -51,29 +51,6 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", _MARK)
 
 
-class Faults:
-    """Value of the fixture `fault`: called, it lets a fault happen on the simulated bench.
-
-    ``fault("multimeter", "overload")`` happens now, ``fault("rate_table", "interlock", at_s=20.0)`` at a bench time,
-    ``duration_s=`` says for how long; `play` takes a script, `clear` ends all. The kinds are in `simrack.faults`.
-    """
-
-    def __init__(self, lab: SimulatedLab) -> None:
-        self._lab = lab
-
-    def __call__(self, instrument: str, kind: str, **when: Any) -> None:
-        """Let a fault happen."""
-        self._lab.fault(instrument, kind, **when)
-
-    def play(self, script: Any) -> None:
-        """Let everything in a fault script happen: a path, or TOML text."""
-        self._lab.play(script)
-
-    def clear(self) -> None:
-        """End every fault and forget those that are planned."""
-        self._lab.faults.clear()
-
-
 @pytest.fixture
 def _vcfbench_lab(request: pytest.FixtureRequest) -> Iterator[SimulatedLab]:
     """Open the bench that the mark and the ini options ask for; faults are ended before it is left."""
@@ -103,9 +80,13 @@ def simulated_world(_vcfbench_lab: SimulatedLab) -> World:
 
 
 @pytest.fixture
-def fault(_vcfbench_lab: SimulatedLab) -> Faults:
-    """Return a function that lets faults happen on `simulated_bench`."""
-    return Faults(_vcfbench_lab)
+def fault(_vcfbench_lab: SimulatedLab) -> Callable[..., None]:
+    """Return a function that lets faults happen on `simulated_bench`: the kinds are in `simrack.faults`.
+
+    ``fault("multimeter", "overload")`` happens now, ``fault("rate_table", "interlock", at_s=20.0)`` at a bench time,
+    ``duration_s=`` says for how long.
+    """
+    return _vcfbench_lab.fault
 
 
 @pytest.fixture
