@@ -66,19 +66,27 @@ def _mode(drive_hz: float, split_hz: float, q: float) -> _Mode:
     )
 
 
-def _modes(of: Gyroscope) -> tuple[_Mode, _Mode]:
-    """Return the anti-phase and the in-phase mode."""
-    in_phase = _mode(of.drive_hz, of.in_phase_split_hz, of.q_in_phase)
-    return _mode(of.drive_hz, of.split_hz, of.q_anti_phase), in_phase
+class _Worked(Struct, frozen=True):
+    """K_Vc of a gyroscope, in a unit of combs and mass, and what it is made of."""
 
-
-class _Structure(Struct, frozen=True):
-    """Weight of the in-phase mode for a rate, and feed-through; they do not depend on frequencies and losses."""
-
+    k_vc: float
+    anti_phase: _Mode
+    in_phase: _Mode
     weight: float
-    """Force times pick-off of the in-phase mode over those of the anti-phase mode."""
+    """Force times pick-off of the in-phase mode over those of the anti-phase mode, for a rate."""
     through: float
-    """In the unit of 1/(P + jR) of the anti-phase mode."""
+    """Feed-through in the unit of 1/(P + jR) of the anti-phase mode."""
+    by_v_vc: complex
+    by_rate: complex
+    """Responses to V_Vc and to a rate, in one unit."""
+    turns: tuple[complex, complex]
+    """Those of their phasors against the demodulator."""
+
+    def change(self, by_v_vc: complex, by_rate: complex) -> float:
+        """Return the relative derivative of K_Vc for those of both responses."""
+        v_vc, rate = self.turns
+        seen = (v_vc * self.by_v_vc).real, (rate * self.by_rate).real
+        return (v_vc * by_v_vc).real / seen[0] - (rate * by_rate).real / seen[1]
 
 
 def _stiffness(anti_phase: _Mode, in_phase: _Mode) -> float:
@@ -86,45 +94,25 @@ def _stiffness(anti_phase: _Mode, in_phase: _Mode) -> float:
     return (1.0 / in_phase.answer).real / (1.0 / anti_phase.answer).real
 
 
-def _structure(of: Gyroscope, weight: float | None = None) -> _Structure:
-    """Return it; `weight` where it is known otherwise than by the share of the in-phase mode."""
-    anti_phase, in_phase = _modes(of)
+def _worked(of: Gyroscope, weight: float | None = None, through: float | None = None) -> _Worked:
+    """Work it out; `weight` and `through` where they are known otherwise than by `of`.
+
+    Neither depends on frequencies and losses.
+    """
+    anti_phase, in_phase = (
+        _mode(of.drive_hz, *each) for each in ((of.split_hz, of.q_anti_phase), (of.in_phase_split_hz, of.q_in_phase))
+    )
     mismatch = 1.0 + of.comb_mismatch
     if weight is None:
         weight = of.in_phase_share / (1.0 - of.in_phase_share) * _stiffness(anti_phase, in_phase) / mismatch
-    answered = abs(anti_phase.answer + weight * mismatch * in_phase.answer)
-    return _Structure(weight, of.v_vc_feedthrough * answered)
-
-
-class _Seen(Struct, frozen=True):
-    """Demodulated responses to V_Vc and to a rate, in one unit, and the turns of their phasors."""
-
-    by_v_vc: complex
-    by_rate: complex
-    v_vc_turn: complex
-    rate_turn: complex
-
-    @property
-    def ratio(self) -> float:
-        return (self.v_vc_turn * self.by_v_vc).real / (self.rate_turn * self.by_rate).real
-
-    def change(self, by_v_vc: complex, by_rate: complex) -> float:
-        """Return the relative derivative of the ratio for those of both answers."""
-        seen = (self.v_vc_turn * self.by_v_vc).real, (self.rate_turn * self.by_rate).real
-        return (self.v_vc_turn * by_v_vc).real / seen[0] - (self.rate_turn * by_rate).real / seen[1]
-
-
-def _seen(of: Gyroscope, structure: _Structure) -> _Seen:
-    anti_phase, in_phase = _modes(of)
-    by_rate = anti_phase.answer + structure.weight * in_phase.answer
-    by_v_vc = anti_phase.answer + structure.weight * (1.0 + of.comb_mismatch) * in_phase.answer + structure.through
+    moved = anti_phase.answer + weight * mismatch * in_phase.answer
+    through = of.v_vc_feedthrough * abs(moved) if through is None else through
+    by_v_vc, by_rate = moved + through, anti_phase.answer + weight * in_phase.answer
     carrier, demodulator = math.radians(of.carrier_phase_deg), math.radians(of.demodulator_phase_deg)
-    return _Seen(by_v_vc, by_rate, cmath.exp(1j * (carrier - demodulator)), cmath.exp(-1j * demodulator))
-
-
-def _k_vc(of: Gyroscope, structure: _Structure) -> float:
-    """Return K_Vc in a unit of combs and mass."""
-    return of.carrier_amplitude_v / (of.drive_amplitude_v * of.drive_hz) * _seen(of, structure).ratio
+    turns = cmath.exp(1j * (carrier - demodulator)), cmath.exp(-1j * demodulator)
+    ratio = (turns[0] * by_v_vc).real / (turns[1] * by_rate).real
+    k_vc = of.carrier_amplitude_v / (of.drive_amplitude_v * of.drive_hz) * ratio
+    return _Worked(k_vc, anti_phase, in_phase, weight, through, by_v_vc, by_rate, turns)
 
 
 def change_ppm(then: Gyroscope, now: Mapping[str, float]) -> float:
@@ -133,11 +121,10 @@ def change_ppm(then: Gyroscope, now: Mapping[str, float]) -> float:
     It is exact however large the change is. Force and pick-off of both modes stay as they were where neither
     `in_phase_share` nor `comb_mismatch` is in `now`, and so does the feed-through, in volts a volt.
     """
-    changed = replace(then, **now)
-    before = _structure(then)
-    after = _structure(changed, None if "in_phase_share" in now else before.weight)
-    structure = after if "v_vc_feedthrough" in now else _Structure(after.weight, before.through)
-    return 1e6 * (_k_vc(changed, structure) / _k_vc(then, before) - 1.0)
+    before = _worked(then)
+    weight = None if "in_phase_share" in now else before.weight
+    through = None if "v_vc_feedthrough" in now else before.through
+    return 1e6 * (_worked(replace(then, **now), weight, through).k_vc / before.k_vc - 1.0)
 
 
 def sensitivities(of: Gyroscope) -> dict[str, float]:
@@ -145,28 +132,24 @@ def sensitivities(of: Gyroscope) -> dict[str, float]:
 
     Those by Q, by the splits and by the drive frequency hold force and pick-off of both modes, as `change_ppm` does.
     """
-    (anti_phase, in_phase), structure = _modes(of), _structure(of)
-    seen, weight, mismatch = _seen(of, structure), structure.weight, 1.0 + of.comb_mismatch
-    degree = 1j * math.pi / 180.0
+    worked, mismatch, degree = _worked(of), 1.0 + of.comb_mismatch, 1j * math.pi / 180.0
+    anti_phase, in_phase, change = worked.anti_phase, worked.in_phase, worked.change
+    weight, mismatched = worked.weight, worked.weight * mismatch
     by_share = _stiffness(anti_phase, in_phase) / (1.0 - of.in_phase_share) ** 2
-    answered = abs(anti_phase.answer + weight * mismatch * in_phase.answer)
-
-    def weighted(change: complex) -> float:
-        return seen.change(weight * mismatch * change, weight * change)
-
-    both = anti_phase.by_drive + weight * mismatch * in_phase.by_drive
-    by_drive = seen.change(both, anti_phase.by_drive + weight * in_phase.by_drive)
+    by_drive = change(
+        anti_phase.by_drive + mismatched * in_phase.by_drive, anti_phase.by_drive + weight * in_phase.by_drive
+    )
     found = {
         "drive_hz": by_drive - 1.0 / of.drive_hz,
-        "split_hz": seen.change(anti_phase.by_split, anti_phase.by_split),
-        "q_anti_phase": seen.change(anti_phase.by_q, anti_phase.by_q),
-        "in_phase_split_hz": weighted(in_phase.by_split),
-        "q_in_phase": weighted(in_phase.by_q),
-        "in_phase_share": seen.change(by_share * in_phase.answer, by_share / mismatch * in_phase.answer),
-        "carrier_phase_deg": seen.change(degree * seen.by_v_vc, 0j),
-        "demodulator_phase_deg": seen.change(-degree * seen.by_v_vc, -degree * seen.by_rate),
-        "comb_mismatch": seen.change(weight * in_phase.answer, 0j),
-        "v_vc_feedthrough": seen.change(complex(answered), 0j),
+        "split_hz": change(anti_phase.by_split, anti_phase.by_split),
+        "q_anti_phase": change(anti_phase.by_q, anti_phase.by_q),
+        "in_phase_split_hz": change(mismatched * in_phase.by_split, weight * in_phase.by_split),
+        "q_in_phase": change(mismatched * in_phase.by_q, weight * in_phase.by_q),
+        "in_phase_share": change(by_share * in_phase.answer, by_share / mismatch * in_phase.answer),
+        "carrier_phase_deg": change(degree * worked.by_v_vc, 0j),
+        "demodulator_phase_deg": change(-degree * worked.by_v_vc, -degree * worked.by_rate),
+        "comb_mismatch": change(weight * in_phase.answer, 0j),
+        "v_vc_feedthrough": change(complex(abs(anti_phase.answer + mismatched * in_phase.answer)), 0j),
         "drive_amplitude_v": -1.0 / of.drive_amplitude_v,
         "carrier_amplitude_v": 1.0 / of.carrier_amplitude_v,
     }
