@@ -22,7 +22,7 @@ def test_a_straight_line_has_the_covariance_of_the_normal_equations() -> None:
     assert fit.dof == 10
     assert fit.chi_square == pytest.approx(float(np.sum((DESIGN @ expected - y) ** 2)) / 0.01)
     at = np.array([1.0, 0.5])
-    assert propagated(lambda p: float(at @ p), fit) == pytest.approx(math.sqrt(at @ covariance @ at), rel=1e-6)
+    assert propagated(lambda p: np.array([at @ p]), fit) == pytest.approx(math.sqrt(at @ covariance @ at), rel=1e-6)
 
 
 def test_what_the_points_do_not_determine_is_refused() -> None:

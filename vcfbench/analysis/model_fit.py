@@ -109,14 +109,14 @@ def not_negative(design: Floats, values: Floats) -> Floats:
         found = tried
 
 
-def propagated(value: Callable[[Floats], float], fit: ModelFit) -> float:
-    """Return the standard uncertainty of a function of the parameters, by central differences of a tenth of theirs."""
-    gradient = derivatives(value, fit.parameters, 0.1 * np.sqrt(np.diag(fit.covariance)))
-    return float(np.sqrt(gradient @ fit.covariance @ gradient))
+def propagated(values: Callable[[Floats], Floats], fit: ModelFit) -> Floats:
+    """Return the standard uncertainties of functions of the parameters, by central differences of a tenth of theirs."""
+    gradients = derivatives(values, fit.parameters, 0.1 * np.sqrt(np.diag(fit.covariance)))
+    return np.sqrt([each @ fit.covariance @ each for each in gradients])
 
 
-def derivatives(of: Callable[[Floats], Floats | float], at: Floats, steps: Floats) -> Floats:
-    """Return the derivatives of values by inputs, (values, inputs), or (inputs,) of one value: central differences.
+def derivatives(of: Callable[[Floats], Floats], at: Floats, steps: Floats) -> Floats:
+    """Return the derivatives of values by inputs, (values, inputs): central differences.
 
     An input whose step is 0 counts as a constant.
     """

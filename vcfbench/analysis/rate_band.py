@@ -327,28 +327,22 @@ def _passed(f: Floats, shape: Floats, known: Known) -> Floats:
 
 
 def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *, noise_dof: float) -> RateBand:
-    def curve(parameters: Floats) -> _Curve:
-        return _Curve(drive_hz, _shape(parameters))
-
-    def found(value: Callable[[Floats], float]) -> tuple[float, float]:
-        return value(fit.parameters), propagated(value, fit)
-
-    def share(parameters: Floats) -> float:
-        """Return the in-phase part of the static gain, by the stiffness that each mode has at the drive frequency."""
-        far = parameters[3] / _stiffness(drive_hz, parameters[4])
-        return float(far / (far + 1.0 / _stiffness(drive_hz, parameters[0])))
+    def points(parameters: Floats) -> Floats:
+        return _points(drive_hz, parameters)
 
     model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
     split, q, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
+    found = zip(points(fit.parameters).tolist(), propagated(points, fit).tolist(), strict=True)
+    plus_3_db, peak, peak_gain, minus_3_db, share = found
     return RateBand(
         split_hz=split,
         q=q,
         static_gain=float(fit.parameters[2]),
-        plus_3_db_hz=found(lambda p: curve(p).plus_3_db()),
-        peak_hz=found(lambda p: curve(p).peak()),
-        peak_gain=found(lambda p: curve(p).gain(curve(p).peak())),
-        minus_3_db_hz=found(lambda p: curve(p).minus_3_db()),
-        in_phase_share=found(share),
+        plus_3_db_hz=plus_3_db,
+        peak_hz=peak,
+        peak_gain=peak_gain,
+        minus_3_db_hz=minus_3_db,
+        in_phase_share=share,
         parameters=fit.parameters,
         frequency_hz=f,
         gain=gain,
@@ -360,48 +354,42 @@ def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *,
     )
 
 
-def _stiffness(drive_hz: float, split_hz: float) -> float:
-    return (drive_hz - split_hz) ** 2 - drive_hz**2
+def _points(drive_hz: float, parameters: Floats) -> Floats:
+    """Return the points of the relative gain: +3 dB (Hz), peak (Hz) and its gain, -3 dB (Hz); and the in-phase share.
+
+    That is of the static gain, by the stiffness that each mode has at the drive frequency.
+    """
+    shape = _shape(parameters)
+    split = float(shape[0])
+
+    def gain(at_hz: float) -> float:
+        return float(split_response(at_hz, drive_hz, shape)[0])
+
+    near = 1e-4 * split
+    peak = _zero(lambda at: gain(at + near) - gain(at - near), 0.5 * split, 1.5 * split)
+    plus_3_db = _zero(lambda at: gain(at) - math.sqrt(2.0), 0.0, peak)
+    # The first one above the peak: the other mode may raise the gain again
+    steps = peak + 0.05 * peak * np.arange(1, 100)
+    below = split_response(steps, drive_hz, shape) < math.sqrt(0.5)
+    minus_3_db = _zero(lambda at: gain(at) - math.sqrt(0.5), peak, float(steps[below.argmax()]))
+    near_stiffness, far_stiffness = ((drive_hz - each) ** 2 - drive_hz**2 for each in (split, parameters[4]))
+    far = parameters[3] / far_stiffness
+    return np.array([plus_3_db, peak, gain(peak), minus_3_db, far / (far + 1.0 / near_stiffness)])
 
 
-class _Curve(Struct, frozen=True):
-    """The relative gain of one gyroscope, and its points."""
-
-    drive_hz: float
-    shape: Floats
-
-    def gain(self, at_hz: float) -> float:
-        return float(split_response(at_hz, self.drive_hz, self.shape)[0])
-
-    def peak(self) -> float:
-        """Frequency of the largest gain."""
-        split = float(self.shape[0])
-        near = 1e-4 * split
-        return self._zero(lambda at: self.gain(at + near) - self.gain(at - near), 0.5 * split, 1.5 * split)
-
-    def plus_3_db(self) -> float:
-        return self._zero(lambda at: self.gain(at) - math.sqrt(2.0), 0.0, self.peak())
-
-    def minus_3_db(self) -> float:
-        """The first one above the peak: the other mode may raise the gain again."""
-        low = self.peak()
-        steps = low + 0.05 * low * np.arange(1, 100)
-        below = split_response(steps, self.drive_hz, self.shape) < math.sqrt(0.5)
-        return self._zero(lambda at: self.gain(at) - math.sqrt(0.5), low, float(steps[below.argmax()]))
-
-    def _zero(self, value: Callable[[float], float], low: float, high: float) -> float:
-        """Return where `value` passes 0, by false position; an end that stays counts half (the Illinois rule)."""
-        below, above = value(low), value(high)
-        if not below * above < 0.0:
-            raise ConfigError("bandwidth: the fitted response has no peak, or never passes half of its static power")
-        at, side = low, 0
-        for _ in range(_TRIES):
-            before, at = at, (low * above - high * below) / (above - below)
-            if abs(at - before) < _CLOSE_HZ:
-                break
-            here = value(at)
-            if here * above > 0.0:
-                high, above, below, side = at, here, below * (0.5 if side > 0 else 1.0), 1
-            else:
-                low, below, above, side = at, here, above * (0.5 if side < 0 else 1.0), -1
-        return at
+def _zero(value: Callable[[float], float], low: float, high: float) -> float:
+    """Return where `value` passes 0, by false position; an end that stays counts half (the Illinois rule)."""
+    below, above = value(low), value(high)
+    if not below * above < 0.0:
+        raise ConfigError("bandwidth: the fitted response has no peak, or never passes half of its static power")
+    at, side = low, 0
+    for _ in range(_TRIES):
+        before, at = at, (low * above - high * below) / (above - below)
+        if abs(at - before) < _CLOSE_HZ:
+            break
+        here = value(at)
+        if here * above > 0.0:
+            high, above, below, side = at, here, below * (0.5 if side > 0 else 1.0), 1
+        else:
+            low, below, above, side = at, here, above * (0.5 if side < 0 else 1.0), -1
+    return at
