@@ -9,7 +9,8 @@ as much in the mean of an hour as in that of ten seconds (Witt and Reymann 2000)
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 
 import numpy as np
 from msgspec import Struct, field, structs
@@ -132,21 +133,25 @@ def fit_noise(
         found = _coefficients(squares, places)
         spread = np.array([_covariance(found, sampling, samples, m, m) for m in factors])
         squares = _weighted(design, variance, 1.0 / np.maximum(spread, (1e-6 * (design @ squares)) ** 2))
+
     # Carry the covariances of the points through the least-squares sums. Terms that came out as 0 take no part in the
     # uncertainty of the others; that of each of them is what it would have beside the others alone
-    estimator = _Estimator(design, 1.0 / spread, sampling, samples, factors)
+    def covariance(law: Coefficients, among: list[int]) -> Floats:
+        of_points = partial(_covariance, law, sampling, samples)
+        return _covariance_of_squares(design[:, among], 1.0 / spread, of_points, factors)
+
     free, found = np.flatnonzero(squares > 0.0).tolist(), _coefficients(squares, places)
     part = np.zeros((len(places), len(places)))
-    part[np.ix_(free, free)] = estimator.covariance(found, free)
+    part[np.ix_(free, free)] = covariance(found, free)
     fitted = {}
     for row, place in enumerate(places):
         beside = free if row in free else [*free, row]
         if row not in free:
-            part[row, row] = estimator.covariance(found, beside)[-1, -1]
+            part[row, row] = covariance(found, beside)[-1, -1]
         value, u_square = math.sqrt(squares[row]), math.sqrt(float(part[row, row]))
         without = squares.copy()
         without[row] = 0.0
-        at_0 = estimator.covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
+        at_0 = covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
         u_at_0 = min(math.sqrt(max(0.0, at_0)), u_square)
         u = u_square / (2.0 * value) if value > 0.0 else None
         upper = math.sqrt(_upper(squares[row], u_square, u_at_0))
@@ -197,26 +202,17 @@ def _coefficients(squares: Floats, places: list[int]) -> Coefficients:
     return Coefficients(*every.tolist())
 
 
-class _Estimator(Struct, frozen=True):
-    """Weighted estimator of the squared coefficients from the points of a curve, and their covariance."""
-
-    design: Floats
-    weight: Floats
-    sampling: Sampling
-    samples: int
-    factors: list[int]
-
-    def covariance(self, law: Coefficients, among: list[int]) -> Floats:
-        """Return the covariance of the squares of the columns `among` under the noise `law`."""
-        # The covariances of all points of the curve
-        factors = self.factors
-        whole = np.empty((len(factors), len(factors)))
-        for i, first in enumerate(factors):
-            for j, second in enumerate(factors[: i + 1]):
-                whole[i, j] = whole[j, i] = _covariance(law, self.sampling, self.samples, first, second)
-        root = np.sqrt(self.weight)
-        gain = np.linalg.pinv(self.design[:, among] * root[:, None]) * root
-        return np.asarray(gain @ whole @ gain.T)
+def _covariance_of_squares(
+    design: Floats, weight: Floats, of_points: Callable[[int, int], float], factors: Sequence[int]
+) -> Floats:
+    """Return the covariance of squares that are fitted with these weights, by those of all points of the curve."""
+    whole = np.empty((len(factors), len(factors)))
+    for i, first in enumerate(factors):
+        for j, second in enumerate(factors[: i + 1]):
+            whole[i, j] = whole[j, i] = of_points(first, second)
+    root = np.sqrt(weight)
+    gain = np.linalg.pinv(design * root[:, None]) * root
+    return np.asarray(gain @ whole @ gain.T)
 
 
 def _upper(square: float, u: float, u_at_0: float) -> float:

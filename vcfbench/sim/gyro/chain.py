@@ -155,7 +155,8 @@ class Chain(Struct, frozen=True, dict=True):
         if other.resonances == self.resonances:
             between = self.coupling - other.coupling + turn * (self.turned_coupling - other.turned_coupling)
             return np.concatenate((parts, modal[4:] + between @ parts))
-        modes = zip(self.resonances, other.resonances, parts.reshape(2, 2).tolist(), strict=True)
+        pairs = [(complex(plus), complex(minus)) for plus, minus in parts.reshape(2, 2)]
+        modes = zip(self.resonances, other.resonances, pairs, strict=True)
         moved = [after.parts(before.displacement(pair), before.velocity(pair)) for before, after, pair in modes]
         others = np.ravel(moved)
         filtered = modal[4:] + (self.coupling + turn * self.turned_coupling) @ parts

@@ -85,24 +85,21 @@ class Acting(Struct, frozen=True):
 
     def forcing(self) -> Forcing:
         """Return rate and modulator voltage from `since_s` on."""
-        since, rate = self.since_s - self.rate.start_s, self.rate
-        bench, scale = self.bench, math.pi / 180
-        earth = earth_rate_deg_s(bench)
+        bench, rate, warm_up, gain = self.bench, self.rate, self.warm_up, self.switched_on.gain
+        since, scale = self.since_s - rate.start_s, math.pi / 180 * gain
         # The bias rate by temperature, deg/s: its goal, and what is left of the warm-up
-        thermal, warm_up = self.bench.thermal, self.warm_up
-        goal = thermal.bias_coefficient_deg_s_k * (warm_up.goal_c - thermal.reference_c)
-        left = thermal.bias_coefficient_deg_s_k * (warm_up.at(self.since_s) - warm_up.goal_c)
-        warm, drift = (goal, [(complex(left), complex(-1 / warm_up.time_constant_s))])
-        scale *= self.switched_on.gain
-        bias = earth + warm + self.switched_on.bias_deg_s + g_rate_deg_s(bench)
+        per_k = bench.thermal.bias_coefficient_deg_s_k
+        goal = per_k * (warm_up.goal_c - bench.thermal.reference_c)
+        left = per_k * (warm_up.at(self.since_s) - warm_up.goal_c)
+        bias = earth_rate_deg_s(bench) + goal + self.switched_on.bias_deg_s + g_rate_deg_s(bench)
         constant = scale * (rate.rate_deg_s + rate.slope_deg_s2 * since + bias)
-        terms = [(a * cmath.exp(s * since), s) for a, s in rate.terms] + drift
+        turning = [(a * cmath.exp(s * since), s) for a, s in rate.terms]
+        terms = [*turning, (complex(left), complex(-1 / warm_up.time_constant_s))]
         moving = real_terms([(scale * a, s) for a, s in terms if abs(a) > FORGOTTEN_DEG_S])
         virtual = self.passage.modulated(self.since_s)
-        gain = self.switched_on.gain
         pushed = real_terms([(gain * a, s) for a, s in virtual.terms])
-        slope_v_s = gain * virtual.slope_v_s
-        return Forcing(constant, scale * rate.slope_deg_s2, moving, gain * virtual.constant_v, pushed, slope_v_s)
+        slopes = scale * rate.slope_deg_s2, gain * virtual.slope_v_s
+        return Forcing(constant, slopes[0], moving, gain * virtual.constant_v, pushed, slopes[1])
 
 
 class _Noted(Struct, frozen=True):
