@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from simrack_tests.cells import few
 
 import vcfbench
@@ -14,7 +15,6 @@ from tests.procedures.shared.test_k_vc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactor
 from vcfbench.procedures.warmup import (
     WARMUP,
     SwitchedOn,
@@ -135,11 +135,13 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
     windows = []
     for first in range(0, 1800, 60):
         t_s = first + np.arange(60.0)
-        windows.append((t_s, 3.0 + amplitude * np.exp(-(t_s + 0.5) / tau_s) + noise * rng.standard_normal(60)))
-    log = [(0.1 * n, 9.0 if n < 12 else 3.0) for n in range(50)]
-    scale = ScaleFactor(0.0125, None, "test")
-    settings = WarmupSettings(bias_instability_deg_h=3.6e-3, station=Station(meter_resolution_v=1e-9))
-    return warmup_results(log, windows, settings, scale, steady=True)
+        rate = 3.0 + amplitude * np.exp(-(t_s + 0.5) / tau_s) + noise * rng.standard_normal(60)
+        windows.append((t_s, 0.0125 * rate))
+    log = [(0.1 * n, 0.0125 * (9.0 if n < 12 else 3.0)) for n in range(50)]
+    settings = WarmupSettings(
+        scale_factor_v_per_deg_s=0.0125, bias_instability_deg_h=3.6e-3, station=Station(meter_resolution_v=1e-9)
+    )
+    return warmup_results(settings, log, windows, steady=True)
 
 
 @pytest.mark.exhaustive
@@ -178,11 +180,12 @@ def points(*means_v: float, std_v: float = 1e-4) -> list[Point]:
 
 def test_three_means_must_agree_and_stand_still() -> None:
     """Sigma of a mean is 12.9 uV of white noise here, and of the floor 0.664 B with B = 20 uV: 18.5 uV together."""
-    assert is_steady(points(0.0, 1e-5, -1e-5), 60.0, 20e-6)
-    assert not is_steady(points(0.0, 1e-5), 60.0, 20e-6)
-    assert not is_steady(points(0.0, 6e-5, 0.0), 60.0, 20e-6)
-    assert not is_steady(points(0.0, 2.5e-5, 5e-5), 60.0, 20e-6)
-    assert is_steady(points(0.0, 2.5e-5, 5e-5), 120.0, 20e-6)
+    minute = WarmupSettings(scale_factor_v_per_deg_s=1.0, bias_instability_deg_h=3600.0 * 20e-6)
+    assert is_steady(minute, points(0.0, 1e-5, -1e-5))
+    assert not is_steady(minute, points(0.0, 1e-5))
+    assert not is_steady(minute, points(0.0, 6e-5, 0.0))
+    assert not is_steady(minute, points(0.0, 2.5e-5, 5e-5))
+    assert is_steady(structs.replace(minute, window_s=120.0), points(0.0, 2.5e-5, 5e-5))
 
 
 def steps(limits: Limits) -> list[Any]:

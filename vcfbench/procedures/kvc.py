@@ -173,26 +173,14 @@ RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
 MISALIGNMENT = "misalignment of the gyroscope on the table"
 
 
-class _Levels(Struct, frozen=True):
-    """Levels of the blocks at each signed rate; arrays in the order +r1, -r1, +r2, ..."""
-
-    rate: Floats
-    table_v: Floats
-    driven_v: Floats
-    v_vc_v: Floats
-    zero_v_vc_v: float
-    u_v_vc_v: float
-    noise: BlockNoise
-
-
 def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     """Return K_Vc, its curve and its uncertainty from the blocks."""
-    levels = _levels(settings, points)
-    left_v = levels.driven_v - levels.table_v
-    matched_v, per_v = null_blocks.nulled_levels(levels.v_vc_v, levels.zero_v_vc_v, levels.driven_v, left_v)
-    noise = null_blocks.block_covariance(levels.noise, levels.rate.size // 2, settings.cycles)
-    slopes, of_slopes, _ = polynomial_through_zero(levels.rate, levels.table_v, noise, 3)
-    per_deg_s = np.polynomial.polynomial.polyval(levels.rate, null_blocks.derivative_of(slopes))
+    rate, table_v, driven_v, levels_v, u_v_vc_v, of_blocks = _levels(settings, points)
+    left_v = driven_v - table_v
+    matched_v, per_v = null_blocks.nulled_levels(levels_v[1:], float(levels_v[0]), driven_v, left_v)
+    noise = null_blocks.block_covariance(of_blocks, rate.size // 2, settings.cycles)
+    slopes, of_slopes, _ = polynomial_through_zero(rate, table_v, noise, 3)
+    per_deg_s = np.polynomial.polynomial.polyval(rate, null_blocks.derivative_of(slopes))
     in_rate = noise / np.outer(per_deg_s, per_deg_s)
     phases = PhaseErrors.of(settings.station.sources)
     # The largest residual of the Earth's horizontal rate in a zero that is taken at one heading
@@ -200,30 +188,30 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     of_rate = {
         READ_TABLE: in_rate,
         READ_DRIVEN: in_rate,
-        RATE: covariance_of(levels.rate, 0.0, v_vc.table_rate_error(settings)),
-        MISALIGNMENT: covariance_of(levels.rate, 0.0, v_vc.alignment_error(settings)),
-        EARTH: covariance_of(levels.rate, 0.0, 0.0, u_earth_deg_s),
-        **{name: covariance_of(levels.rate, 0.0, u) for name, u in phases.u_k_vc.items()},
+        RATE: covariance_of(rate, 0.0, v_vc.table_rate_error(settings)),
+        MISALIGNMENT: covariance_of(rate, 0.0, v_vc.alignment_error(settings)),
+        EARTH: covariance_of(rate, 0.0, 0.0, u_earth_deg_s),
+        **{name: covariance_of(rate, 0.0, u) for name, u in phases.u_k_vc.items()},
     }
     error = v_vc.v_vc_error(settings)
     of_v_vc = {
         v_vc.V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
         v_vc.V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
-        v_vc.V_VC_NOISE: covariance_of(matched_v, levels.u_v_vc_v),
+        v_vc.V_VC_NOISE: covariance_of(matched_v, u_v_vc_v),
     }
-    curve = fit_k_vc_curve(levels.rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
+    curve = fit_k_vc_curve(rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
     parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
     if settings.v_vc_role is None:
         curve, parts = _as_set(settings, curve, matched_v, of_rate, of_v_vc)
     u_matched = np.sqrt(2.0 * np.diag(noise)) / np.abs(per_v)
-    scale_factor = _scale_factor(settings, levels.noise, slopes, of_slopes, len(points))
-    bias = null_blocks.bias_at_rest(settings, points, TABLE, levels.noise, scale_factor.value)
-    pairs = zip(levels.rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
+    scale_factor = _scale_factor(settings, of_blocks, slopes, of_slopes, len(points))
+    bias = null_blocks.bias_at_rest(settings, points, TABLE, of_blocks, scale_factor.value)
+    pairs = zip(rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
     shared = v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET  # errors of the instrument that V_Vc is known by
     of_k_vc = [
         UncertaintyPart(
             *(name, math.sqrt(max(0.0, float(part[1, 1])))),
-            finite(levels.noise.dof) if name in {READ_TABLE, READ_DRIVEN} else None,
+            finite(of_blocks.dof) if name in {READ_TABLE, READ_DRIVEN} else None,
             error.owner if name.startswith(shared) else None,
             rectangular=name.startswith(tuple(f"{each}, " for each in shared)),
         )
@@ -244,7 +232,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         scale_factor=scale_factor,
         bias=bias,
         bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
-        noise=levels.noise,
+        noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
     )
@@ -306,7 +294,8 @@ def _scale_factor(
     return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"))
 
 
-def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
+def _levels(settings: KVcSettings, points: Sequence[Point]) -> tuple[Floats, Floats, Floats, Floats, float, BlockNoise]:
+    """Return rates (+r1, -r1, +r2, ...), outputs on the table and driven, V_Vc (at rest first), its u, and noise."""
     table = null_blocks.blocks_of([point for point in points if point.step == TABLE])
     driven = null_blocks.blocks_of([point for point in points if point.step == DRIVEN])
     magnitudes = settings.magnitudes_deg_s
@@ -317,15 +306,12 @@ def _levels(settings: KVcSettings, points: Sequence[Point]) -> _Levels:
     of_table, of_driven = [block(each) for each in table], [block(each) for each in driven]
     shape = settings.cycles, 2 * len(magnitudes)
     levels_v, u_v_vc_v = null_blocks.levels_of(settings, points, driven, magnitudes)
-    return _Levels(
-        np.array([sign * rate for rate in magnitudes for sign in (1.0, -1.0)]),
-        np.array([b.differences_v for b in of_table]).reshape(shape).mean(axis=0),
-        np.array([b.differences_v for b in of_driven]).reshape(shape).mean(axis=0),
-        levels_v[1:],
-        float(levels_v[0]),
-        u_v_vc_v,
-        null_blocks.noise_of(settings, [*of_table, *of_driven], points),
+    rate = np.array([sign * rate for rate in magnitudes for sign in (1.0, -1.0)])
+    table_v, driven_v = (
+        np.array([block.differences_v for block in each]).reshape(shape).mean(axis=0) for each in (of_table, of_driven)
     )
+    noise = null_blocks.noise_of(settings, [*of_table, *of_driven], points)
+    return rate, table_v, driven_v, levels_v, u_v_vc_v, noise
 
 
 def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> NewEntry | None:
@@ -368,7 +354,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
     """Report the pairs, the curve, the budget of K_Vc, and the sources that are in no uncertainty."""
     columns = heads("rate [deg/s]:g | V_Vc [V]:.6f | u [V]:.1e | rate - curve [deg/s]:.1e | left [V]:.1e")
-    rows = [(p.rate_deg_s, p.v_vc_v, p.u_v_vc_v, p.residual_deg_s, p.left_v) for p in results.pairs]
+    rows = [structs.astuple(pair) for pair in results.pairs]
     curve, curved = results.curve, results.curvature
     fits = f"chi-square {curve.chi_square:.1f}, {curve.dof} degrees of freedom, p = {curve.lack_of_fit_p or 0.0:.2g}"
     second = f"{curved.second_per_v:.5g} (u {curved.u_second_per_v:.1g})"

@@ -19,12 +19,12 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy, scale_factor_used
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
+from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text
+from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V
@@ -237,9 +237,9 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
     taken = [(settings.input_of(each), each.output_v) for each in measured if each.rate_deg_s]
     rates, more = [per * at for at, _ in sorted(taken)], [-100.0 * line.lacks(*each) for each in sorted(taken)]
     drawn = Figure("Output over the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)])
-    rows = [quantity_row(*each) for each in found.quantities()]
+    known = quantity_table(dict(found.quantities()))
     text = Text("\n".join(dict.fromkeys(filter(None, words))))
-    return Report([*([Table(QUANTITY_COLUMNS, rows)] if rows else []), text, drawn])
+    return Report([*([known] if known.rows else []), text, drawn])
 
 
 RATE_LIMITS = Procedure(

@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, mean_of_records, quantity_row
+from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, quantity_table
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.window_sum import windows_without_times
 from vcfbench.records.schema import Point
@@ -177,7 +177,7 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
     return Report(
         [
             Table(spread, [(name, s.value, s.low, s.high, s.by_noise, s.unit) for name, s in spreads]),
-            Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in found.quantities()]),
+            quantity_table(dict(found.quantities())),
             Table(columns, rows, "Switch-ons"),
             Text(said),
             Figure("Bias from switch-on to switch-on", Axis("switch-on"), Axis("bias", "deg/s"), [biases]),

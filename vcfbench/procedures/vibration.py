@@ -183,7 +183,7 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     mains_hz = float(settings.station.mains_hz)
     outputs = tones.fitted_tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
     inputs = tones.fitted_tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
-    noise_v = _noise_v(settings, outputs)
+    noise_v = _noise_v(settings, outputs).tolist()
     responses = tuple(
         _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
         for place, output in enumerate(outputs)
@@ -204,16 +204,16 @@ def _believed(settings: VibrationSettings, what: str, size: float) -> list[Uncer
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
 
-def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float]:
+def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> Floats:
     """Return the standard uncertainty of each tone's amplitude by noise, V.
 
     It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
     tone itself. So the noise of the close records is taken apart into what is flat and what passed the modes.
     """
     close = [tone for tone in outputs if tone.frequency_hz >= tones.SLOW_BELOW_HZ]
-    u_fitted = [tone.u_amplitude for tone in outputs]
+    u_v = np.array([tone.u_amplitude for tone in outputs])
     if len(close) < _LEAST_TONES:
-        return u_fitted
+        return u_v
 
     def passed(frequency_hz: float) -> float:
         return _closed_form(settings, frequency_hz, settings.split_hz, settings.q, settings.in_phase_share) ** 2
@@ -227,10 +227,9 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> list[float
     variance = np.array([tone.u_amplitude**2 for tone in close])
     found, *_ = np.linalg.lstsq(np.column_stack([1.0 / variance, beside / variance]), np.ones(len(close)), rcond=None)
     flat, by_modes = (0.0, 1.0) if found[0] < 0.0 else (1.0, 0.0) if found[1] < 0.0 else found
-    own = iter(np.sqrt(variance * (flat + by_modes * at_tone) / (flat + by_modes * beside)).tolist())
-    return [
-        next(own) if tone.frequency_hz >= tones.SLOW_BELOW_HZ else u for tone, u in zip(outputs, u_fitted, strict=True)
-    ]
+    own = np.sqrt(variance * (flat + by_modes * at_tone) / (flat + by_modes * beside))
+    u_v[[tone in close for tone in outputs]] = own
+    return u_v
 
 
 def _response(

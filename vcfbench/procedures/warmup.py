@@ -23,7 +23,7 @@ from vcfbench.clock import sleep
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.known import scale_factor as scale_factors
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
@@ -54,7 +54,7 @@ _QUICK_INTERVAL_S = 0.1
 """While the drive loop starts: ten readings a second of one power-line cycle."""
 
 
-class WarmupSettings(scale_factors.AtRestSettings, frozen=True, kw_only=True):
+class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, beside those of all procedures."""
 
     shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
@@ -106,7 +106,7 @@ class WarmupResult(Struct, frozen=True):
     bias_instability_deg_s: float
     chi_square: float
     dof: int
-    scale_factor_v_per_deg_s: scale_factors.ScaleFactor
+    scale_factor_v_per_deg_s: ScaleFactor
     means_t_s: tuple[float, ...]
     means_deg_s: tuple[float, ...]
     means_u_deg_s: tuple[float, ...]
@@ -121,25 +121,27 @@ class WarmupResult(Struct, frozen=True):
         return self.bias_end.value + self.amplitude.value * math.exp(-t_s / self.time_constant.value)
 
 
-def is_steady(points: Sequence[Point], window_s: float, instability_v: float) -> bool:
-    """Tell whether three means in a row agree within three sigma, and move by less than the instability a minute.
+def is_steady(settings: WarmupSettings, points: Sequence[Point]) -> bool:
+    """Tell whether the last three means agree within three sigma, and move by less than the instability a minute.
 
     Sigma is that of a mean: its readings' scatter over the root of their number, and the flicker floor.
     """
-    if len(points) < 3:
+    last = points[-3:]
+    if len(last) < 3:
         return False
-    means = [point.output_v for point in points]
-    variance = sum(point.std_v**2 / point.n for point in points) / len(points)
+    instability_v = abs(scale_factor_used(settings).value) * _b_deg_s(settings)
+    means = [point.output_v for point in last]
+    variance = sum(point.std_v**2 / point.n for point in last) / len(last)
     sigma_v = math.sqrt(variance + (_FLOOR * instability_v) ** 2)
+    window_s = settings.readings_a_window * settings.sample_interval_s
     slope_v_min = abs(means[-1] - means[0]) / ((len(means) - 1) * window_s / 60.0)
     return max(means) - min(means) <= _SIGMAS * sigma_v and slope_v_min <= instability_v
 
 
 def warmup_results(
+    settings: WarmupSettings,
     log: Sequence[tuple[float, float]],
     windows: Sequence[tuple[Floats, Floats]],
-    settings: WarmupSettings,
-    scale: scale_factors.ScaleFactor,
     *,
     steady: bool,
     creeps: bool = True,
@@ -147,14 +149,15 @@ def warmup_results(
     """Return the results of a warm-up.
 
     Args:
-        log: time from power-on (s) and rate (deg/s) of each quick reading.
-        windows: the same of the windows, an array each.
         settings: of the run.
-        scale: what turned volts into rates.
+        log: time from power-on (s) and output (V) of each quick reading.
+        windows: the same of the windows, an array each.
         steady: whether the last means agreed.
         creeps: whether there may be an exponential to be found; none is foreseen.
     """
-    instability_deg_s, known = _instability_deg_h(settings) / 3600.0, settings.station.sources
+    scale, instability_deg_s, known = scale_factor_used(settings), _b_deg_s(settings), settings.station.sources
+    log = [(t_s, volts / scale.value) for t_s, volts in log]
+    windows = [(t_s, volts / scale.value) for t_s, volts in windows]
     begin_s, end_s, means, u_scatter = _means(windows, settings.sample_interval_s)
     u_white = np.maximum(u_scatter, settings.meter_resolution_v / abs(scale.value) / math.sqrt(12.0))
     root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
@@ -383,33 +386,24 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
         points.append(answer((yield window), steps.Window).point)
         routines.require_alive(settings, points[-1])
         elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
-        alike = is_steady(points[-3:], window.physical_s, _instability_v(settings))
-        steady = elapsed_s >= settings.shortest_s and alike
+        steady = elapsed_s >= settings.shortest_s and is_steady(settings, points)
     yield from routines.require_answer(settings)
 
 
-def _instability_v(settings: WarmupSettings) -> float:
-    """Return B in volts; of the scale factor its size alone counts, and roughly: a record's is not read for it."""
-    scale_factor = settings.scale_factor_v_per_deg_s or settings.expected_gyro().scale_factor
-    return abs(scale_factor) * _instability_deg_h(settings) / 3600.0
-
-
-def _instability_deg_h(settings: WarmupSettings) -> float:
-    """Return B, deg/h: that of the settings, or of the bench file, where that is larger and not assumed."""
+def _b_deg_s(settings: WarmupSettings) -> float:
+    """Return B, deg/s: that of the settings, or of the bench file, where that is larger and not assumed."""
     known = settings.station.sources
     stated = None if "bias_instability_deg_h" in known.assumed else known.bias_instability_deg_h
-    return max(settings.bias_instability_deg_h, stated or 0.0)
+    return max(settings.bias_instability_deg_h, stated or 0.0) / 3600.0
 
 
 def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
     """Return the results of a warm-up, its times counted from power-on."""
     ((_, switched),) = measured.found(SwitchedOn)
-    scale = scale_factors.scale_factor_used(settings)
-    log = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in switched.log]
-    windows = [(each.t_s - switched.t_s, each.voltage_v / scale.value) for each in measured.readings.windows]
-    length_s = settings.readings_a_window * settings.sample_interval_s
-    steady = is_steady(measured[-3:], length_s, _instability_v(settings))
-    return warmup_results(log, windows, settings, scale, steady=steady, creeps=not isinstance(measured, Foreseen))
+    log = [(each.t_s - switched.t_s, each.voltage_v) for each in switched.log]
+    windows = [(each.t_s - switched.t_s, each.voltage_v) for each in measured.readings.windows]
+    creeps = not isinstance(measured, Foreseen)
+    return warmup_results(settings, log, windows, steady=is_steady(settings, measured), creeps=creeps)
 
 
 WARMUP = Procedure(

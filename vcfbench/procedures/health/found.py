@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from statistics import fmean, variance
 from typing import TypeAlias
 
-from msgspec import Struct, structs
+from msgspec import structs
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import reference_phase
@@ -54,15 +54,6 @@ def unchanged(found: Health, then: Characteristics) -> Health:
     return found | {name: same(each) for name, each in kept.items() if each is not None}
 
 
-class _AtRest(Struct, frozen=True):
-    """Response of the sense signal to a steady V_Vc: amplitude, V a volt, and phase against the drive's velocity."""
-
-    per_v: float
-    phase_deg: float
-    u_phase_deg: float
-    dof: float
-
-
 def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health:
     """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; nothing where none were done.
 
@@ -78,15 +69,14 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     scope = placed.owner
     pairs = [modes_of(each) for each in decays]
     middle = middle_of(pairs)
-    at_rest = _at_rest(measured, level_v(settings))
+    at_rest_v, phase_deg, of_phase = _at_rest(measured, level_v(settings))
     taken = [found for step, found in measured.found(SineRecords) if isinstance(step, CaptureMeanSines)]
     means = [each for found in taken for each in found.records]
     skew = oscilloscope.skew(middle.drive_hz, scope)
     carrier = mean_of_records([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
-    share, beyond_deg = _share(pairs, at_rest, level_v(settings), carrier.value)
+    share, beyond_deg = _share(pairs, at_rest_v, phase_deg, carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
     carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
-    unexplained = UncertaintyPart("records", at_rest.u_phase_deg, at_rest.dof)
 
     turned = [
         (r.difference_hz, r.reference_deg)
@@ -116,15 +106,18 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
         "in_phase_share": share,
         "carrier_phase_deg": carrier,
         "demodulator_phase_deg": measurand(reference_deg, "deg", [records, skew]),
-        "v_vc_feedthrough": _feedthrough(settings, measured, middle, kept_share, at_rest),
+        "v_vc_feedthrough": _feedthrough(measured, middle, kept_share, at_rest_v),
         "drive_amplitude_v": measurand(drive_v, "V", [gain("drive", drive_v)]),
         "carrier_amplitude_v": mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
-        "sense_phase_deg": measurand(beyond_deg, "deg", [unexplained, skew]),
+        "sense_phase_deg": measurand(beyond_deg, "deg", [of_phase, skew]),
     }
 
 
-def _at_rest(measured: Measured, level: float) -> _AtRest:
-    """Return the response at rest, from half the difference of the sense signal's phasors at both signs."""
+def _at_rest(measured: Measured, level: float) -> tuple[float, float, UncertaintyPart]:
+    """Return amplitude (V) and phase against the drive's velocity (deg, with its u) of what V_Vc does at this level.
+
+    They are those of half the difference of the sense signal's phasors at both signs.
+    """
     states = [(step, found) for step, found in measured.found(SineRecords) if isinstance(step, CaptureSense)]
     signs = oscilloscope.at_both_signs(states, lambda step: 0.0 if step.rate_deg_s else step.v_vc_v)
     plus, minus = ([each / level for each in sign] for sign in signs)
@@ -133,10 +126,13 @@ def _at_rest(measured: Measured, level: float) -> _AtRest:
         raise MeasurementError("V_Vc of either sign does not move the sense signal", instrument="oscilloscope")
     across = [0.25 * variance((each / moved).imag for each in state) / len(state) for state in (plus, minus)]
     phase_deg = math.degrees(cmath.phase(moved)) - 90.0
-    return _AtRest(abs(moved), phase_deg, math.degrees(math.sqrt(sum(across))), len(plus) + len(minus) - 2)
+    u_deg = math.degrees(math.sqrt(sum(across)))
+    return level * abs(moved), phase_deg, UncertaintyPart("records", u_deg, len(plus) + len(minus) - 2)
 
 
-def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: float) -> tuple[Measurand, float]:
+def _share(
+    pairs: Sequence[Modes], at_rest_v: float, phase_at_rest_deg: float, carrier_deg: float
+) -> tuple[Measurand, float]:
     """Return the share of the in-phase mode, and the unexplained phase of the sense signal, deg.
 
     Amplitudes of a ring-down are those when its record begins; when V_Vc went off the amplitude at rest tells. Whether
@@ -144,10 +140,10 @@ def _share(pairs: Sequence[Modes], at_rest: _AtRest, level: float, carrier_deg: 
     """
     expected = []
     for sign in (1.0, -1.0):
-        shares = [_one_share(each, sign, at_rest.per_v * level) for each in pairs]
+        shares = [_one_share(each, sign, at_rest_v) for each in pairs]
         share = fmean(shares)
         phase_deg = carrier_deg + math.degrees(cmath.phase(middle_of(pairs).answer(share, 0.0)))
-        left_deg = math.remainder(at_rest.phase_deg - phase_deg, 180.0)
+        left_deg = math.remainder(phase_at_rest_deg - phase_deg, 180.0)
         expected.append((abs(left_deg), left_deg, shares))
     _, left_deg, shares = min(expected)
     return mean_of_records(shares, ""), left_deg
@@ -184,9 +180,7 @@ def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
     return static[1] / (static[0] + static[1])
 
 
-def _feedthrough(
-    settings: KnownVvcSettings, measured: Measured, modes: Modes, share: Kept, at_rest: _AtRest
-) -> Measurand:
+def _feedthrough(measured: Measured, modes: Modes, share: Kept, at_rest_v: float) -> Measurand:
     """Return the feed-through without motion over the modes' response at rest.
 
     Far above and far below the drive the modes answer with opposite signs, the feed-through with one: of the two
@@ -201,7 +195,7 @@ def _feedthrough(
         ]
         for sign in (1.0, -1.0)
     )
-    at_rest_v, pairs = level_v(settings) * at_rest.per_v, list(zip(above, below, strict=True))
+    pairs = list(zip(above, below, strict=True))
     value = mean_of_records([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
     moved = fmean(_through(pair, modes, share.value + share.u, at_rest_v) for pair in pairs) - value.value
     flat = UncertaintyPart("the same at all frequencies", _FLAT / math.sqrt(3.0) * abs(value.value))

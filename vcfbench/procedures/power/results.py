@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from statistics import NormalDist, fmean, stdev
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeAlias
 
 from msgspec import Struct, structs
 from msgspec.structs import replace
@@ -283,50 +283,48 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     a_block = _A_STATE * len(CHOPPED)
     if len(windows) != a_block * settings.cycles * len(settings.rails_varied):
         raise ConfigError(f"{len(windows)} windows are not {settings.cycles} blocks for each of the rails")
-    blocks = [_Moved.of(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
+    blocks = [_moved(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
+    biases, taken, seen = map(list, zip(*blocks, strict=True))
     std = math.sqrt(fmean(window.std_v**2 for _, window in windows)) / abs(scale.value)
     window_s = settings.samples * settings.sample_interval_s
     begins = [float(window.t_s[0]) for window in measured.readings.windows]
     slot_s = (begins[-1] - begins[0]) / (len(begins) - 1) * _A_STATE
-    bias_noise = block_noise([each.bias for each in blocks], std, settings.samples, window_s, slot_s)
-    size = fmean(each.slope.zero_v for each in blocks)
+    bias_noise = block_noise(biases, std, settings.samples, window_s, slot_s)
+    size = fmean(each.zero_v for each in taken)
     slope_std = std / (math.sqrt(2.0) * settings.level_deg_s * abs(size))
-    slopes = [Block(tuple(each / size for each in block.slope.outputs_v)) for block in blocks]
+    slopes = [Block(tuple(each / size for each in block.outputs_v)) for block in taken]
     slope_noise = block_noise(slopes, slope_std, settings.samples, window_s, slot_s)
     for number, rails in enumerate(settings.rails_varied):
         of = slice(number * settings.cycles, (number + 1) * settings.cycles)
-        step = _step_v(settings, rails, blocks[of])
-        beside = _imbalance_v(settings, rails, blocks[of])
-        bias = _three([each.bias for each in blocks[of]], bias_noise, step, beside, ("(deg/s)/V", 1.0))
+        step = _step_v(settings, rails, seen[of])
+        beside = _imbalance_v(settings, rails, seen[of])
+        bias = _three(biases[of], bias_noise, step, beside, ("(deg/s)/V", 1.0))
         slope = _three(slopes[of], slope_noise, step, beside, ("ppm/V", 1e6))
         yield RailEffect(rails, step[0], beside[0], *slope, *bias)
 
 
-class _Moved(Struct, frozen=True):
-    """One block: bias (deg/s) and slope (relative to the scale factor used) of each state; rail voltages read back."""
-
-    bias: Block
-    slope: Block
-    rails: tuple[Mapping[str, float], ...]
-
-    @classmethod
-    def of(cls, windows: Sequence[tuple[Acquire, Window]], scale: float) -> Self:
-        states = [windows[at : at + _A_STATE] for at in range(0, len(windows), _A_STATE)]
-        bias, slope, rails = [], [], []
-        for (_, rest), (at, plus), (_, minus) in states:
-            bias.append(rest.mean_v / scale)
-            slope.append((plus.mean_v - minus.mean_v) / (2.0 * at.rate_deg_s * scale))
-            seen = [{each.rail: each.voltage_v for each in window.rails} for window in (rest, plus, minus)]
-            rails.append({output: fmean(each[output] for each in seen) for output in seen[0]})
-        return cls(Block(tuple(bias)), Block(tuple(slope)), tuple(rails))
+def _moved(windows: Sequence[tuple[Acquire, Window]], scale: float) -> tuple[Block, Block, list[Mapping[str, float]]]:
+    """Return of one block bias (deg/s), slope (relative to the scale factor used) and rails (V) of each state."""
+    bias, slope, rails = [], [], list[Mapping[str, float]]()
+    for place in range(0, len(windows), _A_STATE):
+        (_, rest), (at, plus), (_, minus) = windows[place : place + _A_STATE]
+        bias.append(rest.mean_v / scale)
+        slope.append((plus.mean_v - minus.mean_v) / (2.0 * at.rate_deg_s * scale))
+        seen = [{each.rail: each.voltage_v for each in window.rails} for window in (rest, plus, minus)]
+        rails.append({output: fmean(each[output] for each in seen) for output in seen[0]})
+    return Block(tuple(bias)), Block(tuple(slope)), rails
 
 
-def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, list[UncertaintyPart]]:
+_Seen: TypeAlias = Sequence[Sequence[Mapping[str, float]]]
+"""Rail voltages as read back, V, of each state of some blocks."""
+
+
+def _step_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[float, list[UncertaintyPart]]:
     """Return the step of the rails either way, V, as read back, and its relative errors."""
     outputs = [each.output for each in settings.rails if rails in {each.rail, "both"}]
     half = [
-        0.5 * (abs(block.rails[CHOPPED.index(1)][output]) - abs(block.rails[CHOPPED.index(-1)][output]))
-        for block in blocks
+        0.5 * (abs(states[CHOPPED.index(1)][output]) - abs(states[CHOPPED.index(-1)][output]))
+        for states in seen
         for output in outputs
     ]
     step_v = fmean(half)
@@ -340,13 +338,13 @@ def _step_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tu
     return step_v, parts
 
 
-def _imbalance_v(settings: PowerSettings, rails: str, blocks: Sequence[_Moved]) -> tuple[float, float]:
+def _imbalance_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[float, float]:
     """Return by how much the rail that is moved is the larger one, V, as read back, and the standard uncertainty."""
     if rails == "both":
         return 0.0, 0.0
     of = {each.rail: each.output for each in settings.rails}
     own, other = of[rails], of["negative" if rails == "positive" else "positive"]
-    rest = [block.rails[place] for block in blocks for place, sign in enumerate(CHOPPED) if sign == 0]
+    rest = [states[place] for states in seen for place, sign in enumerate(CHOPPED) if sign == 0]
     beside_v = fmean(abs(each[own]) - abs(each[other]) for each in rest)
     variance = 2.0 * _STEP_V**2 / 12.0
     sheet = _sheet(settings)
