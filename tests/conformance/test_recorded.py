@@ -86,13 +86,12 @@ def test_drivers_understand_real_identities(model: str, identity: str) -> None:
 
 
 def test_driver_understands_a_recorded_preamble() -> None:
-    preamble = Preamble.parse(replies.numbers(PREAMBLE))
-    times = preamble.times_s()
+    waveform = Preamble.parse(replies.numbers(PREAMBLE)).waveform(np.array([128, 2, 254], dtype=np.uint8))
+    times = waveform.time_s
     assert len(times) == 1000
     assert times[0] == pytest.approx(-100e-9)
     assert times[-1] == pytest.approx(99.8e-9)
-    volts = preamble.voltages_v(np.array([128, 2, 254], dtype=np.uint8))
-    assert volts == pytest.approx([0.0125, 0.0125 - 126 * 0.03125, 0.0125 + 126 * 0.03125])
+    assert waveform.voltage_v == pytest.approx([0.0125, 0.0125 - 126 * 0.03125, 0.0125 + 126 * 0.03125])
 
 
 def test_simulated_preamble_of_the_recorded_settings() -> None:

@@ -227,8 +227,9 @@ def test_long_records_are_given_the_time_that_they_take() -> None:
 def test_instants_count_from_the_reference_point() -> None:
     """Steps from the reference, and the origin: (i - reference) step + origin."""
     preamble = Preamble.parse((0.0, 0.0, 3.0, 1.0, 2.0, 5.0, 1.0, 0.5, 10.0, 100.0))
-    assert preamble.times_s().tolist() == [3.0, 5.0, 7.0]
-    assert preamble.voltages_v(np.array([98, 100, 102], np.uint8)).tolist() == [9.0, 10.0, 11.0]
+    waveform = preamble.waveform(np.array([98, 100, 102], np.uint8))
+    assert waveform.time_s.tolist() == [3.0, 5.0, 7.0]
+    assert waveform.voltage_v.tolist() == [9.0, 10.0, 11.0]
 
 
 @pytest.mark.parametrize(("points", "mode"), [(100, "NORM"), (1000, "NORM"), (1001, "RAW")])

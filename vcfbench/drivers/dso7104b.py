@@ -59,21 +59,12 @@ class Preamble(Struct, frozen=True):
             raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, came {fields}")
         return cls(int(fields[2]), fields[4], fields[5], fields[6], fields[7], fields[8], fields[9])
 
-    def times_s(self) -> NDArray[np.float64]:
-        """Return the instants of all points, s, trigger at 0."""
+    def waveform(self, codes: NDArray[np.unsignedinteger[Any]]) -> Waveform:
+        """Return the instants of all points, s, trigger at 0, and the voltages of `codes`, V."""
         import numpy as np  # noqa: PLC0415 - heavy, needed only with waveforms
 
-        times: NDArray[np.float64] = (
-            np.arange(self.points, dtype=np.float64) - self.x_reference
-        ) * self.x_step_s + self.x_origin_s
-        return times
-
-    def voltages_v(self, codes: NDArray[np.unsignedinteger[Any]]) -> NDArray[np.float64]:
-        """Return the voltages of `codes`, V."""
-        import numpy as np  # noqa: PLC0415
-
-        voltages: NDArray[np.float64] = (codes.astype(np.float64) - self.y_reference) * self.y_step_v + self.y_origin_v
-        return voltages
+        time_s = (np.arange(self.points, dtype=np.float64) - self.x_reference) * self.x_step_s + self.x_origin_s
+        return Waveform(time_s, (codes.astype(np.float64) - self.y_reference) * self.y_step_v + self.y_origin_v)
 
 
 class Dso7104B(ScpiInstrument):
@@ -192,7 +183,7 @@ class Dso7104B(ScpiInstrument):
                 f"{source}: {clipped} of {codes.size} points are clipped, {missing} are missing",
                 hint="choose a larger scale or another offset",
             )
-        return Waveform(preamble.times_s(), preamble.voltages_v(codes))
+        return preamble.waveform(codes)
 
     def _source(self, channel: int) -> str:
         if channel not in CHANNELS:
