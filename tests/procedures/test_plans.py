@@ -51,7 +51,7 @@ def words(steps: list[Step]) -> list[str]:
                 said.append(f"# {step.text}")
             case SetRate():
                 said.append(f"rate {step.rate_deg_s:g}")
-            case SetVvc():
+            case SetVvc() if type(step) is SetVvc:
                 said.append(f"V_Vc {step.v_vc_v:g}")
             case Settle():
                 said.append(f"settle {step.seconds:g}")

@@ -124,7 +124,7 @@ def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
         assert {abs(step.voltage_v) for step in rails} == {9.8, 10.0, 10.2}
         turned = {step.rate_deg_s for step in steps if isinstance(step, SetRate)}
         assert turned == ({0.0} if by is ScaleFactorBy.V_VC else {0.0, 200.0, -200.0})
-        assert any(isinstance(step, SetVvc) for step in steps) is (by is ScaleFactorBy.V_VC)
+        assert any(type(step) is SetVvc for step in steps) is (by is ScaleFactorBy.V_VC)
 
 
 @pytest.mark.parametrize(

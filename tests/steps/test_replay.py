@@ -335,7 +335,7 @@ def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
     steps = []
     walked = plan()
     step = next(walked)
-    while not isinstance(step, SetVvc):
+    while type(step) is not SetVvc:
         steps.append(step)
         step = walked.send(step.predict(LinearGyro(36.0)))
     steps.append(step)

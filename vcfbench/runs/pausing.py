@@ -21,7 +21,7 @@ from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.executor import Moved
-from vcfbench.steps.replay import set_again
+from vcfbench.steps.replay import powered_after, set_again
 from vcfbench.steps.step import Effect, Routine, Step, answer
 
 _AT_REST: Final = frozenset(
@@ -84,7 +84,7 @@ class Pausing(Struct, frozen=True):
             deadline_s = 2.0 * stop.ramp_s + settings.rate_deadline_s
             yield steps.AwaitRate(0.0, stop.ramp_s, settings.rate_tolerance_deg_s, deadline_s)
         # Comparable is what was measured since rails, temperature or manual settings were changed
-        changed = _powered(done)
+        changed = powered_after(done)
         for place, step in enumerate(done, 1):
             if step.effect is Effect.SETS and not _AT_REST.issuperset(step.sets):
                 changed = place
@@ -120,7 +120,7 @@ class Pausing(Struct, frozen=True):
         u_v = max(math.sqrt(variance), 1e-12)
         if self.drifts:
             return Moved(one.output_v, other.output_v, u_v, None)
-        warm_s = sum(step.physical_s for step in done[_powered(done) :])
+        warm_s = sum(step.physical_s for step in done[powered_after(done) :])
         cooled = math.exp(-warm_s / limits.warm_up_s) - math.exp(-(warm_s + apart_s) / limits.warm_up_s)
         drift_v = limits.warm_up_v * cooled + limits.wander_v
         return Moved(one.output_v, other.output_v, u_v, sigmas(dof) * u_v + drift_v)
@@ -129,12 +129,3 @@ class Pausing(Struct, frozen=True):
 def _last(done: Sequence[Step], subject: str) -> Step | None:
     """Return the last step that set `subject`."""
     return next((step for step in reversed(done) if subject in step.sets), None)
-
-
-def _powered(done: Sequence[Step]) -> int:
-    """Return how many of `done` come before the supply is on; 0 where it is off."""
-    on = 0
-    for place, step in enumerate(done, 1):
-        if steps.EnableSupply.subject in step.sets:
-            on = place if isinstance(step, steps.EnableSupply) else 0
-    return on

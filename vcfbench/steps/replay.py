@@ -155,7 +155,7 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
     checks. What was set before the supply was switched on is set before that again, and where something was measured
     since, the gyroscope is given `warm_again_s` under power.
     """
-    powered = _powered(steps)
+    powered = powered_after(steps)
     waited = next((n for n in range(powered, len(steps)) if steps[n].effect is not Effect.WAITS), len(steps))
     cold_s = settings.warm_again_s - sum(step.physical_s for step in steps[powered:waited])
     if powered and cold_s > 0.0 and any(step.effect is Effect.MEASURES for step in steps[waited:]):
@@ -190,7 +190,7 @@ def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[Non
                 yield each
 
 
-def _powered(steps: Sequence[Step]) -> int:
+def powered_after(steps: Sequence[Step]) -> int:
     """Return how many of `steps` come before the supply is on for the last time; 0 where it never was.
 
     To switch on what is on already, or to switch off, is no such time.

@@ -42,30 +42,16 @@ class SetVvc(Step, Struct, frozen=True):
         return VvcSetting(self.v_vc_v)
 
 
-@does(Effect.SETS, "V_Vc", overhead_s=0.1)
-class ConfigureGenerator(Step, Struct, frozen=True):
+@does(Effect.SETS, "V_Vc", overhead_s=0.1, also=("generator",))
+class ConfigureGenerator(SetVvc, frozen=True):
     """Select DC at `v_vc_v` into the high impedance of the PCB; the output switch stays as it is."""
-
-    v_vc_v: float
-
-    @property
-    def sets(self) -> tuple[str, ...]:
-        return ("generator", self.subject)
 
     def describe(self) -> str:
         return f"generator: DC {self.v_vc_v:g} V into high impedance"
 
-    def within(self, limits: LimitChecks) -> None:
-        limits.v_vc(self.v_vc_v)
-
     def perform(self, context: Context) -> VvcSetting:
         source = context.bench.rate_source
         return VvcSetting(context.believable(lambda: source.configure_dc(self.v_vc_v)))
-
-    def predict(self, gyro: LinearGyro) -> VvcSetting:
-        """Predict that the level is taken as it is."""
-        gyro.v_vc_v = self.v_vc_v
-        return VvcSetting(self.v_vc_v)
 
 
 @does(Effect.SETS, "V_Vc", overhead_s=0.1)

@@ -215,6 +215,8 @@ class Step:
     kinds: ClassVar[dict[str, "type[Step]"]] = {}
     effect: ClassVar[Effect] = Effect.NOTHING
     subject: ClassVar[str] = ""
+    also: ClassVar[tuple[str, ...]] = ()
+    """Subjects that it sets beside its own."""
     instruction: ClassVar[str] = ""
     overhead_s: ClassVar[float] = 0.0
     """Estimated time of the communication with the instruments, beside the physical time."""
@@ -267,7 +269,7 @@ class Step:
     @property
     def sets(self) -> tuple[str, ...]:
         """Quantities that the step sets, by name: of all steps that set the same, the last one counts."""
-        return (self.subject,) if self.effect is Effect.SETS else ()
+        return (self.subject, *self.also) if self.effect is Effect.SETS else ()
 
     @property
     def key(self) -> str:
@@ -294,12 +296,13 @@ _Kind = TypeVar("_Kind", bound=type[Step])
 
 
 def does(
-    effect: Effect, subject: str = "", instruction: str = "", *, overhead_s: float = 0.0
+    effect: Effect, subject: str = "", instruction: str = "", *, overhead_s: float = 0.0, also: tuple[str, ...] = ()
 ) -> Callable[[_Kind], _Kind]:
     """Say in one line what a kind of step does: the class attributes of these names."""
 
     def said(kind: _Kind) -> _Kind:
         kind.effect, kind.subject, kind.instruction, kind.overhead_s = effect, subject, instruction, overhead_s
+        kind.also = also
         return kind
 
     return said

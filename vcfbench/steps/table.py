@@ -25,25 +25,17 @@ class RateReading(StepResult, Struct, frozen=True):
         return f"reads {self.rate_deg_s:+.4f} deg/s"
 
 
-@does(Effect.SETS, "table servo", "table enabled, at rest", overhead_s=0.1)
+@does(Effect.SETS, "table servo", "table enabled, at rest", overhead_s=0.1, also=("table rate",))
 class EnableTable(Step, Struct, frozen=True):
     """Close the table's servo at zero demand."""
-
-    @property
-    def sets(self) -> tuple[str, ...]:
-        return (self.subject, SetRate.subject)
 
     def command(self, bench: Bench) -> None:
         bench.rate_table.enable()
 
 
-@does(Effect.SETS, "table servo", "table disabled", overhead_s=0.1)
+@does(Effect.SETS, "table servo", "table disabled", overhead_s=0.1, also=("table rate",))
 class DisableTable(Step, Struct, frozen=True):
     """Open the table's servo; the table is at rest."""
-
-    @property
-    def sets(self) -> tuple[str, ...]:
-        return (self.subject, SetRate.subject)
 
     def command(self, bench: Bench) -> None:
         bench.rate_table.disable()
