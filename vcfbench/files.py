@@ -41,7 +41,7 @@ def failing_as(kind: type[BenchError], words: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise kind(f"{words}: {error.strerror}") from error
+        raise kind(f"{words}: {error.strerror or error}") from error
 
 
 def read_file(path: Path | str, expected: str, most_bytes: int) -> bytes:

@@ -19,16 +19,13 @@ from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
-from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text
+from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
     "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u."
 )
-_COLUMNS: Final = (
-    *(Column("scale factor"), Column("U95", "", ".0f"), Column("bias"), Column("non-lin.", "", ".0f")),
-    *(Column("drift (E_n)"), Column("verdict")),
-)
+_COLUMNS: Final = heads("scale factor | U95:.0f | bias | non-lin.:.0f | drift (E_n) | verdict")
 
 
 class SheetRow(Struct, frozen=True, kw_only=True):
@@ -203,7 +200,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     """Return the runs of one device as a table, a row each."""
-    columns = [Column("day"), Column("procedure", align="left"), *_COLUMNS]
+    columns = [*heads("day | <procedure"), *_COLUMNS]
     cells = [[f"{each.started:%Y-%m-%d}", each.procedure, *_cells(each)] for each in rows]
     return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells), *_footnote(rows)]
 

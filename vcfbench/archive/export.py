@@ -10,7 +10,7 @@ from msgspec import Struct
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
-from vcfbench.files import shown
+from vcfbench.files import failing_as, shown
 from vcfbench.records.amendments import amended, amendments_at
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import read_header
@@ -73,14 +73,12 @@ def export_run(
     if path.exists() and not path.is_file():  # replacing it would take a device away
         raise ConfigError(f"{shown(path)}: expected a file to write, this is none")
     draft = path.with_name(f".{path.name}.draft")
-    try:
+    with failing_as(ConfigError, f"{shown(path)}: it cannot be written"):
         try:
             WRITERS[written_as](table, draft)
             draft.replace(path)
         finally:
             draft.unlink(missing_ok=True)
-    except OSError as error:
-        raise ConfigError(f"{shown(path)}: it cannot be written: {error.strerror or error}") from error
     return Exported(path, written_as, table.name, tuple(each.name for each in table.columns), table.rows)
 
 

@@ -125,7 +125,7 @@ def attended(
             watched = structs.replace(
                 request,
                 display=display,
-                observers=() if page is None else (page,),
+                observers=() if page is None else (page.view,),
                 person=request.person or at_the_terminal(signals, keys, yes=options.yes),
                 options=structs.asdict(options),
                 warn=warn,

@@ -1,10 +1,9 @@
-"""The page's server: uvicorn on this machine alone, in a thread beside the run, or in the foreground."""
+"""The page's server: uvicorn on this machine alone, in a thread beside the run or the command that waits for it."""
 
 from __future__ import annotations
 
 import secrets
 import socket
-from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from typing import Final, Self
@@ -19,7 +18,6 @@ from vcfbench.page.station import StationDirectories
 from vcfbench.page.view import View
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
-from vcfbench.steps.executor import Event
 
 LOOPBACK: Final = "127.0.0.1"
 _WHAT: Final = "the page in a browser"
@@ -71,7 +69,7 @@ class LivePage:
         )
         self._server = uvicorn.Server(config)
         self._socket = _bound(port)
-        self.thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
+        self._thread = Thread(target=self._server.run, args=([self._socket],), name="page", daemon=True)
 
     @property
     def station(self) -> str:
@@ -96,7 +94,7 @@ class LivePage:
         return self._shown.control is not None and bool(self._shown.control.stop_by)
 
     def __enter__(self) -> Self:
-        self.thread.start()
+        self._thread.start()
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -104,30 +102,18 @@ class LivePage:
         if self.view.end is None:
             self.view.finished({"status": "aborted", "error": str(error[1] or "the command ended")})
         self._shown.closing = self._server.should_exit = True
-        self.thread.join(_PARTING_S)
+        self._thread.join(_PARTING_S)
 
     def begin(self, prepared: Prepared) -> None:
         """Take in the beginning of a run."""
         introduce(self.view, prepared)
 
-    def handle(self, event: Event) -> None:
-        """Pass on an event of the run."""
-        self.view.handle(event)
+    def wait(self) -> None:
+        """Wait as long as the page is served; BenchError where that ends by itself."""
+        while self._thread.is_alive():
+            self._thread.join(_LOOKS_S)
+        raise BenchError("the server of the page ended by itself")
 
     def ended(self, run: Run) -> None:
         """Tell the end of the run."""
         self.view.finished(end_of(run))
-
-
-def serve_station(runs: Path, devices: Path, port: int, said: Callable[[str], None]) -> None:
-    """Serve the page of a station until the keyboard stops it; `said` is told its address.
-
-    Raises:
-        ConfigError: the port is taken, or what the page needs is not installed.
-        BenchError: the server ended by itself.
-    """
-    with LivePage(runs, devices, port) as page:
-        said(page.station)
-        while page.thread.is_alive():
-            page.thread.join(_LOOKS_S)
-    raise BenchError("the server of the page ended by itself")

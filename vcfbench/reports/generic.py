@@ -6,7 +6,7 @@ from typing import Any
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.digits import incomplete
-from vcfbench.reports.document import Cell, Column, Report, Table, Value, heads, texts
+from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
 from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Acceptance
 
@@ -22,14 +22,11 @@ def generic_report(_settings: object, points: Sequence[Point], results: object) 
 
 def points_table(points: Sequence[Point]) -> Table:
     """Return every point in a row; V_Vc as it was set, and as it was measured where it was."""
-    columns = (
-        *(Column("step"), Column("rate", "deg/s", ".6g"), Column("V_Vc", "V", ".6g")),
-        *(Column("output", "V", ".5f"), Column("s", "V", ".1e"), Column("n")),
-    )
+    columns = heads("step | rate [deg/s]:.6g | V_Vc [V]:.6g | output [V]:.5f | s [V]:.1e | n")
     rows = [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points]
     if all(point.v_vc_measured_v is None for point in points):
         return Table(columns, rows)
-    measured = (Column("V_Vc measured", "V", ".6f"), Column("its s", "V", ".1e"))
+    measured = heads("V_Vc measured [V]:.6f | its s [V]:.1e")
     seen = ((point.v_vc_measured_v, point.v_vc_std_v) for point in points)
     return Table((*columns, *measured), [(*row, *more) for row, more in zip(rows, seen, strict=True)])
 
