@@ -115,8 +115,8 @@ def propagated(values: Callable[[Floats], Floats], fit: ModelFit) -> Floats:
     return np.sqrt([each @ fit.covariance @ each for each in gradients])
 
 
-def derivatives(of: Callable[[Floats], Floats], at: Floats, steps: Floats) -> Floats:
-    """Return the derivatives of values by inputs, (values, inputs): central differences.
+def derivatives(of: Callable[[Floats], Floats | float], at: Floats, steps: Floats) -> Floats:
+    """Return the derivatives of values by inputs, (values, inputs), or (inputs,) of one value: central differences.
 
     An input whose step is 0 counts as a constant.
     """

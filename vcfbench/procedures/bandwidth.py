@@ -238,9 +238,8 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     low_hz, high_hz = settings.drive.frequency_hz
     drive_hz, u_drive_hz = 0.5 * (low_hz + high_hz), (high_hz - low_hz) / math.sqrt(12.0)
     if of_drive := [found for _, found in measured.found(steps.SineRecords) if len(found.channels) == 1]:
-        seen = [each.frequency_hz for each in of_drive[-1].records]
-        drive_hz, scatter = fmean(seen), stdev(seen) / math.sqrt(len(seen))
-        u_drive_hz = math.hypot(scatter, oscilloscope.TIME_BASE * fmean(seen) / math.sqrt(3.0))
+        seen = oscilloscope.frequency_of([each.frequency_hz for each in of_drive[-1].records])
+        drive_hz, u_drive_hz = seen.value, seen.u
     known = rate_band.Known(
         drive_hz, settings.in_phase_split_hz, low_pass_hz=settings.low_pass_hz, low_pass_order=settings.low_pass_order
     )

@@ -14,7 +14,6 @@ from msgspec import Meta, Struct
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsResistance
-from vcfbench.models import data_sheet_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
 from vcfbench.records.schema import Point
@@ -159,10 +158,9 @@ def results(settings: ElectricalSettings, measured: Measured) -> ElectricalResul
 
 def _resistance(settings: ElectricalSettings, range_ohm: float, readings_ohm: Sequence[float]) -> Measurand:
     """Return it with the data sheet's limits of a year; older, they grow on with time, as those of voltages."""
-    placed = settings.station.instruments.get("multimeter")
-    own = None if placed is None else data_sheet_of(placed.model)
-    known = isinstance(own, VoltmeterSpecification) and range_ohm in own.ohms
-    sheet = own if isinstance(own, VoltmeterSpecification) and known else HP_34401A  # the worst of these meters
+    placed, own = settings.station.instruments.get("multimeter"), settings.station.sheet_of("multimeter")
+    known = own is not None and range_ohm in own.ohms
+    sheet: VoltmeterSpecification = own if known else HP_34401A  # the worst of these meters
     ohm, limit = fmean(readings_ohm), sheet.ohms[range_ohm]
     older = max(1.0, settings.station.sources.meter_age_days / _YEAR_DAYS)
     sigmas = sheet.limit_sigmas if known and sheet.limit_sigmas is not None else math.sqrt(3.0)

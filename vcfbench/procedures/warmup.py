@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from statistics import median
-from typing import Annotated, Any, ClassVar, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from msgspec import Struct
@@ -335,8 +335,6 @@ class SwitchedOn(StepResult, Struct, frozen=True):
 
 class SwitchOnAndLog(steps.EnableSupply, frozen=True):
     """Switch the supply on and read the output from the first instant, one reading every `interval_s`."""
-
-    subject: ClassVar[str] = "supply outputs"
 
     seconds: float
     interval_s: float

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 from msgspec import Meta, Struct, field, structs
 
 from vcfbench.errors import ConfigError
+from vcfbench.models import data_sheet_of
 from vcfbench.station import bounds, parts
 from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.station.linear_gyro import LinearGyro
@@ -273,6 +274,11 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)
     characteristics: dict[str, Any] = field(default_factory=dict)
+
+    def sheet_of(self, role: str) -> Any:
+        """Return the data sheet of the instrument of `role`; None where there is none."""
+        placed = self.instruments.get(role)
+        return None if placed is None else data_sheet_of(placed.model)
 
     def channel_of(self, node: parts.Node) -> int:
         """Return the oscilloscope's channel that sees `node`.

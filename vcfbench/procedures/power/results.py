@@ -11,7 +11,6 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
-from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -219,15 +218,9 @@ def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     )
 
 
-def _sheet(settings: PowerSettings) -> SupplySpecification | None:
-    placed = settings.station.instruments.get("power")
-    sheet = None if placed is None else data_sheet_of(placed.model)
-    return sheet if isinstance(sheet, SupplySpecification) else None
-
-
 def _ammeter(settings: PowerSettings, output: str, current_a: float) -> list[UncertaintyPart]:
     """Return the errors of the supply's ammeter; nothing where no data sheet tells them."""
-    sheet = _sheet(settings)
+    sheet: SupplySpecification | None = settings.station.sheet_of("power")
     if sheet is None or output not in sheet.current:
         return []
     gain, offset_a = sheet.current[output]
@@ -331,7 +324,7 @@ def _step_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[float, li
     if step_v <= 0.0:
         raise ConfigError(f"{rails}: the rails did not move, by their read-backs")
     parts = [UncertaintyPart("step: resolution of the read-back", _STEP_V / math.sqrt(12.0 * 2.0) / step_v)]
-    sheet = _sheet(settings)
+    sheet: SupplySpecification | None = settings.station.sheet_of("power")
     if sheet is not None:
         gain = max(sheet.voltage[output][0] for output in outputs if output in sheet.voltage)
         parts.append(UncertaintyPart("step: gain of the read-back", gain / (sheet.limit_sigmas or math.sqrt(3.0))))
@@ -347,7 +340,7 @@ def _imbalance_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[floa
     rest = [states[place] for states in seen for place, sign in enumerate(CHOPPED) if sign == 0]
     beside_v = fmean(abs(each[own]) - abs(each[other]) for each in rest)
     variance = 2.0 * _STEP_V**2 / 12.0
-    sheet = _sheet(settings)
+    sheet: SupplySpecification | None = settings.station.sheet_of("power")
     if sheet is not None:
         for output in (own, other):
             gain, offset_v = sheet.voltage.get(output, (0.0, 0.0))

@@ -14,7 +14,6 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.models import data_sheet_of
 from vcfbench.procedures.shared.kept import with_flicker
 from vcfbench.procedures.shared.routines import set_v_vc, take, v_vc_on, window_of
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
@@ -91,9 +90,7 @@ def both_signs(
 
 def generator_sheet(settings: ProcedureSettings) -> LevelSpecification:
     """Return the data sheet of the bench's generator, that of a 33220A where it has none."""
-    placed = settings.station.instruments.get("rate_source")
-    sheet = None if placed is None else data_sheet_of(placed.model)
-    return sheet if isinstance(sheet, LevelSpecification) else AGILENT_33220A
+    return settings.station.sheet_of("rate_source") or AGILENT_33220A
 
 
 def v_vc_tolerance_v(settings: ProcedureSettings, v_vc_v: float) -> float:
