@@ -11,18 +11,11 @@ from contextlib import suppress
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import (
-    SteadyRate,
-    TableDialect,
-    TableSettings,
-    decimal,
-    drain,
-    require_rest,
-    turned_deg_s,
-)
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, decimal
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
+from vcfbench_tables.untold import SteadyRate, drain, require_rest, turned_deg_s
 
 _PROMPT = ">"
 _REFUSAL = "?"

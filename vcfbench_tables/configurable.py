@@ -12,12 +12,13 @@ from contextlib import suppress
 
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
-from vcfbench.drivers.rate_table.dialect import REST_DEG_S, SteadyRate, TableDialect, drain, require_rest, turned_deg_s
+from vcfbench.drivers.rate_table.dialect import TableDialect
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.interfaces import Identity
 from vcfbench_tables import messages
 from vcfbench_tables.language import QUESTIONS, STREAM, Profile, Step
 from vcfbench_tables.profile_replies import ProfileReplies, Received
+from vcfbench_tables.untold import REST_DEG_S, SteadyRate, drain, require_rest, turned_deg_s
 
 Values = Mapping[str, messages.Value]
 """Values of the names in templates."""

@@ -13,10 +13,11 @@ from types import MappingProxyType
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.rate_table.dialect import SteadyRate, TableDialect, TableSettings, decimal, require_rest
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, decimal
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
+from vcfbench_tables.untold import SteadyRate, require_rest
 
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
 _DEEPEST_QUEUE = 16

@@ -1,0 +1,53 @@
+"""What tables do not tell, from what they do: at rate and at rest from readings, rates from angles, an empty line."""
+
+from msgspec import Struct
+
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.errors import InterlockError
+
+REST_DEG_S = 0.1
+"""Above this rate a servo is not opened: the table would coast."""
+
+_QUIET_S = 0.2
+"""Silence after which a line counts as drained, s."""
+
+
+class SteadyRate(Struct):
+    """Stands in for an at-rate flag: so many readings in a row within a tolerance of the demand."""
+
+    tolerance_deg_s: float = 0.02
+    relative: float = 1e-4
+    polls: int = 3
+    demanded_deg_s: float = 0.0
+    _good: int = 0
+
+    def demand(self, rate_deg_s: float) -> None:
+        """Begin anew with another demand."""
+        self.demanded_deg_s, self._good = rate_deg_s, 0
+
+    def reached(self, rate_deg_s: float) -> bool:
+        """Take a reading; tell whether enough of the latest are good."""
+        allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
+        self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
+        return self._good >= self.polls
+
+
+def require_rest(line: TableLine, rate_deg_s: float) -> None:
+    """Raise InterlockError when the servo must not be opened because the table turns."""
+    if not abs(rate_deg_s) < REST_DEG_S:
+        raise InterlockError(f"it still turns at {rate_deg_s:g} deg/s, the servo was not opened", **line.where)
+
+
+def drain(line: TableLine, deadline: Deadline) -> None:
+    """Drop all until nothing comes; answers that look alike cannot be told from late ones otherwise."""
+    line.take_unasked()
+    while not deadline.expired():
+        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
+        if not line.take_unasked():
+            return
+
+
+def turned_deg_s(first_deg: float, then_deg: float, duration_s: float) -> float:
+    """Return the rate from two angles, the shorter way round: right while it turned less than half a turn."""
+    return ((then_deg - first_deg + 180.0) % 360.0 - 180.0) / duration_s
