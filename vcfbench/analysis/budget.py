@@ -37,6 +37,8 @@ class Distribution(Enum):
 
 _CELLS = 3**8
 """An odd number, so that one is in the middle, and one that suits the Fourier transform."""
+_NEARLY_NORMAL = 0.05
+"""Share of the variance from sources within limits up to which the sum is as normal as can be told."""
 _LEFT_OUT = 1e-5
 """Probability of the normal part that may lie outside the grid."""
 
@@ -214,12 +216,12 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     """Return the half width of the interval of ``result.confidence`` over its u, to 0.1 %.
 
     The result is taken as its sensitivities say, a sum. Its sources within limits keep their distributions; the normal
-    ones make up the rest of its variance, as one Student's t with the degrees of freedom that remain. A result without
-    uncertainty keeps its factor.
+    ones make up the rest of its variance, as one Student's t with the degrees of freedom that remain. Where these
+    nearly make it all, or there is no uncertainty, its factor is kept.
     """
     kinds = {source.name: source.distribution for source in sources}
     bounded = [line for line in result.contributions if kinds[line.source] is not Distribution.NORMAL and line.u]
-    if not bounded:
+    if math.fsum(line.share for line in bounded) <= _NEARLY_NORMAL:
         return result.coverage_factor
     half_widths = [math.sqrt(3.0) * abs(line.u) for line in bounded]
     normal = (line.share for line in result.contributions if kinds[line.source] is Distribution.NORMAL)

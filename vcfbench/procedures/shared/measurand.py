@@ -11,8 +11,6 @@ from vcfbench.records.devices import Measured, Share
 from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.reports.document import Cell, Table, heads
 
-_PREVAILS = 0.05
-"""Part of the variance from which on a rectangle shows in U95; below, the sum is as normal as can be told."""
 _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
 
@@ -79,8 +77,7 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     budget = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=value)})
     result = budget.result("value")
     by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
-    limited = math.fsum(part.u**2 for part in parts if part.rectangular) > _PREVAILS * result.u**2
-    factor = convolved_coverage_factor(result, sources) if limited else result.coverage_factor
+    factor = convolved_coverage_factor(result, sources)
     without, dof = tuple(dict.fromkeys(missing)), finite(result.dof)
     return Measurand(value, result.u, unit, dof, factor, factor * result.u, by_size, not without, without)
 

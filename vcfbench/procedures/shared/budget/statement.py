@@ -11,16 +11,13 @@ from typing import Any, Self
 
 from msgspec import Struct
 
-from vcfbench.analysis.budget import Budget, Distribution, Model, Result, Source, convolved_coverage_factor, evaluate
+from vcfbench.analysis.budget import Budget, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.procedures.shared.budget.line import WARM_UP
 from vcfbench.procedures.shared.budget.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
 from vcfbench.procedures.shared.measurand import finite
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.station.settings import ProcedureSettings
-
-_NEARLY_NORMAL = 0.05
-"""Share of the variance from sources that are not normal up to which Student's t gives the coverage factor."""
 
 
 class StatedContribution(Struct, frozen=True):
@@ -196,10 +193,7 @@ _TEMPERATURE, _MISALIGNMENT = "temperature", "misalignment"
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
     """Return a result of a budget as it is stated, `missing` being the contributions that it lacks."""
     sources = {source.name: source for source in budget.sources}
-    # The factor of 95 %: Student's t, or by convolution where sources that are not normal prevail
-    kinds = {name: source.distribution for name, source in sources.items()}
-    odd = math.fsum(line.share for line in result.contributions if kinds[line.source] is not Distribution.NORMAL)
-    factor = convolved_coverage_factor(result, sources.values()) if odd > _NEARLY_NORMAL else result.coverage_factor
+    factor = convolved_coverage_factor(result, sources.values())
     lines = tuple(
         StatedContribution(
             *(line.source, sources[line.source].distribution.value, line.u_source, sources[line.source].unit),
