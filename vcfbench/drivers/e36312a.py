@@ -12,7 +12,6 @@ from typing import ClassVar
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.e3631a import E3631A, Output
-from vcfbench.drivers.scpi_instrument import decimal
 from vcfbench.errors import FramingError
 
 
@@ -25,6 +24,10 @@ class E36312A(E3631A):
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF,(@1,2,3)",)
     serial_pause_s: ClassVar[float] = 0.0  # it has no RS-232
     switch_question: ClassVar[str] = "OUTP? (@1,2,3)"
+    # The limit first, and never two outputs as one
+    setting_words: ClassVar[str] = "OUTP:PAIR OFF;:CURR {amps},(@{number});:VOLT {volts},(@{number})"
+    setting_question: ClassVar[str] = "{header}? (@{number})"
+    reading_question: ClassVar[str] = "MEAS:{header}? (@{number})"
     look: ClassVar[Mapping[str, str]] = MappingProxyType(
         {"P6V": "MEAS:VOLT? (@1)", "P25V": "MEAS:VOLT? (@2)", "N25V": "MEAS:VOLT? (@3)"}
     )
@@ -36,18 +39,6 @@ class E36312A(E3631A):
             "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 4.0e-4),
         }
     )
-
-    def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
-        """Return the words that set an output; the limit first, and never two outputs as one."""
-        channel = self._channel(output)
-        volts = self._signed(output, voltage_v)
-        return f"OUTP:PAIR OFF;:CURR {decimal(current_limit_a)},{channel};:VOLT {decimal(volts)},{channel}"
-
-    def _question(self, header: str, output: str) -> str:
-        return f"{header}? {self._channel(output)}"
-
-    def _channel(self, output: str) -> str:
-        return f"(@{self._ratings(output).number})"
 
     def _signed(self, output: str, voltage_v: float) -> float:
         return (-voltage_v if output == "N25V" else voltage_v) + 0.0

@@ -9,7 +9,6 @@ from msgspec import Struct
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
-from vcfbench.drivers.session import Session
 from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError
 from vcfbench.interfaces import Regulation, SafeReport
 
@@ -55,10 +54,13 @@ class E3631A(ScpiInstrument):
     look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
     """Questions to a supply that may be on, before it is switched off."""
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
+    setting_words: ClassVar[str] = "OUTP:TRAC OFF;:INST:SEL {output};:CURR {amps};:VOLT {volts}"
+    """Words that set an output: one message, for the selected output persists, and nothing must come in between."""
+    setting_question: ClassVar[str] = "{header}?"
+    """Question for a setting of the selected output."""
+    reading_question: ClassVar[str] = "MEAS:{header}? {output}"
 
-    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
-        super().__init__(session, serial_number=serial_number)
-        self._configured: set[str] = set()
+    _configured: frozenset[str] = frozenset()
 
     def _take_remote(self, deadline: Deadline) -> None:
         if self._session.interface == "asrl":
@@ -75,21 +77,14 @@ class E3631A(ScpiInstrument):
         ratings = self._ratings(output)
         require_within(self, f"voltage of {output}", voltage_v, (ratings.low_v, ratings.high_v), "V")
         require_within(self, f"current limit of {output}", current_limit_a, (0.0, ratings.high_a), "A")
-        self._session.write(self._setting(output, voltage_v, current_limit_a))
+        volts, amps = decimal(self._signed(output, voltage_v)), decimal(current_limit_a)
+        self._session.write(self._said(self.setting_words, output, volts=volts, amps=amps))
         self._verify_setting(output, "VOLT", voltage_v, ratings.tolerance_v, "V")
         self._verify_setting(output, "CURR", current_limit_a, ratings.tolerance_a, "A")
-        self._configured.add(output)
+        self._configured |= {output}
 
-    def _setting(self, output: str, voltage_v: float, current_limit_a: float) -> str:
-        """Return the words that set an output.
-
-        They are one message: the selected output persists, and nothing must come between selecting and setting.
-        """
-        return f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {decimal(current_limit_a)};:VOLT {decimal(voltage_v)}"
-
-    def _question(self, header: str, output: str) -> str:
-        """Return the question for an output's setting (VOLT, CURR: of the selected one) or reading (MEAS:...)."""
-        return f"{header}? {output}" if header.startswith("MEAS") else f"{header}?"
+    def _said(self, words: str, output: str, **values: str) -> str:
+        return words.format(output=output, number=self._ratings(output).number, **values)
 
     def _signed(self, output: str, voltage_v: float) -> float:
         """Return a voltage at the terminal that the output's wire is on, from the supply's reading."""
@@ -102,7 +97,7 @@ class E3631A(ScpiInstrument):
             raise self._error(LimitError, f"there is no output {output!r}, only {', '.join(self.outputs)}") from None
 
     def _verify_setting(self, output: str, header: str, wanted: float, tolerance: float, unit: str) -> None:
-        query = self._question(header, output)
+        query = self._said(self.setting_question, output, header=header)
         found = self._session.query_reading(query)
         found = self._signed(output, found) if unit == "V" else found
         if abs(found - wanted) > tolerance:
@@ -148,16 +143,15 @@ class E3631A(ScpiInstrument):
 
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
-        self._ratings(output)
-        asked = self._question("MEAS:VOLT", output)
+        asked = self._said(self.reading_question, output, header="VOLT")
         voltage_v = self._signed(output, self._session.query_reading(asked, form=self.reading_form))
         self._session.note_read(f"{output} at {voltage_v:.3g} V")
         return voltage_v
 
     def measure_current_a(self, output: str) -> float:
         """Read back the current, A."""
-        self._ratings(output)
-        return self._session.query_reading(self._question("MEAS:CURR", output), form=self.reading_form)
+        asked = self._said(self.reading_question, output, header="CURR")
+        return self._session.query_reading(asked, form=self.reading_form)
 
     def regulation(self, output: str) -> Regulation:
         """Tell how `output` is regulated now."""
@@ -179,7 +173,7 @@ class E3631A(ScpiInstrument):
     def _wait_for_discharge(self, deadline: Deadline) -> float:
         while True:
             voltages = {
-                output: self._session.query_reading(self._question("MEAS:VOLT", output), deadline)
+                output: self._session.query_reading(self._said(self.reading_question, output, header="VOLT"), deadline)
                 for output in self.outputs
             }
             worst = max(voltages, key=lambda output: abs(voltages[output]))
