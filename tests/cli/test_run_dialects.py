@@ -12,8 +12,7 @@ from typer.testing import CliRunner
 
 from tests.drivers.rate_table import DIALECTS
 from vcfbench.cli.main import app
-from vcfbench.drivers.rate_table.dialect import TableSettings
-from vcfbench.drivers.rate_table.dialects import spoken
+from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.station.file import embedded_text
 from vcfbench_tables import language
 

@@ -9,7 +9,6 @@ from typing import ClassVar, Literal
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
-from vcfbench.drivers.session import Session
 from vcfbench.errors import FramingError, PlanError
 from vcfbench.interfaces import SafeReport
 
@@ -34,9 +33,7 @@ class Agilent33220A(ScpiInstrument):
     """Highest frequency of a sine, Hz."""
     least_vpp: ClassVar[float] = 20e-3
 
-    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
-        super().__init__(session, serial_number=serial_number)
-        self._configured = False
+    _configured = False
 
     def _take_remote(self, deadline: Deadline) -> None:
         # On LAN nothing goes remote by itself, and the front panel would stay alive during a calibration. On USB and

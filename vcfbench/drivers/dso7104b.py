@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Deadline
-    from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
 CHANNELS: Final = (1, 2, 3, 4)
@@ -75,10 +74,8 @@ class Dso7104B(ScpiInstrument):
     least_scale_v: ClassVar[float] = 2e-3
     first_answer_s: ClassVar[float] = 15.0  # older units were seen to take 10 s for the first answer on LAN
 
-    def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
-        super().__init__(session, serial_number=serial_number)
-        self._record_s = 1e-3
-        self._format: Literal["BYTE", "WORD"] = "BYTE"
+    _record_s = 1e-3
+    _format: Literal["BYTE", "WORD"] = "BYTE"
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""

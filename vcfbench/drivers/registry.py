@@ -7,8 +7,7 @@ from typing import Any, TypeVar
 from msgspec import Struct
 
 from vcfbench.clock import Clock
-from vcfbench.drivers.rate_table.dialect import TableSettings
-from vcfbench.drivers.rate_table.dialects import spoken
+from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import TableLine, serial_port
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings

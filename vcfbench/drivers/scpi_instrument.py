@@ -1,7 +1,7 @@
 """Base of the SCPI drivers: identity, errors, and the frame of making safe."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from msgspec import Struct
 
@@ -10,7 +10,7 @@ from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
-from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
+from vcfbench.interfaces import Identity, Instrument, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
 
 _E = TypeVar("_E", bound=BenchError)
@@ -152,21 +152,11 @@ class ScpiInstrument:
         self._session.close()
 
 
-class _Named(Protocol):
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def resource(self) -> str: ...
-
-    def command_safe(self) -> UnprovedCommand: ...
-
-
 _SHARES = (1.0 / 3.0, 1.0 / 2.0, 1.0)
 
 
 def safely(
-    instrument: _Named, prove: Callable[[Deadline], str], deadline: Deadline, shares: Sequence[float] = _SHARES
+    instrument: Instrument, prove: Callable[[Deadline], str], deadline: Deadline, shares: Sequence[float] = _SHARES
 ) -> SafeReport:
     """Send the safe words, then run `prove`, again if it fails and time is left; it returns its proof in words.
 
@@ -197,7 +187,7 @@ def decimal(value: float) -> str:
     return f"{value + 0.0:.9g}"
 
 
-def require_within(instrument: _Named, what: str, value: float, limits: tuple[float, float], unit: str) -> None:
+def require_within(instrument: Instrument, what: str, value: float, limits: tuple[float, float], unit: str) -> None:
     """Raise LimitError unless ``low <= value <= high``; not-a-number is never within."""
     low, high = limits
     if not low <= value <= high:

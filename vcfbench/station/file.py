@@ -7,8 +7,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from vcfbench.drivers.rate_table.dialect import TableSettings
-from vcfbench.drivers.rate_table.dialects import spoken
+from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.consistency import invalid_values

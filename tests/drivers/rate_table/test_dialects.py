@@ -21,8 +21,7 @@ from simrack.wires import serial_backend
 
 from tests.drivers.rate_table import DIALECTS, SHIPPED
 from vcfbench.clock import Deadline, VirtualClock, sleep
-from vcfbench.drivers.rate_table.dialect import TableSettings
-from vcfbench.drivers.rate_table.dialects import spoken
+from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.errors import ConfigError, InstrumentError, InterlockError, LimitError, LinkLost, TransportError
 from vcfbench.sim.gyro.design import ideal_bench

@@ -7,9 +7,10 @@ from typing import Literal, Protocol
 from msgspec import Struct
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.rate_table.line import Link, TableLine
 from vcfbench.errors import InstrumentError
 from vcfbench.interfaces import Identity
+from vcfbench.models import find_language, profile_reader, resolve
 
 Header = Literal["none", "u32le2", "u32be2", "auto"]
 """Header of a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""
@@ -139,6 +140,19 @@ class TableDialect(Protocol):
     def check_errors(self, line: TableLine, deadline: Deadline) -> None:
         """Raise InstrumentError with the table's refusals since last asked."""
         del line, deadline
+
+
+def spoken(name: str, settings: TableSettings) -> tuple[TableDialect, Link]:
+    """Return the dialect `name` for an axis, and the line that it is spoken on.
+
+    Raises:
+        ConfigError: there is none of that name, its profile is wrong, or something that it needs is not told.
+    """
+    row = find_language(name)
+    if row is not None and row.dialect is not None:
+        return resolve(row.dialect)(settings), Link(baud=row.baud_rate)
+    of_profile: tuple[TableDialect, Link] = profile_reader().spoken(name, settings.axis)
+    return of_profile
 
 
 def decimal(value: float, digits: int = 6) -> str:
