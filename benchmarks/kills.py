@@ -53,6 +53,7 @@ from simrack.serve import Control
 from simrack_tests.ports import free_port
 
 import vcfbench
+import vcfbench_tables
 from tests.faults.benches import RATE_DEG_S, ROLES, SPEED, Physics, bench_text
 from vcfbench.drivers import visa_wire
 from vcfbench.drivers.rate_table import line as table_line
@@ -194,7 +195,7 @@ class Program:
 def profile_of(language: str, folder: Path) -> Path:
     """Return a profile whose rate from angles is believed though the computer is busy when they come."""
     file = folder / f"{language}.toml"
-    text = (Path(vcfbench.__path__[0]) / "drivers" / "rate_table" / "profiles" / file.name).read_text(encoding="utf-8")
+    text = (Path(vcfbench_tables.__path__[0]) / "profiles" / file.name).read_text(encoding="utf-8")
     file.write_text(f"{text}\n[at_rate]\ntolerance_deg_s = 1.0\n", encoding="utf-8")
     return file
 
