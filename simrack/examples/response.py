@@ -1,5 +1,7 @@
 """Frequency response of what is between the generator and the multimeter of `simrack serve --port 5900`."""
 
+from time import sleep
+
 from pymeasure.instruments.agilent import Agilent33220A
 from pymeasure.instruments.hp import HP34401A
 
@@ -10,4 +12,5 @@ generator.shape, generator.amplitude, generator.offset, generator.output = "SIN"
 meter.function_ = "ACV"
 for frequency_hz in (100.0, 1e3, 10e3):
     generator.frequency = frequency_hz
-    print(f"{frequency_hz:8.0f} Hz  {meter.reading / 0.5**0.5:.3f}")
+    sleep(1.0)  # the meter's ac filter settles
+    print(f"{frequency_hz:8.0f} Hz  {meter.reading / (2.0 / 8.0**0.5):.3f}")  # over the rms value of 2 Vpp
