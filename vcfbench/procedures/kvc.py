@@ -30,7 +30,7 @@ from vcfbench.analysis.k_vc_curve import (
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import HEALTH, examined
-from vcfbench.procedures.procedure import PAPER_NEEDS, Procedure, Provenance, roles
+from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
@@ -426,6 +426,5 @@ KVC = Procedure(
     results=k_vc_results,
     report=k_vc_report,
     entry=certificate,
-    needs=PAPER_NEEDS,
     uses=roles("oscilloscope", "v_vc_meter"),
 )

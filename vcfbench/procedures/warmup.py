@@ -160,16 +160,22 @@ def warmup_results(
     windows = [(t_s, volts / scale.value) for t_s, volts in windows]
     begin_s, end_s, means, u_scatter = _means(windows, settings.sample_interval_s)
     u_white = np.maximum(u_scatter, settings.meter_resolution_v / abs(scale.value) / math.sqrt(12.0))
-    root = _root_of_covariance(begin_s, end_s, u_white, instability_deg_s)
+    # The Cholesky factor of the means' covariance: their white noise, and flicker about its own mean. Flicker has no
+    # mean of its own: what it is over this record counts as part of the bias
+    law = Coefficients(bias_instability=instability_deg_s).phase_noise(Sampling.without_gaps(1.0))
+    share = np.hstack([np.eye(means.size), -np.eye(means.size)]) / (end_s - begin_s)[:, None]
+    about = np.eye(means.size) - 1.0 / means.size
+    slow = about @ share @ law.among(np.concatenate([end_s, begin_s])) @ share.T @ about.T
+    root: Floats = np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
     ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
     weight = float(ones @ ones)
     bias, u_bias = float(ones @ white) / weight, 1.0 / math.sqrt(weight)
     chi_square = float(((white - bias * ones) ** 2).sum())
     dof, creep = means.size - 1, dict[str, Measurand]()
     if creeps and means.size > _PARAMETERS:
-        least, about, found = _creep(begin_s, end_s, means, root, instability_deg_s)
+        least, known_bias, found = _creep(begin_s, end_s, means, root, instability_deg_s)
         if chi_square - least > _SHOWS**2:
-            chi_square, (bias, u_bias), creep, dof = least, about, found, means.size - _PARAMETERS
+            chi_square, (bias, u_bias), creep, dof = least, known_bias, found, means.size - _PARAMETERS
     # An exponential that was not seen may be there: what the bench file knows of the warm-up is in the mean then
     begun_s, ended_s, seen = float(begin_s[0]), float(end_s[-1]), bool(creep)
     around = parts_at_rest(settings, bias * scale.value, scale.value, ended_s)
@@ -225,20 +231,6 @@ def _means(windows: Sequence[tuple[Floats, Floats]], interval_s: float) -> tuple
     std = math.sqrt(squares / max(1, degrees))
     begin = np.array(begin_s)
     return begin, begin + size * interval_s, np.array(means), np.full(begin.size, std / math.sqrt(size))
-
-
-def _root_of_covariance(begin_s: Floats, end_s: Floats, u_white: Floats, instability_deg_s: float) -> Floats:
-    """Return the Cholesky factor of the means' covariance: their white noise, and flicker about its own mean.
-
-    Flicker has no mean of its own: what it is over this record counts as part of the bias.
-    """
-    law = Coefficients(bias_instability=instability_deg_s).phase_noise(Sampling.without_gaps(1.0))
-    phases = law.among(np.concatenate([end_s, begin_s]))
-    count = begin_s.size
-    share = np.hstack([np.eye(count), -np.eye(count)]) / (end_s - begin_s)[:, None]
-    about = np.eye(count) - 1.0 / count
-    slow = about @ share @ phases @ share.T @ about.T
-    return np.asarray(np.linalg.cholesky(slow + np.diag(u_white**2)), dtype=np.float64)
 
 
 def _creep(
