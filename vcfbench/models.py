@@ -10,7 +10,7 @@ loads no driver and no simulation. Another package brings rows of its own as ent
 comes with the project and what comes with another package are treated alike: discovery, served wires, RS-232.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cache
 from importlib import import_module
@@ -313,12 +313,12 @@ def model_names() -> tuple[str, ...]:
 
 def models_for(role: str) -> tuple[str, ...]:
     """Return the names of the models that can fill `role`; a package that cannot be loaded fills none."""
-    return tuple(row.name for row in _every(Model) if role in row.places)
+    return tuple(row.name for row in _every() if isinstance(row, Model) and role in row.places)
 
 
 def languages() -> tuple[str, ...]:
     """Return the names of all table languages; those of packages that cannot be loaded are left out."""
-    return tuple(row.name for row in _every(TableLanguage))
+    return tuple(row.name for row in _every() if isinstance(row, TableLanguage))
 
 
 def find_model(name: str) -> Model | None:
@@ -358,16 +358,14 @@ def profile_reader() -> Any:
 
 def recognised(maker: str, model: str) -> Model | TableLanguage | None:
     """Return the row of whatever answers ``*IDN?`` with `maker` and `model` first, None when there is none."""
-    rows: tuple[Model | TableLanguage, ...] = (*_every(Model), *_every(TableLanguage))
-    return next((row for row in rows if row.recognises(maker, model)), None)
+    return next((row for row in _every() if row.recognises(maker, model)), None)
 
 
-def _every(kind: type[_Row]) -> tuple[_Row, ...]:
-    rows = list(_OWN)
+def _every() -> Iterator[Model | TableLanguage]:
+    yield from _OWN
     for name in _installed():
         with suppress(ConfigError):  # one that cannot be loaded is none
-            rows.append(_load(name))
-    return tuple(row for row in rows if isinstance(row, kind))
+            yield _load(name)
 
 
 def _find(name: str, kind: type[_Row]) -> _Row | None:

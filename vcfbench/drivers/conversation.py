@@ -3,13 +3,15 @@
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import BEHIND, Connect
 from vcfbench.drivers.wire import Wire
-from vcfbench.errors import InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import BenchError, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import UnprovedCommand
+
+_E = TypeVar("_E", bound=BenchError)
 
 _BLIND_S = 0.3
 """Wall time that sending words blind may take."""
@@ -204,6 +206,32 @@ class Conversation:
             if number:
                 sleep(wall, min(gap_s, _BLIND_S / 2.0 / len(words)))
             self._wire.send(message, deadline)
+
+
+class OverWire:
+    """An instrument at the other end of a conversation."""
+
+    def __init__(self, conversation: Conversation) -> None:
+        self._conversation = conversation
+
+    @property
+    def name(self) -> str:
+        """The role on this bench."""
+        return self._conversation.name
+
+    @property
+    def resource(self) -> str:
+        """The resource string or port it was opened with."""
+        return self._conversation.resource
+
+    @property
+    def clock(self) -> Clock:
+        """The clock that the conversation waits on."""
+        return self._conversation.clock
+
+    def _error(self, kind: type[_E], what: str, command: str | None = None, hint: str | None = None) -> _E:
+        """Return an error that names this instrument."""
+        return kind(what, instrument=self.name, resource=self.resource, command=command, hint=hint)
 
 
 def shown(command: str) -> str:

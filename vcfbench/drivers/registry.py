@@ -59,7 +59,8 @@ def find_driver(model: str, like: str | None = None) -> Driver:
         return driver
     if not (isinstance(driver, type) and issubclass(driver, ScpiInstrument)):
         raise ConfigError(f"what is registered as the driver of {row.name!r} is no driver: {driver!r}")
-    return visa_driver(model, driver if model == row.name else driver.speaking_as(model))
+    # Of another model that speaks the same words anybody may be the maker
+    return visa_driver(model, driver if model == row.name else driver.of_model(model, makers=("",)))
 
 
 def _table(name: str) -> Driver:

@@ -1,19 +1,18 @@
 """Base of the SCPI drivers: identity, errors, and the frame of making safe."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self
 
 from msgspec import Struct
 
-from vcfbench.clock import Clock, Deadline, WallClock, sleep
+from vcfbench.clock import Deadline, WallClock, sleep
+from vcfbench.drivers.conversation import OverWire
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import SerialLine
 from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, Instrument, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
-
-_E = TypeVar("_E", bound=BenchError)
 
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
@@ -33,7 +32,7 @@ class VisaSettings(Struct, frozen=True):
     """Called with the open session and the driver's safe words before anything is asked."""
 
 
-class ScpiInstrument:
+class ScpiInstrument(OverWire):
     """An instrument on a session.
 
     A driver adds its commands, its `make_safe`, for which there is no default, and, if it drives something, its
@@ -57,6 +56,7 @@ class ScpiInstrument:
     """Pause that the instrument needs after a command on RS-232, s."""
 
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
+        super().__init__(session)
         self._session = session
         if self.error_question == "*ESR?":
             session.use_event_status()
@@ -84,15 +84,6 @@ class ScpiInstrument:
         """Return the driver of a `model` whose class attributes differ in those of `own`."""
         return type(cls.__name__, (cls,), {"model": model, **own, "__doc__": cls.__doc__})
 
-    @classmethod
-    def speaking_as(cls, model: str) -> type[Self]:
-        """Return the driver of `model`, which speaks the same words under its own name, whoever made it."""
-        return type(cls.__name__, (cls,), {"model": model, "makers": ("",), "__doc__": cls.__doc__})
-
-    def _error(self, kind: type[_E], what: str, command: str | None = None, hint: str | None = None) -> _E:
-        """Return an error that names this instrument."""
-        return kind(what, instrument=self.name, resource=self.resource, command=command, hint=hint)
-
     def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
         return self._error(InstrumentError, f"was set to {wanted} but reads back {found}", query)
 
@@ -106,24 +97,9 @@ class ScpiInstrument:
         return found
 
     @property
-    def name(self) -> str:
-        """The role on this bench."""
-        return self._session.name
-
-    @property
-    def resource(self) -> str:
-        """The resource string it was opened with."""
-        return self._session.resource
-
-    @property
     def session(self) -> Session:
         """The conversation itself, for consoles and for commands that the driver has no method for."""
         return self._session
-
-    @property
-    def clock(self) -> Clock:
-        """The clock that the session waits on."""
-        return self._session.clock
 
     def _take_remote(self, deadline: Deadline) -> None:
         """Send the commands that the interface needs before the instrument may be spoken to."""

@@ -6,7 +6,8 @@ from contextlib import suppress
 from typing import Literal, TypeVar
 
 from vcfbench import errors
-from vcfbench.clock import Clock, Deadline, sleep
+from vcfbench.clock import Deadline, sleep
+from vcfbench.drivers.conversation import OverWire
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import safely
@@ -39,7 +40,7 @@ _BRAKING_S = 3.0
 """Within this time a table comes to rest that is told so blind, as far as its limits allow."""
 
 
-class RateTableDriver:
+class RateTableDriver(OverWire):
     """One axis of a rate table.
 
     Rates and angles are counter-clockwise positive seen from above, if `axis_sign` is chosen so: it is -1 for a table
@@ -48,6 +49,7 @@ class RateTableDriver:
     """
 
     def __init__(self, line: TableLine, dialect: TableDialect, settings: TableSettings) -> None:
+        super().__init__(line)
         self.line = line
         self.dialect = dialect
         self._limits = settings
@@ -62,24 +64,9 @@ class RateTableDriver:
         self._ask(dialect.identify)
 
     @property
-    def name(self) -> str:
-        """The role on this bench."""
-        return self.line.name
-
-    @property
-    def resource(self) -> str:
-        """The port it was opened with."""
-        return self.line.resource
-
-    @property
     def own_time_s(self) -> float:
         """Time of one making safe for the table's language, beyond time-outs and ramps, s."""
         return self.dialect.own_time_s
-
-    @property
-    def clock(self) -> Clock:
-        """The clock that the line waits on."""
-        return self.line.clock
 
     def identify(self) -> Identity:
         """Ask for the identity."""
@@ -314,7 +301,7 @@ class RateTableDriver:
                 raise self._interlock(words.format(rate=rate_deg_s))
 
     def _interlock(self, what: str, hint: str | None = None) -> errors.InterlockError:
-        return errors.InterlockError(what, hint=hint, **self.line.where)
+        return self._error(errors.InterlockError, what, hint=hint)
 
     def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
         """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""
