@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from vcfbench.errors import ConfigError
+from vcfbench.files import failing_as
 
 
 def require_free(path: Path) -> None:
@@ -19,17 +20,10 @@ def written_anew(path: Path, text: str) -> None:
     Raises:
         ConfigError: one is there by now, or it cannot be written.
     """
-    try:
-        out = path.open("x", encoding="utf-8", newline="\n")
-    except FileExistsError:
-        raise ConfigError(f"{path}: it is there by now, and is not written over") from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with out:
+    with failing_as(ConfigError, f"{path}: cannot be written"), path.open("x", encoding="utf-8", newline="\n") as out:
+        try:
             out.write(text)
-    except BaseException as error:
-        path.unlink(missing_ok=True)  # it is ours, and not whole
-        if isinstance(error, OSError):
-            raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
-        raise
+            out.flush()
+        except BaseException:
+            path.unlink(missing_ok=True)  # it is ours, and not whole
+            raise

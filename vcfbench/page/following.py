@@ -129,4 +129,4 @@ class JournalFollower:
 def _limits(limits: Mapping[str, Any]) -> list[list[str]]:
     """Return the limits, in words and numbers with their unit."""
     named = ((*in_words(key), value) for key, value in limits.items() if isinstance(value, int | float))
-    return [[words.replace("v vc", "V_Vc"), f"{value:g} {unit}".rstrip()] for words, unit, value in named]
+    return [[words, f"{value:g} {unit}".rstrip()] for words, unit, value in named]

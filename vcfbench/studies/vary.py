@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from msgspec import Meta, Struct
 from numpy.random import SeedSequence, default_rng
 
@@ -145,12 +146,8 @@ def _varied(path: str, value: Any, where: str) -> Varied:
     if isinstance(said, _Range):
         if said.spacing == "log" and not (said.begin > 0.0 and said.end > 0.0):
             raise refusal(where, "both ends above 0 for logarithmic steps", f"{said.begin:g} to {said.end:g}")
-        parts = [place / (said.steps - 1) for place in range(said.steps)]
-        if said.spacing == "log":
-            between = [said.begin * (said.end / said.begin) ** part for part in parts]
-        else:
-            between = [said.begin + (said.end - said.begin) * part for part in parts]
-        return Listed(path, label, (said.begin, *between[1:-1], said.end))
+        space = np.geomspace if said.spacing == "log" else np.linspace
+        return Listed(path, label, tuple(space(said.begin, said.end, said.steps).tolist()))
     if isinstance(said, _Uniform) and said.uniform[0] > said.uniform[1]:
         raise refusal(f"{where}.uniform", "the lower end first", words(list(said.uniform)))
     if isinstance(said, _Normal) and said.normal[1] < 0.0:
