@@ -270,11 +270,11 @@ def test_what_is_not_known_of_phases_is_said() -> None:
 
 def test_a_self_calibration_has_the_phases_of_its_certificate_and_its_own() -> None:
     phases = PhaseErrors.of(PHASES)
-    of_k_vc, of_own = phases.u_k_vc, phases.u_self_calibrated
+    of_k_vc, of_own = phases.u("k_vc"), phases.u("self_calibrated")
     assert of_k_vc["carrier phase"] == of_own["carrier phase"]
     assert 1e6 * of_k_vc["carrier phase"] == pytest.approx((524.2 + 38.1) / math.sqrt(3.0), rel=1e-3)
     assert of_own["demodulator phase"] == pytest.approx(
-        phases.u_scale_factor["demodulator phase"] + of_k_vc["demodulator phase"]
+        phases.u("scale_factor")["demodulator phase"] + of_k_vc["demodulator phase"]
     )
 
 

@@ -191,7 +191,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         RATE: covariance_of(rate, 0.0, v_vc.table_rate_error(settings)),
         MISALIGNMENT: covariance_of(rate, 0.0, v_vc.alignment_error(settings)),
         EARTH: covariance_of(rate, 0.0, 0.0, u_earth_deg_s),
-        **{name: covariance_of(rate, 0.0, u) for name, u in phases.u_k_vc.items()},
+        **{name: covariance_of(rate, 0.0, u) for name, u in phases.u("k_vc").items()},
     }
     error = v_vc.v_vc_error(settings)
     of_v_vc = {
@@ -289,7 +289,7 @@ def _scale_factor(
         UncertaintyPart(RATE, abs(slope) * v_vc.table_rate_error(settings)),
         UncertaintyPart(MISALIGNMENT, abs(slope) * v_vc.alignment_error(settings)),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in v_vc.temperature_errors(settings, windows).items()),
-        *(UncertaintyPart(name, abs(slope) * u) for name, u in phases.u_scale_factor.items()),
+        *(UncertaintyPart(name, abs(slope) * u) for name, u in phases.u("scale_factor").items()),
     ]
     return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"))
 

@@ -37,23 +37,24 @@ def test_at_its_limit_a_phase_has_its_largest_effect_that_of_the_cosine_included
     phases = PhaseErrors.of(KNOWN)
     carrier = -(2.0 * 300e-6 + 1.0 - math.cos(math.radians(2.0)))
     demodulator = 150e-6 + 1.0 - math.cos(math.radians(1.0))
-    assert phases.k_vc({CARRIER_PHASE: 2.0}) - 1.0 == pytest.approx(carrier)
-    assert phases.k_vc({DEMODULATOR_PHASE: 1.0}) - 1.0 == pytest.approx(20e-6)
-    assert phases.scale_factor({DEMODULATOR_PHASE: 1.0}) - 1.0 == pytest.approx(demodulator)
-    assert phases.bias_deg_s({DEMODULATOR_PHASE: 1.0}) == 0.5
+    assert phases.effect("k_vc", {CARRIER_PHASE: 2.0}) == pytest.approx(carrier)
+    assert phases.effect("k_vc", {DEMODULATOR_PHASE: 1.0}) == pytest.approx(20e-6)
+    assert phases.effect("scale_factor", {DEMODULATOR_PHASE: 1.0}) == pytest.approx(demodulator)
+    assert phases.effect("bias_deg_s", {DEMODULATOR_PHASE: 1.0}) == 0.5
     u_carrier, u_demodulator = (limit_deg / math.sqrt(3.0) for limit_deg in (2.0, 1.0))
     by_carrier = abs(carrier) / 2.0
-    assert phases.u_k_vc == pytest.approx(
+    assert phases.u("k_vc") == pytest.approx(
         {CARRIER_PHASE: by_carrier * u_carrier, DEMODULATOR_PHASE: 20e-6 * u_demodulator}
     )
-    assert phases.u_scale_factor == pytest.approx({DEMODULATOR_PHASE: demodulator * u_demodulator})
-    assert phases.u_self_calibrated == pytest.approx(
+    assert phases.u("scale_factor") == pytest.approx({DEMODULATOR_PHASE: demodulator * u_demodulator})
+    assert phases.u("self_calibrated") == pytest.approx(
         {CARRIER_PHASE: by_carrier * u_carrier, DEMODULATOR_PHASE: (demodulator + 20e-6) * u_demodulator}
     )
-    assert phases.u_bias_deg_s == pytest.approx({DEMODULATOR_PHASE: 0.5 * u_demodulator})
+    assert phases.u("bias_deg_s") == pytest.approx({DEMODULATOR_PHASE: 0.5 * u_demodulator})
     assert PhaseErrors.of(Sources()).sources == ()
-    assert (phases.k_vc({}), phases.scale_factor({}), phases.bias_deg_s({})) == (1.0, 1.0, 0.0)
-    assert PhaseErrors.of(Sources(demodulator_phase_deg=1.0)).bias_deg_s({DEMODULATOR_PHASE: 1.0}) == 0.0
+    assert {phases.effect(value, {}) for value in phases.per_deg} == {0.0}
+    without = PhaseErrors.of(Sources(demodulator_phase_deg=1.0))
+    assert without.effect("bias_deg_s", {DEMODULATOR_PHASE: 1.0}) == 0.0
 
 
 def circumstances(known: Sources) -> Circumstances:
@@ -92,7 +93,7 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
     around = circumstances(KNOWN)
     q = {"temperature": 0.6, "warm-up": 0.4, "misalignment": 1e-3, DEMODULATOR_PHASE: 1.0}
     found = around.applied(VALUES, q)
-    scale, k_vc = around.phases.scale_factor(q), around.phases.k_vc(q)
+    scale, k_vc = 1.0 + around.phases.effect("scale_factor", q), 1.0 + around.phases.effect("k_vc", q)
     moved = 0.043 * (k_vc * scale / (1.0 - 100e-6 * 0.6) - 1.0)
     drifted = 0.01 * 1.0 + 0.5
     assert found == pytest.approx(

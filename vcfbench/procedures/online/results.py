@@ -358,7 +358,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     size = abs(gain.value / k_vc)
     meter, error = v_vc.meter_error(settings, "multimeter"), v_vc.v_vc_error(settings)
     of_modes = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
-    phases = PhaseErrors.of(settings.station.sources)
+    phases = PhaseErrors.of(settings.station.sources).u("self_calibrated")
     own = [
         UncertaintyPart(v_vc.READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
@@ -366,7 +366,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     common = [
         UncertaintyPart(v_vc.METER_GAIN, size * meter.u_gain, None, meter.owner),
         UncertaintyPart("response at the frequency of the modulation", size * ((gain.response - 1.0) * of_modes)),
-        *(UncertaintyPart(name, size * u) for name, u in phases.u_self_calibrated.items()),
+        *(UncertaintyPart(name, size * u) for name, u in phases.items()),
     ]
     if gain.u_v_vc:
         common.append(UncertaintyPart(v_vc.V_VC_NOISE, gain.u_v_vc / abs(k_vc)))

@@ -24,9 +24,9 @@ from vcfbench.procedures.health.found import beside, health_of, unchanged
 from vcfbench.procedures.health.plan import HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
-from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
+from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
@@ -210,9 +210,9 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     measured = () if check is None else check.measured
     # Once the phases are measured K_Vc is that of the phases of now
-    errors = phases.PhaseErrors.of(settings.station.sources)
-    of_phases = errors.u_scale_factor if health_check.CARRIER_PHASE in measured else errors.u_self_calibrated
-    by_phases = [UncertaintyPart(name, u) for name, u in of_phases.items()]
+    of_phases = PhaseErrors.of(settings.station.sources)
+    by = of_phases.u("scale_factor" if health_check.CARRIER_PHASE in measured else "self_calibrated")
+    by_phases = [UncertaintyPart(name, u) for name, u in by.items()]
     moved = [*since.parts, *by_phases, *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
     amplitudes = () if check is None else (each for each in check.causes if each.cause == health_check.AMPLITUDES)

@@ -99,5 +99,5 @@ def parts_at_rest(
     per_k = abs(scale_factor) * (known.bias_deg_h_k or 0.0) / 3600.0
     for name, u_k in away_from_warm_k(settings, lasted_s).items():
         yield UncertaintyPart(name, per_k * u_k)
-    for name, u_deg_s in PhaseErrors.of(known).u_bias_deg_s.items():
+    for name, u_deg_s in PhaseErrors.of(known).u("bias_deg_s").items():
         yield UncertaintyPart(name, abs(scale_factor) * u_deg_s)

@@ -6,7 +6,7 @@ what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns 
 
 import math
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Any, Literal, Self, TypeAlias
 
 from msgspec import Struct
 
@@ -15,68 +15,41 @@ from vcfbench.station.settings import Sources
 
 CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
 
+_Value: TypeAlias = Literal["k_vc", "scale_factor", "self_calibrated", "bias_deg_s"]
+"""K_Vc, a scale factor on the table, one by V_Vc, whose K_Vc was found at other phases, and a bias by quadrature."""
+
 
 class PhaseErrors(Struct, frozen=True):
     """Limits of both phases about those that values are stated for, and the effect of a degree of each."""
 
     sources: tuple[Source, ...]
-    k_vc_per_carrier_deg: float
-    """Relative."""
-    k_vc_per_demodulator_deg: float
-    scale_factor_per_demodulator_deg: float
-    bias_deg_s_per_demodulator_deg: float
+    per_deg: Mapping[_Value, Mapping[str, float]]
+    """By value and source: relative, of a bias deg/s."""
 
     @classmethod
     def of(cls, known: Sources) -> Self:
         """Return the known errors of the phases: no source without a limit."""
         limits = {CARRIER_PHASE: known.carrier_phase_deg, DEMODULATOR_PHASE: known.demodulator_phase_deg}
         sources = [Source.within(name, 0.0, limit, "deg") for name, limit in limits.items() if limit]
-        return cls(
-            tuple(sources),
-            _per_deg(known.k_vc_ppm_carrier_deg, known.carrier_phase_deg),
-            1e-6 * known.k_vc_ppm_demodulator_deg,
-            _per_deg(known.scale_factor_ppm_demodulator_deg, known.demodulator_phase_deg),
-            known.bias_deg_s_demodulator_deg or 0.0,
-        )
+        carrier = _per_deg(known.k_vc_ppm_carrier_deg, known.carrier_phase_deg)
+        demodulator = _per_deg(known.scale_factor_ppm_demodulator_deg, known.demodulator_phase_deg)
+        of_k_vc = 1e-6 * known.k_vc_ppm_demodulator_deg
+        per_deg: dict[_Value, dict[str, float]] = {
+            "k_vc": {CARRIER_PHASE: carrier, DEMODULATOR_PHASE: of_k_vc},
+            "scale_factor": {DEMODULATOR_PHASE: demodulator},
+            "self_calibrated": {CARRIER_PHASE: carrier, DEMODULATOR_PHASE: demodulator + of_k_vc},
+            "bias_deg_s": {DEMODULATOR_PHASE: known.bias_deg_s_demodulator_deg or 0.0},
+        }
+        return cls(tuple(sources), per_deg)
 
-    def k_vc(self, q: Mapping[str, Any]) -> Any:
-        """Return the factor of K_Vc."""
-        by_carrier = self.k_vc_per_carrier_deg * q.get(CARRIER_PHASE, 0.0)
-        return 1.0 + by_carrier + self.k_vc_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
+    def effect(self, value: _Value, q: Mapping[str, Any]) -> Any:
+        """Return the effect of the phases `q`, deg, on a value."""
+        return sum(by * q.get(name, 0.0) for name, by in self.per_deg[value].items())
 
-    def scale_factor(self, q: Mapping[str, Any]) -> Any:
-        """Return the factor of the scale factor of either column."""
-        return 1.0 + self.scale_factor_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
-
-    def bias_deg_s(self, q: Mapping[str, Any]) -> Any:
-        """Return the bias by quadrature, deg/s."""
-        return self.bias_deg_s_per_demodulator_deg * q.get(DEMODULATOR_PHASE, 0.0)
-
-    @property
-    def u_k_vc(self) -> dict[str, float]:
-        """Contributions of each to K_Vc, relative standard uncertainties."""
-        return self._relative(self.k_vc_per_carrier_deg, self.k_vc_per_demodulator_deg)
-
-    @property
-    def u_scale_factor(self) -> dict[str, float]:
-        """Contributions of each to a scale factor on the table."""
-        return self._relative(0.0, self.scale_factor_per_demodulator_deg)
-
-    @property
-    def u_self_calibrated(self) -> dict[str, float]:
-        """Contributions of each to a scale factor by V_Vc, whose K_Vc was found at other phases."""
-        by_demodulator = self.scale_factor_per_demodulator_deg + self.k_vc_per_demodulator_deg
-        return self._relative(self.k_vc_per_carrier_deg, by_demodulator)
-
-    @property
-    def u_bias_deg_s(self) -> dict[str, float]:
-        """Contributions of each to a bias, deg/s."""
-        by = {DEMODULATOR_PHASE: self.bias_deg_s_per_demodulator_deg}
+    def u(self, value: _Value) -> dict[str, float]:
+        """Return the contributions of each to a value, standard uncertainties."""
+        by = self.per_deg[value]
         return {source.name: abs(by[source.name]) * source.u for source in self.sources if by.get(source.name)}
-
-    def _relative(self, by_carrier: float, by_demodulator: float) -> dict[str, float]:
-        by = {CARRIER_PHASE: by_carrier, DEMODULATOR_PHASE: by_demodulator}
-        return {source.name: abs(by[source.name]) * source.u for source in self.sources if by[source.name]}
 
 
 def _per_deg(ppm_deg: float, limit_deg: float | None) -> float:

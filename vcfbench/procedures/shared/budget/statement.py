@@ -156,15 +156,16 @@ class Circumstances(Struct, frozen=True):
         if not self.sources:
             return values
         away_k = q.get(_TEMPERATURE, 0.0) + q.get(WARM_UP, 0.0)
-        mounted, drifted = 1.0 + q.get(_MISALIGNMENT, 0.0), self.bias_deg_s_per_k * away_k
-        drifted = drifted + self.phases.bias_deg_s(q)
+        k_vc, scale_factor = (1.0 + self.phases.effect(value, q) for value in ("k_vc", "scale_factor"))
+        mounted = 1.0 + q.get(_MISALIGNMENT, 0.0)
+        drifted = self.bias_deg_s_per_k * away_k + self.phases.effect("bias_deg_s", q)
         found = dict(values)
         for name, value in values.items():
             column, _, kind = name.rpartition(".")
             if kind == "k_vc":
-                found[name] = value / mounted * self.phases.k_vc(q)
+                found[name] = value / mounted * k_vc
             elif kind == "scale_factor":
-                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) * self.phases.scale_factor(q)
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) * scale_factor
             elif kind == "bias":
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
@@ -173,7 +174,7 @@ class Circumstances(Struct, frozen=True):
             # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
             # of both columns apart, so their difference goes with it
             warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
-            moved = values[_DIFFERENCE] * ((self.phases.k_vc(q) * self.phases.scale_factor(q) / warmer) - 1.0)
+            moved = values[_DIFFERENCE] * ((k_vc * scale_factor / warmer) - 1.0)
             found[_DIFFERENCE] = values[_DIFFERENCE] + moved
             found["virtual.bias"] = found["virtual.bias"] + moved
             found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
