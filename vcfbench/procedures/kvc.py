@@ -252,8 +252,9 @@ def _as_set(
     own = per_v * np.array([known.u_besides_v(volts) for volts in v_vc_v])
     parts = {name: making @ part @ making.T for name, part in of_rate.items()}
     parts[v_vc.RESOLUTION] = own @ own.T
-    for kind, where, part in known.covariances(v_vc_v, per_v, 1):
-        parts[f"{v_vc.V_VC_GAIN if kind == 'gain' else v_vc.V_VC_OFFSET}, {where}"] = part
+    for kind, where, effect, range_error in known.shared(v_vc_v, per_v, 1):
+        name = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET
+        parts[f"{name}, {where}"] = range_error.u**2 * np.outer(effect, effect)
     together = np.sum(list(parts.values()), axis=0)
     return structs.replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
 

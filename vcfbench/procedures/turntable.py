@@ -9,7 +9,7 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
-from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ValueModel, line_statement
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.jumps import watched
@@ -121,8 +121,8 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
         own = {} if uneven is None else {lines.ASYMMETRY: uneven.value(q)}
         return {**lines.table_values(line, q), **own}
 
-    budget = ValueModel(sources, sums, model, noise)
-    return line_statement(settings, budget, _MEANINGS, [CurvedLine.of("nonlinearity", line)])
+    curved = [CurvedLine.of("nonlinearity", line)]
+    return line_statement(settings, sources, sums, model=model, noise=noise, meanings=_MEANINGS, curved=curved)
 
 
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:

@@ -7,15 +7,15 @@ import itertools
 import numpy as np
 import pytest
 
-from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
+from vcfbench.procedures.shared.budget.known_levels import KnownLevels, known_levels
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources
 
 
 def spread(known: KnownLevels, volts: np.ndarray, weights: np.ndarray) -> float:
     """Return the standard deviation of a sum of levels' errors."""
-    sources, effects = known.errors({"sum": (volts, weights)})
-    return float(np.linalg.norm([effects["sum"][each.name] * each.u for each in sources]))
+    found = known.errors({"sum": (volts, weights)}, {})
+    return float(np.linalg.norm([found.effects["sum"][each.name] * each.u for each in found.sources]))
 
 
 def of(*ends_v: float) -> KnownLevels:
@@ -62,7 +62,13 @@ def test_of_all_ways_to_divide_levels_into_ranges_the_worst_counts() -> None:
             for cuts in itertools.product((False, True), repeat=3):
                 parts = np.split(np.arange(4), [n + 1 for n, cut in enumerate(cuts) if cut])
                 squares.append(sum((limit(float(levels[part[0]])) * weights[part].sum()) ** 2 for part in parts))
-            found = [(low * weights[here].sum()) ** 2 for _, here, low in unknown.shared(kind, levels, weights)]
+            found = [
+                3.0 * (error.u * effect[0]) ** 2
+                for of_kind, _, effect, error in unknown.shared(
+                    levels, weights[None] / (levels if kind == "gain" else 1.0)
+                )
+                if of_kind == kind
+            ]
             assert sum(found) == pytest.approx(max(squares))
 
 
@@ -81,7 +87,7 @@ def test_the_covariance_of_sums_is_that_of_drawn_ranges() -> None:
     gain, share = random.uniform(-0.02, 0.02, (100_000, 3)), random.uniform(-1.0, 1.0, (100_000, 3))
     offset = share * (4e-3 + (0.02 - np.abs(gain)) * np.array([0.0, 0.32, 1.0]))
     drawn = (volts * gain[:, own] + offset[:, own]) @ per_v.T
-    found = sum(part for _, _, part in of(*ends).covariances(volts, per_v, 0))
+    found = sum(error.u**2 * np.outer(effect, effect) for _, _, effect, error in of(*ends).shared(volts, per_v))
     assert found == pytest.approx(np.cov(drawn.T), rel=0.03)
 
 
@@ -134,26 +140,33 @@ def test_a_level_that_was_measured_has_the_meter_s_errors_and_the_mean_scatter_o
     assert known.u_mean_v(0.3, 0.09) == pytest.approx(0.3 * pooled_v)
     assert known.offset_limit_v(1.0) == 5e-5  # a reading has no range that begins anywhere
     assert spread(known, np.array([2.0]), np.array([3.0])) == pytest.approx(3.0 * np.hypot(2.0 * 3e-5, 5e-5) / 2.0)
-    (gain, offset) = known.covariances(np.array([2.0]), np.array([[3.0], [1.0]]), 0)
+    (gain, offset) = known.shared(np.array([2.0]), np.array([[3.0], [1.0]]))
     assert [gain[:2], offset[:2]] == [("gain", "10 V range"), ("offset", "10 V range")]
-    assert gain[2] == pytest.approx((2.0 * 3e-5 / 2.0) ** 2 * np.array([[9.0, 3.0], [3.0, 1.0]]))
+    assert (gain[2].tolist(), offset[2].tolist(), gain[3].u) == ([6.0, 2.0], [3.0, 1.0], 3e-5 / 2.0)
 
 
 def test_levels_are_on_the_range_that_ends_at_or_above_them_the_largest_on_the_last() -> None:
     known, levels = of(0.1, 1.0), np.array([-0.05, 3.0])
     assert [known.range_of(each) for each in (0.0, -0.1, 0.11, 1.0, -3.0)] == [0, 0, 1, 1, 1]
-    named = [(name, here.tolist(), limit) for name, here, limit in known.shared("gain", levels, levels)]
-    assert named == [("0.1 V range", [True, False], 0.02), ("1 V range", [False, True], 0.02)]
-    offsets = [limit for _, _, limit in known.shared("offset", levels, levels)]
-    assert offsets == [known.offset_limit_v(0.0), known.offset_limit_v(0.1)]
+    found = [(kind, where, effect[0], error.u) for kind, where, effect, error in known.shared(levels, np.ones((1, 2)))]
+    u_gain, low, high = (limit / np.sqrt(3.0) for limit in (0.02, known.offset_limit_v(0.0), known.offset_limit_v(0.1)))
+    assert [each for each in found if each[0] == "gain"] == [
+        ("gain", "0.1 V range", -0.05, u_gain),
+        ("gain", "1 V range", 3.0, u_gain),
+    ]
+    assert [each for each in found if each[0] == "offset"] == [
+        ("offset", "0.1 V range", 1.0, low),
+        ("offset", "1 V range", 1.0, high),
+    ]
 
 
 def test_errors_are_named_by_value_where_nobody_knows_the_ranges() -> None:
     values = {"slope": (np.array([0.5, 2.0]), np.array([1.0, 3.0])), "bias": (np.array([0.5]), np.array([4.0]))}
     for known, of_value in ((of(10.0), ("",)), (of(), (": slope", ": bias"))):
-        sources, effects = known.errors(values)
-        assert {each.name.rpartition("V")[2].removeprefix(" range") for each in sources} == set(of_value)
-        gains = {name: size for name, size in effects["bias"].items() if name.startswith("generator gain, ")}
+        found = known.errors(values, {"bias": (0.25, "V")})
+        *shared, own = found.sources
+        assert {each.name.rpartition("V")[2].removeprefix(" range") for each in shared} == set(of_value)
+        assert (own.name, own.u, own.unit) == ("generator resolution: bias", 0.25, "V")
+        gains = {name: size for name, size in found.effects["bias"].items() if name.startswith("generator gain, ")}
         assert list(gains.values()) == [2.0]
-        through = LevelEffects(tuple(sources), "generator", effects)
-        assert through.through("bias", dict.fromkeys(effects["bias"], 0.5)) == 0.5 * (2.0 + 4.0)
+        assert found.through("bias", dict.fromkeys(found.effects["bias"], 0.5)) == 0.5 * (2.0 + 4.0 + 1.0)

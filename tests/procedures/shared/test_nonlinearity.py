@@ -51,9 +51,9 @@ def test_where_no_range_is_known_those_that_are_worst_for_the_largest_residual_c
     known = of()
     moved = CurvedLine.of("it", LINE).with_errors(known, VOLTS, THROUGH)
     largest = int(np.abs(moved.residuals.ppm).argmax())
-    for kind, weights in (("gain", THROUGH * VOLTS), ("offset", THROUGH)):
-        ranges = known.shared(kind, VOLTS, weights[largest])
-        columns = [limit / math.sqrt(3.0) * weights[:, here].sum(axis=1) for _, here, limit in ranges]
+    for kind in ("gain", "offset"):
+        ranges = known.shared(VOLTS, THROUGH, largest)
+        columns = [error.u * effect for of_kind, _, effect, error in ranges if of_kind == kind]
         assert moved.own[f"generator {kind}"] == pytest.approx(np.column_stack(columns))
     assert (moved.effects, bool(moved.only_bound)) == ({}, True)
 

@@ -363,8 +363,8 @@ def _parts(
         own_v = np.array([levels.u_besides_v(volts) for volts in v])
         for place, of_value in enumerate(parts):
             of_value.append(UncertaintyPart(v_vc.RESOLUTION, float(np.linalg.norm(by_v[place] * own_v))))
-            for kind, where, covariance in levels.covariances(v, by_v, place):
-                name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, math.sqrt(covariance[place, place])
+            for kind, where, effect, of_range in levels.shared(v, by_v, place):
+                name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, float(abs(effect[place])) * of_range.u
                 of_value.append(UncertaintyPart(f"{name}, {where}", u, None, error.owner, rectangular=True))
     return parts
 

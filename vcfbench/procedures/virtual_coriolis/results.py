@@ -14,7 +14,7 @@ from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, at_measured_levels,
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
 from vcfbench.procedures.shared.sweep.windows import sweep_of
-from vcfbench.procedures.virtual_coriolis.budget import four_step_statement, null_statement
+from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
@@ -159,10 +159,8 @@ def _four_steps(
     comparison = compare(turntable, virtual)
     relative = math.hypot(u_k_vc / matching.k_vc, _relative_u(turntable), _relative_u(virtual))
     ratio = abs(virtual.line.scale_factor / turntable.line.scale_factor)
-    if isinstance(matching, Matching):
-        stated, set_v = four_step_statement(settings, points, matching), matching.v_vc_equal_v
-    else:
-        stated, set_v = null_statement(settings, points, matching), math.inf  # an offset cancels in pairs
+    stated = four_step_statement(settings, points, matching)
+    set_v = matching.v_vc_equal_v if isinstance(matching, Matching) else math.inf  # an offset cancels in pairs
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {

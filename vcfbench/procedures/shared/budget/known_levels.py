@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -16,6 +16,18 @@ from vcfbench.station.settings import V_VC_RANGE_V, Sources
 
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""
+
+
+class LevelEffects(Struct, frozen=True):
+    """Errors of V_Vc, which is known `by` meter or generator, and the effect of a unit of each on each value."""
+
+    sources: tuple[Source, ...]
+    by: str
+    effects: Mapping[str, Mapping[str, float]]
+
+    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+        """Return the effect of the errors of V_Vc on a value."""
+        return sum(size * q[name] for name, size in self.effects[value].items())
 
 
 class KnownLevels(Struct, frozen=True):
@@ -50,25 +62,23 @@ class KnownLevels(Struct, frozen=True):
         offset_v, room_v = self.offset_v or 0.0, (self.gain or 0.0) * low_v if self.reading_v is None else 0.0
         return math.sqrt(offset_v**2 + offset_v * room_v + room_v**2 / 3.0)
 
-    def shared(self, kind: str, volts: Floats, weights: Floats) -> list[tuple[str, NDArray[np.bool_], float]]:
-        """Return the shared errors of levels: the ranges by name, the levels on each, and the limit of the error there.
+    def shared(self, volts: Floats, per_v: Floats, counts: int = 0) -> Iterator[tuple[str, str, Floats, Source]]:
+        """Yield the errors that levels share: ``"gain"`` or ``"offset"``, range, effect on each value, and the error.
 
-        `kind` is ``"gain"`` or ``"offset"``; a unit of the error adds `weights`, by level.
+        `per_v`, (values, levels), is what a volt of error of each level adds to each value; where no ranges are known,
+        those that are worst for the value at the place `counts` count.
         """
-        limit = self.offset_limit_v if kind == "offset" else lambda _low_v: self.gain or 0.0
+        gain = "gain", "1", per_v * volts, lambda _low_v: self.gain or 0.0
+        kinds, sizes_v = (gain, ("offset", "V", per_v, self.offset_limit_v)), np.abs(volts)
         if self.ranges_v:
-            own, lows = np.array([self.range_of(each) for each in volts]), (0.0, *self.ranges_v)
-            return [(f"{self.ranges_v[n]:g} V range", own == n, limit(lows[n])) for n in sorted(set(own.tolist()))]
-        found = []
-        # The levels without their sign; those within 2 % of one another have the same
-        sizes, first = np.abs(volts), 0.0
-        for place in np.argsort(sizes):
-            first = first if sizes[place] <= (1.0 + _ONE_LEVEL) * first else float(sizes[place])
-            sizes[place] = first
-        for here in _worst_ranges(sizes, weights, limit):
-            low_v, high_v = float(np.abs(volts[here]).min()), float(np.abs(volts[here]).max())
-            found.append((f"{low_v:.3g} to {high_v:.3g} V", here, limit(low_v)))
-        return found
+            own, lows_v = np.array([self.range_of(each) for each in volts]), (0.0, *self.ranges_v)
+            on = [(n, f"{self.ranges_v[n]:g} V range") for n in sorted(set(own.tolist()))]
+            ranges = [(kind, where, own == n, lows_v[n]) for n, where in on for kind in kinds]
+        else:
+            ranges = [(kind, *each) for kind in kinds for each in _worst_ranges(sizes_v, kind[2][counts], kind[3])]
+        for (kind, unit, effects, limit), where, here, low_v in ranges:
+            error = limited(f"{self.by} {kind}, {where}", limit(low_v), unit, self.sigmas)
+            yield kind, where, effects[:, here].sum(axis=1), error
 
     def covariance_v2(self, volts: Floats) -> Floats:
         """Return the covariance of the errors of levels, of each its own and of a range in common, V^2.
@@ -83,48 +93,27 @@ class KnownLevels(Struct, frozen=True):
         own = (volts[:, None] == volts) * np.outer(own_v, own_v)
         return np.asarray((ranges[:, None] == ranges) * shared + own)
 
-    def errors(self, moved: Mapping[str, tuple[Floats, Floats]]) -> tuple[list[Source], dict[str, dict[str, float]]]:
-        """Return the sources of errors that levels share, and the effect of one unit of each on each value.
+    def errors(self, moved: Mapping[str, tuple[Floats, Floats]], own: Mapping[str, tuple[Any, ...]]) -> LevelEffects:
+        """Return the errors of levels, and the effect of one unit of each on each value.
 
-        `moved` holds of each value the levels, V, and what a volt of error of each of them adds to it.
+        `moved` holds of each value the levels, V, and what a volt of error of each of them adds to it; `own` is what
+        the levels' own errors make of it, as a :class:`Source` has it: u, unit, degrees of freedom, distribution.
         """
         sources: dict[str, Source] = {}
         effects: dict[str, dict[str, float]] = {value: {} for value in moved}
         for value, (volts, through) in moved.items():
             of = "" if self.ranges_v else f": {value}"  # the worst of one value is not that of another
-            for kind, unit, weights in (("gain", "1", through * volts), ("offset", "V", through)):
-                for where, here, limit in self.shared(kind, volts, weights):
-                    name = f"{self.by} {kind}, {where}{of}"
-                    sources[name] = limited(name, limit, unit, self.sigmas)
-                    effects[value][name] = float(weights[here].sum())
-        return list(sources.values()), effects
-
-    def covariances(self, volts: Floats, per_v: Floats, counts: int) -> Iterator[tuple[str, str, Floats]]:
-        """Yield the covariance of several values by errors that levels share, by kind and range.
-
-        `per_v`, (values, levels), is what a volt of error of each level adds to each value; where no ranges are known,
-        those that are worst for the value at the place `counts` count.
-        """
-        for kind, effects in (("gain", per_v * volts), ("offset", per_v)):
-            for where, here, limit in self.shared(kind, volts, effects[counts]):
-                moved = effects[:, here].sum(axis=1) * limit / (self.sigmas or math.sqrt(3.0))
-                yield kind, where, np.outer(moved, moved)
+            for _, _, effect, error in sorted(self.shared(volts, through[None]), key=lambda each: each[0]):
+                name = f"{error.name}{of}"
+                sources[name], effects[value][name] = structs.replace(error, name=name), float(effect[0])
+        for value, stated in own.items():
+            name = f"{self.by} {self.besides}: {value}"
+            sources[name], effects[value][name] = Source(name, 0.0, *stated), 1.0
+        return LevelEffects(tuple(sources.values()), self.by, effects)
 
     def u_mean_v(self, level_v: float, per_reading: float) -> float:
         """Return the standard uncertainty of a level's own error, V, the mean of 1 / `per_reading` readings."""
         return self.u_besides_v(level_v) if self.reading_v is None else self.reading_v * math.sqrt(per_reading)
-
-
-class LevelEffects(Struct, frozen=True):
-    """Errors of V_Vc, which is known `by` meter or generator, and the effect of a unit of each on each value."""
-
-    sources: tuple[Source, ...]
-    by: str
-    effects: Mapping[str, Mapping[str, float]]
-
-    def through(self, value: str, q: Mapping[str, Any]) -> Any:
-        """Return the effect of the errors of V_Vc on a value."""
-        return sum(size * q[name] for name, size in self.effects[value].items())
 
 
 def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
@@ -154,15 +143,22 @@ def known_levels(points: Sequence[Point], known: Sources) -> KnownLevels:
     )
 
 
-def _worst_ranges(sizes: Floats, weights: Floats, limit: Callable[[float], float]) -> Iterator[NDArray[np.bool_]]:
-    """Yield which levels are on each range, the ranges so that the sum of the levels' errors is least certain.
+def _worst_ranges(
+    sizes: Floats, weights: Floats, limit: Callable[[float], float]
+) -> Iterator[tuple[str, NDArray[np.bool_], float]]:
+    """Yield the ranges that make the sum of the levels' errors least certain: in words, the levels there, the lowest.
 
     An error that a range shares adds the square of the sum of its weights, times its limit: best[n] is the largest sum
     of squares that ranges up to the n-th size can make, found from the smaller ones.
     """
-    steps = np.array(sorted(set(sizes.tolist())))  # np.unique would load numpy.ma
+    # Levels within 2 % of one another have the same size
+    alike, first = sizes.copy(), 0.0
+    for at in np.argsort(sizes):
+        first = first if sizes[at] <= (1.0 + _ONE_LEVEL) * first else float(sizes[at])
+        alike[at] = first
+    steps = np.array(sorted(set(alike.tolist())))  # np.unique would load numpy.ma
     limits = np.array([limit(each) for each in steps.tolist()])
-    place = np.searchsorted(steps, sizes).ravel()
+    place = np.searchsorted(steps, alike).ravel()
     total = np.concatenate([[0.0], np.cumsum(np.bincount(place, weights=weights))])
     best, begins = np.zeros(steps.size + 1), np.zeros(steps.size + 1, dtype=int)
     for end in range(1, steps.size + 1):
@@ -171,5 +167,7 @@ def _worst_ranges(sizes: Floats, weights: Floats, limit: Callable[[float], float
         best[end] = made[begins[end]]
     end = steps.size
     while end:
-        yield (place >= begins[end]) & (place < end)
+        here = (place >= begins[end]) & (place < end)
+        low_v, high_v = float(sizes[here].min()), float(sizes[here].max())
+        yield f"{low_v:.3g} to {high_v:.3g} V", here, low_v
         end = int(begins[end])

@@ -6,7 +6,6 @@ another the largest; what was found lies higher than the truth for the same reas
 what is left is the scatter of the trials about their own mean.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self, TypeAlias
 
@@ -163,62 +162,52 @@ class CurvedLine(Struct, frozen=True):
 
         The first levels have a standard uncertainty of their own, `u_before`, V.
         """
-        effects: dict[str, Floats] = {}
         u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
         own = {f"{known.by} {known.besides}": through * u_v}
-        if not known.ranges_v:
-            largest = int(np.abs(self.residuals.ppm).argmax())
-            for kind, weights in (("gain", through * volts), ("offset", through)):
-                ranges = known.shared(kind, volts, weights[largest])
-                columns = [limit / math.sqrt(3.0) * weights[:, here].sum(axis=1) for _, here, limit in ranges]
-                own[f"{known.by} {kind}"] = np.column_stack(columns)
-            return structs.replace(self, own=own, only_bound=_RANGES_UNKNOWN)
-        for name, here, _ in known.shared("gain", volts, volts):
-            effects[f"{known.by} gain, {name}"] = (through * volts)[:, here].sum(axis=1)
-            effects[f"{known.by} offset, {name}"] = through[:, here].sum(axis=1)
-        return structs.replace(self, effects=effects, own=own)
-
-
-class ValueModel(Struct, frozen=True):
-    """Inputs of the values of a statement: `sources` are those beside the noise of the windows."""
-
-    sources: Sequence[Source]
-    sums: Sequence[OutputSum]
-    model: Model
-    noise: WindowNoise
+        shared = list(known.shared(volts, through, int(np.abs(self.residuals.ppm).argmax())))
+        if known.ranges_v:
+            return structs.replace(self, effects={error.name: effect for _, _, effect, error in shared}, own=own)
+        for kind in ("gain", "offset"):
+            columns = [effect * error.u for of, _, effect, error in shared if of == kind]
+            own[f"{known.by} {kind}"] = np.column_stack(columns)
+        return structs.replace(self, own=own, only_bound=_RANGES_UNKNOWN)
 
 
 def line_statement(
     settings: ProcedureSettings,
-    budget: ValueModel,
+    sources: Sequence[Source],
+    sums: Sequence[OutputSum],
+    *,
+    model: Model,
+    noise: WindowNoise,
     meanings: Mapping[str, tuple[str, str]],
     curved: Sequence[CurvedLine],
-    *,
     difference: str | None = None,
     levels_by: str = "",
 ) -> Statement:
     """Return the statement of lines with the non-linearities that stand above errors, and a bound for the others.
 
-    `meanings`, `difference` and `levels_by` are those of :func:`.statement`. The budget is done a second time with one
-    more sum for each non-linearity, so that what stood there keeps its last digit.
+    `sources` are those beside the `noise` of the windows; `meanings`, `difference` and `levels_by` are those of
+    :func:`.statement`. The budget is done a second time with one more sum for each non-linearity, so that what stood
+    there keeps its last digit.
     """
-    noise, correlations = budget.noise.sources(budget.sums)
+    windows, correlations = noise.sources(sums)
     stated = statement(
-        *(settings, [*noise, *budget.sources], budget.model, correlations, meanings),
+        *(settings, [*windows, *sources], model, correlations, meanings),
         difference=difference,
         levels_by=levels_by,
-        flicker=budget.noise.flicker,
+        flicker=noise.flicker,
     )
     curved = [each for each in curved if each.residuals.ppm.size > 2]  # two points lie on any line
-    around, known = Circumstances.of(settings), {source.name: source for source in budget.sources}
-    worst = [WorstResidual.of(each, known, budget.noise) for each in curved]
-    noise, correlations = budget.noise.sources([*budget.sums, *(each.sum for each in worst)])
+    around, known = Circumstances.of(settings), {source.name: source for source in sources}
+    worst = [WorstResidual.of(each, known, noise) for each in curved]
+    windows, correlations = noise.sources([*sums, *(each.sum for each in worst)])
     own = [source for each in worst for source in each.own]
 
-    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {**around.applied(budget.model(q), q), **{each.sum.name: each.value(q) for each in worst}}
+    def both(q: Mapping[str, Any]) -> Mapping[str, Any]:
+        return {**around.applied(model(q), q), **{each.sum.name: each.value(q) for each in worst}}
 
-    every = evaluate([*noise, *budget.sources, *own, *around.sources], model, correlations)
+    every = evaluate([*windows, *sources, *own, *around.sources], both, correlations)
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
         value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))
