@@ -11,7 +11,6 @@ V_Vc is measured; the paper takes the generator's setting, which is good to 2 % 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
-from functools import partial
 from typing import Annotated, Self
 
 import numpy as np
@@ -399,18 +398,8 @@ def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""
     yield from v_vc.ready_v_vc_meter(settings, settings.v_vc_range_v)
     yield Settle(settings.settle_s, "gyro settles, table at rest")
-    found = yield from nulled(
-        settings,
-        NullTerms(
-            magnitudes_deg_s=settings.magnitudes_deg_s,
-            cycles=settings.cycles,
-            iterations=settings.match_iterations,
-            take=partial(v_vc.take_driven, settings, table_deg_s=0.0),
-            table=TABLE,
-            search=SEARCH,
-            driven=DRIVEN,
-        ),
-    )
+    terms = NullTerms(settings.magnitudes_deg_s, settings.cycles, settings.match_iterations, TABLE, SEARCH, DRIVEN)
+    found = yield from nulled(settings, terms)
     yield from examined(settings, None, looked_for=settings.health)
     yield from measured_levels(settings, (0.0, *found.levels_v.values()))
 

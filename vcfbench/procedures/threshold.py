@@ -22,8 +22,8 @@ from vcfbench.errors import MeasurementError
 from vcfbench.files import shown
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
+from vcfbench.procedures.shared.kept import require_valid
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.device import require_valid
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand, quantity_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of

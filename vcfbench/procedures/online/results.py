@@ -239,18 +239,12 @@ class _Gain(Struct, frozen=True):
 
 def _gain(settings: OnlineSettings, run: _Run) -> _Gain:
     response = _static_response(settings, 1)
-    third_response = _static_response(settings, 3)
     amplitude_v = np.array([each.phasors[0].real for each in run.v_vc] or [settings.amplitude_v] * len(run.output))
     windows_v = np.array([each.in_phase for each in run.output]) / response
     slope = float(np.mean(windows_v.mean(axis=1) / amplitude_v))
-    sines = run.v_vc or (None,) * len(run.output)
-    third_v = [
-        out.phasors[2].real / third_response - (0.0 if into is None else slope * into.phasors[2].real)
-        for out, into in zip(run.output, sines, strict=True)
-    ]
-    third = float(np.mean(third_v))
-    offset_v = np.array([0.0 if into is None else into.mean for into in sines])
-    bent_v = 4.0 * float(np.mean(_second_v(settings, run, slope))) * offset_v / amplitude_v
+    third = _harmonic_v(settings, run, 3, slope)
+    offset_v = np.array([into.mean for into in run.v_vc] or [0.0] * len(run.output))
+    bent_v = 4.0 * _harmonic_v(settings, run, 2, run.sign * slope) * offset_v / amplitude_v
     gains = (windows_v - 3.0 * third - run.sign * bent_v[:, None]) / amplitude_v[:, None]
     count, readings = len(run.output), settings.burst_readings
     middle_v = float(amplitude_v.mean())
@@ -273,17 +267,15 @@ def _gain(settings: OnlineSettings, run: _Run) -> _Gain:
     )
 
 
-def _second_v(settings: OnlineSettings, run: _Run, gain: float) -> list[float]:
-    """Return the second harmonic that curvature makes, V, for each burst: by as much it moves the mean.
+def _harmonic_v(settings: OnlineSettings, run: _Run, order: int, gain: float) -> float:
+    """Return the harmonic that curvature makes, V, mean of the bursts; by as much as the second it moves the mean.
 
-    The slope of the same curvature at a mean V_Vc of v is 4 v / amplitude^2 times that.
+    The slope of the same curvature at a mean V_Vc of v is 4 v / amplitude^2 times the second.
     """
-    response, signed = _static_response(settings, 2), run.sign * gain
-    sines = run.v_vc or (None,) * len(run.output)
-    return [
-        out.phasors[1].real / response - (0.0 if into is None else signed * into.phasors[1].real)
-        for out, into in zip(run.output, sines, strict=True)
-    ]
+    response = _static_response(settings, order)
+    of_v_vc = [gain * into.phasors[order - 1].real for into in run.v_vc] or [0.0] * len(run.output)
+    each_v = [out.phasors[order - 1].real / response - v for out, v in zip(run.output, of_v_vc, strict=True)]
+    return float(np.mean(each_v))
 
 
 def _static_response(settings: OnlineSettings, order: int) -> float:
@@ -384,7 +376,7 @@ def _disturbance(
 ) -> tuple[Measurand, float, Floats]:
     """Return the disturbance, the part taken out as rectified (deg/s), and the change of the rate in each burst."""
     signed = gain.value * run.sign
-    rectified_v = float(np.mean(_second_v(settings, run, gain.value)))
+    rectified_v = _harmonic_v(settings, run, 2, signed)
     shift_v = signed * (gain.offset_v - run.rest_v_vc_v)
     means_v = np.array([each.mean for each in run.output]) - rectified_v - shift_v
     rest_v = math.fsum(run.rest_v) / len(run.rest_v)

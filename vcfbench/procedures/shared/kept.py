@@ -11,7 +11,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.procedure import Provenance
-from vcfbench.records.devices import Characterisation, Characteristics, Conditions, DeviceStore, NewEntry, StaticNoise
+from vcfbench.records import devices
 from vcfbench.station.bounds import said
 from vcfbench.station.settings import DeviceSettings
 
@@ -24,13 +24,13 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
     def recalled(self) -> Self:
         """See that it can be kept under the device's name, where one is given."""
         if self.dut is not None:
-            DeviceStore(Path(self.devices)).require_room(self.dut)
+            devices.DeviceStore(Path(self.devices)).require_room(self.dut)
         return self
 
 
-def conditions_of(settings: DeviceSettings, made: Provenance, temperature_c: float | None = None) -> Conditions:
+def conditions_of(settings: DeviceSettings, made: Provenance, temperature_c: float | None = None) -> devices.Conditions:
     """Return the conditions of a measurement, for the device store."""
-    return Conditions(
+    return devices.Conditions(
         bench=made.bench,
         run=made.run,
         simulated=made.simulated,
@@ -45,23 +45,23 @@ class Keeps(Struct, frozen=True):
     """Makes the device entry of a procedure; `found` returns that of settings and results, None for nothing."""
 
     procedure: str
-    found: Callable[[Any, Any], Characteristics | None]
+    found: Callable[[Any, Any], devices.Characteristics | None]
 
-    def __call__(self, settings: Any, results: Any, made: Provenance) -> NewEntry | None:
+    def __call__(self, settings: Any, results: Any, made: Provenance) -> devices.NewEntry | None:
         """Return the entry, None where no device was named or nothing was found."""
         seen = None if settings.dut is None else self.found(settings, results)
         if seen is None:
             return None
 
         at_c = seen.temperature_c
-        record = Characterisation(
+        record = devices.Characterisation(
             serial=settings.dut,
             done=made.finished,
             procedure=self.procedure,
             characteristics=seen,
             conditions=conditions_of(settings, made, None if at_c is None else at_c.value),
         )
-        return NewEntry(record, Path(settings.devices))
+        return devices.NewEntry(record, Path(settings.devices))
 
 
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
@@ -81,14 +81,14 @@ def with_flicker(settings: S, *, outdated: bool) -> S:
     """
     if settings.dut is None:
         return settings
-    found = flicker_sources(DeviceStore(Path(settings.devices)), settings.dut, utc_now(), outdated=outdated)
+    found = flicker_sources(devices.DeviceStore(Path(settings.devices)), settings.dut, utc_now(), outdated=outdated)
     known = settings.station.sources
     left = {key: words for key, words in known.assumed.items() if key not in found}
     station = structs.replace(settings.station, sources=structs.replace(known, **found, assumed=left))
     return structs.replace(settings, station=station)
 
 
-def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:
+def flicker_sources(store: devices.DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:
     """Return the known flicker of a device by the keys of `Sources`; nothing without a static record.
 
     It goes before what the bench file tells, which is of no one device. ConfigError: the record is out of date, or what
@@ -97,13 +97,25 @@ def flicker_sources(store: DeviceStore, serial: str, now: datetime, *, outdated:
     entry = store.static_noise(serial)
     if entry is None:
         return {}
-    record = cast("StaticNoise", entry.record)
-    if not (record.valid_at(now) or outdated):
-        until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
-        raise ConfigError(
-            f"{shown(entry.path)}: the static record is valid from {record.done:%Y-%m-%d %H:%M}{until}, not now",
-            hint=f"record the noise anew (vcfbench run zero --dut {serial}); --set outdated=true takes it all the same",
-        )
+    record = cast("devices.StaticNoise", entry.record)
+    require_valid(record, shown(entry.path), now, outdated=outdated)
     found, days = record.bias_instability_deg_h, (now - record.done).days
     said = f"static record {entry.name} of {serial}, {record.done:%Y-%m-%d}, {days} days old, u {found.u:.2g} deg/h"
     return {"bias_instability_deg_h": found.value, "bias_instability_dof": found.dof, "bias_instability_from": said}
+
+
+def require_valid(
+    record: devices.Certificate | devices.StaticNoise, where: str, now: datetime, *, outdated: bool
+) -> None:
+    """See that a record is valid `now`, unless an `outdated` one may be used; ConfigError: it is not."""
+    if record.valid_at(now) or outdated:
+        return
+    kind, anew = "certificate", "calibrate K_Vc anew (vcfbench run kvc)"
+    if isinstance(record, devices.StaticNoise):
+        kind, anew = "static record", f"record the noise anew (vcfbench run zero --dut {record.serial})"
+    since = record.issued if isinstance(record, devices.Certificate) else record.done
+    until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
+    raise ConfigError(
+        f"{where}: the {kind} is valid from {since:%Y-%m-%d %H:%M}{until}, not now",
+        hint=f"{anew}; --set outdated=true takes it all the same",
+    )

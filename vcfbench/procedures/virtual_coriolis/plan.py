@@ -20,7 +20,7 @@ from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis import results
 from vcfbench.procedures.virtual_coriolis.matching import Matching
-from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
+from vcfbench.procedures.virtual_coriolis.null_matching import DRIVEN, TABLE, NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V
@@ -46,15 +46,8 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     else:
         yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
         yield Settle(settings.settle_s, "gyro settles, table at rest")
-        terms = NullTerms(
-            magnitudes_deg_s=settings.magnitudes_deg_s,
-            cycles=settings.null_cycles,
-            iterations=settings.match_iterations,
-            take=partial(take_driven, settings, table_deg_s=0.0),
-            table=1,
-            search=SEARCH,
-            driven=2,
-        )
+        steps = TABLE, SEARCH, DRIVEN
+        terms = NullTerms(settings.magnitudes_deg_s, settings.null_cycles, settings.match_iterations, *steps)
         found = yield from nulled(settings, terms)
         agreement.require_expected_column(found.table, settings.expected)
         points, driven = list(found.table), list(found.driven)

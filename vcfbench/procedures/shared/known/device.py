@@ -9,7 +9,7 @@ from msgspec import Meta, Struct, field, structs
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
-from vcfbench.procedures.shared.kept import with_flicker
+from vcfbench.procedures.shared.kept import require_valid, with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.records import devices
@@ -225,17 +225,6 @@ def _with_history(known: KnownDevice, entries: tuple[devices.Entry, ...]) -> Kno
         reference=references[0] if references else None,
         history=tuple(references[1:]),
         failed_before=tuple(each.name for each in devices.failed_drifts(entries)),
-    )
-
-
-def require_valid(record: devices.Certificate, where: str, now: datetime, *, outdated: bool) -> None:
-    """See that a certificate is valid `now`, unless an `outdated` one may be used; ConfigError: it is not."""
-    if record.valid_at(now) or outdated:
-        return
-    until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
-    raise ConfigError(
-        f"{where}: the certificate is valid from {record.issued:%Y-%m-%d %H:%M}{until}, not now",
-        hint="calibrate K_Vc anew (vcfbench run kvc); --set outdated=true takes it all the same",
     )
 
 

@@ -6,12 +6,13 @@ zeros.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from msgspec import Struct
 
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.shared.known.v_vc import take_driven
 from vcfbench.procedures.shared.routines import at_rates, set_v_vc, v_vc_on
 from vcfbench.procedures.shared.sweep.agreement import require_expected_k_vc
 from vcfbench.records.schema import Point
@@ -27,17 +28,16 @@ _USABLE = 0.1
 """Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
 
 
-class NullTerms(Struct, frozen=True, kw_only=True):
+class NullTerms(Struct, frozen=True):
     """Terms of the match of V_Vc: rates without sign, rising; cycles; settings of a search at most.
 
     `table`, `search` and `driven` are the numbers that its points carry: the table's blocks, the search for V_Vc, the
-    blocks of V_Vc. `take` averages a window at rest with V_Vc on: its step, `rate_deg_s` and `v_vc_v` by name.
+    blocks of V_Vc.
     """
 
     magnitudes_deg_s: tuple[float, ...]
     cycles: int
     iterations: int
-    take: Callable[..., Routine[Point]]
     table: int
     search: int
     driven: int
@@ -122,7 +122,7 @@ def _driven_block(
         level_v = levels_v[sign * rate_deg_s] if sign else 0.0
         if level_v != previous_v:
             level_v = yield from set_v_vc(settings, level_v)
-        points.append((yield from terms.take(terms.driven, rate_deg_s=sign * rate_deg_s, v_vc_v=level_v)))
+        points.append((yield from _at_rest(settings, terms.driven, sign * rate_deg_s, level_v)))
         previous_v = level_v
     yield from set_v_vc(settings, 0.0)
     for virtual, real, way in zip(block(points).differences_v, table.differences_v, (1.0, -1.0), strict=True):
@@ -148,11 +148,11 @@ def _search(
     levels = (per_deg_s[0] * rate_deg_s, -per_deg_s[1] * rate_deg_s)
     nearest = [(math.inf, level_v) for level_v in levels]
     for attempt in range(terms.iterations):
-        zero = yield from terms.take(terms.search, rate_deg_s=0.0, v_vc_v=0.0)
+        zero = yield from _at_rest(settings, terms.search, 0.0, 0.0)
         seen = []
         for sign, level_v in zip((1.0, -1.0), levels, strict=True):
             set_v = yield from set_v_vc(settings, level_v)
-            point = yield from terms.take(terms.search, rate_deg_s=sign * rate_deg_s, v_vc_v=set_v)
+            point = yield from _at_rest(settings, terms.search, sign * rate_deg_s, set_v)
             seen.append((set_v, point.output_v - zero.output_v))
         yield from set_v_vc(settings, 0.0)
         away = [abs(got - want) for (_, got), want in zip(seen, wanted, strict=True)]
@@ -166,6 +166,10 @@ def _search(
     plus_v, minus_v = (level_v for _, level_v in nearest)
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
     return plus_v, minus_v
+
+
+def _at_rest(settings: ProcedureSettings, step: int, rate_deg_s: float, v_vc_v: float) -> Routine[Point]:
+    return (yield from take_driven(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
 def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:
