@@ -33,6 +33,7 @@ from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
@@ -111,7 +112,7 @@ class MatchedPair(Struct, frozen=True):
     """Difference left between the two outputs, V; it is interpolated."""
 
 
-class KVcResult(Struct, frozen=True, kw_only=True):
+class KVcResult(Judged, frozen=True, kw_only=True):
     """Result of the calibration of K_Vc."""
 
     k_vc: Measurand
@@ -141,19 +142,13 @@ class KVcResult(Struct, frozen=True, kw_only=True):
     holds_not: tuple[str, ...]
     """Sources that are in no uncertainty, with the reasons."""
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return {key: found.value for key, found in self._accepted().items()}
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        return {key: found.expanded_u for key, found in self._accepted().items()}
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        return {key: found.missing for key, found in self._accepted().items()}
-
-    def _accepted(self) -> dict[str, Measurand]:
-        found = self.scale_factor, self.bias, self.bias_deg_s, self.k_vc
-        keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "k_vc_deg_s_per_v"
-        return dict(zip(keys, found, strict=True))
+    def judged(self) -> Mapping[str, Measurand | float]:
+        return {
+            "scale_factor_v_per_deg_s": self.scale_factor,
+            "bias_v": self.bias,
+            "bias_deg_s": self.bias_deg_s,
+            "k_vc_deg_s_per_v": self.k_vc,
+        }
 
 
 _HOLDS_NOT = (

@@ -75,11 +75,11 @@ class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
 
     def acceptance_u95(self) -> Mapping[str, float]:
         """Return the expanded uncertainties of these, by the same keys."""
-        return columns.acceptance_u95(self.uncertainty)
+        return {key: each.u95 for key, each in columns.accepted(self.uncertainty)}
 
     def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
         """Return what these uncertainties lack, by the same keys."""
-        return columns.acceptance_missing(self.uncertainty)
+        return {key: each.missing for key, each in columns.accepted(self.uncertainty)}
 
 
 class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):

@@ -21,6 +21,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
@@ -70,7 +71,7 @@ class AllanOfScaleFactor(Struct, frozen=True):
     noise_ppm: float
 
 
-class OnlineResult(Struct, frozen=True, kw_only=True):
+class OnlineResult(Judged, frozen=True, kw_only=True):
     """Result of a calibration while measuring."""
 
     scale_factor: Measurand
@@ -111,17 +112,8 @@ class OnlineResult(Struct, frozen=True, kw_only=True):
     drift: Drift | None
     """Since the certificate of the device; None where nothing earlier is known."""
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        drift = {} if self.drift is None else self.drift.acceptance_values()
-        return {"scale_factor_v_per_deg_s": self.scale_factor.value, **drift}
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
-        return {"scale_factor_v_per_deg_s": self.scale_factor.expanded_u, **drift}
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.missing}
-        return {"scale_factor_v_per_deg_s": self.scale_factor.missing, **drift}
+    def judged(self) -> Mapping[str, Measurand | float]:
+        return {"scale_factor_v_per_deg_s": self.scale_factor, **({} if self.drift is None else self.drift.judged())}
 
 
 class _Run(Struct, frozen=True):

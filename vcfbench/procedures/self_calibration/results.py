@@ -27,6 +27,7 @@ from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
@@ -85,7 +86,7 @@ class Level(Struct, frozen=True):
     output_v: float
 
 
-class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
+class SelfCalibrationResult(Judged, frozen=True, kw_only=True):
     """Result of a self-calibration."""
 
     scale_factor: Measurand
@@ -118,22 +119,14 @@ class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
     drift: Drift | None
     """Since the certificate; None where nothing earlier is known."""
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        drift = {} if self.drift is None else self.drift.acceptance_values()
-        return {key: found.value for key, found in self._accepted().items()} | drift
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.expanded_u}
-        return {key: found.expanded_u for key, found in self._accepted().items()} | drift
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        drift = {} if self.drift is None else {"drift_ppm": self.drift.change_ppm.missing}
-        return {key: found.missing for key, found in self._accepted().items()} | drift
-
-    def _accepted(self) -> dict[str, Measurand]:
-        found = self.scale_factor, self.bias, self.bias_deg_s, self.nonlinearity
-        keys = "scale_factor_v_per_deg_s", "bias_v", "bias_deg_s", "nonlinearity_ppm"
-        return dict(zip(keys, found, strict=True))
+    def judged(self) -> Mapping[str, Measurand | float]:
+        return {
+            "scale_factor_v_per_deg_s": self.scale_factor,
+            "bias_v": self.bias,
+            "bias_deg_s": self.bias_deg_s,
+            "nonlinearity_ppm": self.nonlinearity,
+            **({} if self.drift is None else self.drift.judged()),
+        }
 
 
 class NotStated(Struct, frozen=True, kw_only=True):

@@ -1,7 +1,7 @@
 """Columns of table and virtual Coriolis force: noise, line, accepted values; tables and figures of them."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import MappingProxyType
 from typing import TypeGuard
 
@@ -42,16 +42,11 @@ _STATED = MappingProxyType(
 """The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
 
 
-def acceptance_u95(statement: Statement) -> dict[str, float]:
-    """Return the expanded uncertainties of the values that ``[acceptance]`` limits, by its keys."""
-    named = {each.name.removeprefix("turntable."): each.u95 for each in statement.values}
-    return {_STATED[name]: u95 for name, u95 in named.items() if name in _STATED}
-
-
-def acceptance_missing(statement: Statement) -> dict[str, tuple[str, ...]]:
-    """Return what these uncertainties lack, by the same keys."""
-    named = {each.name.removeprefix("turntable."): each.missing for each in statement.values}
-    return {_STATED[name]: missing for name, missing in named.items() if name in _STATED}
+def accepted(statement: Statement) -> Iterator[tuple[str, StatedValue]]:
+    """Yield the stated values that ``[acceptance]`` limits, with its keys."""
+    for each in statement.values:
+        if key := _STATED.get(each.name.removeprefix("turntable.")):
+            yield key, each
 
 
 def with_statement(column: CalibrationColumn, statement: Statement, before: str = "") -> CalibrationColumn:

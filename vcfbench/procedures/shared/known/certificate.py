@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
+from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.procedures.shared.known.v_vc import v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
@@ -38,7 +39,7 @@ class Change(Struct, frozen=True):
     """Change over its expanded uncertainty: above 1 it is seen."""
 
 
-class Drift(Change, frozen=True):
+class Drift(Change, Judged, frozen=True):
     """Change of the scale factor since the certificate, and its drift over the entries since then."""
 
     last: Change | None
@@ -51,10 +52,9 @@ class Drift(Change, frozen=True):
     limits: tuple[Verdict, ...]
     """Limits of its verdict."""
 
-    def acceptance_values(self) -> dict[str, float | None]:
-        """Return the judged values of the drift, by the keys of its limits."""
+    def judged(self) -> dict[str, Measurand | float]:
         of_last = {} if self.last is None else {"e_n_since_last": self.last.e_n}
-        values = {"drift_ppm": self.change_ppm.value, "e_n": self.e_n, **of_last, "cusum": self.cusum}
+        values = {"drift_ppm": self.change_ppm, "e_n": self.e_n, **of_last, "cusum": self.cusum}
         return {**values, "failed_before": float(len(self.failed_before))}
 
 
