@@ -117,17 +117,14 @@ class OnlineResult(Judged, frozen=True, kw_only=True):
 
 
 class _Run(Struct, frozen=True):
-    """The records of a run, fitted: output and V_Vc of each burst, means at rest, and the sign of the scale factor."""
+    """The records of a run, output and V_Vc of each burst fitted, and the sign of the scale factor."""
 
-    begin_s: tuple[float, ...]
-    output: tuple[Demodulated, ...]
-    v_vc: tuple[Demodulated, ...]
+    modulated: Sequence[ModulatedRecord]
+    output: Sequence[Demodulated]
+    v_vc: Sequence[Demodulated]
     """One a burst; the same for all, where V_Vc was measured by hand; none where it is believed."""
-    rest_begin_s: tuple[float, ...]
-    rest_v: tuple[float, ...]
-    rest_rms_v: float
+    rest: Sequence[ModulatedRecord]
     rest_v_vc_v: float
-    length_s: float
     sign: float
 
 
@@ -150,17 +147,9 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
     at_rest = [each.v_vc_v for step, each in sampled if not step.amplitude_v and each.v_vc_v]
     means = [math.fsum(each) / len(each) for each in at_rest]
-    return _Run(
-        begin_s=tuple(each.output_t_s for each in modulated),
-        output=tuple(output),
-        v_vc=tuple(v_vc * len(output) if by_hand else v_vc),
-        rest_begin_s=tuple(each.output_t_s for each in rest),
-        rest_v=tuple(math.fsum(each.output_v) / len(each.output_v) for each in rest),
-        rest_rms_v=math.sqrt(math.fsum(float(np.var(each.output_v)) for each in rest) / len(rest)),
-        rest_v_vc_v=math.fsum(means) / len(means) if means else 0.0,
-        length_s=settings.burst_readings * settings.aperture_s,
-        sign=_sign(settings, modulated, output, v_vc if not by_hand else []),
-    )
+    rest_v_vc_v = math.fsum(means) / len(means) if means else 0.0
+    sign = _sign(settings, modulated, output, v_vc if not by_hand else [])
+    return _Run(modulated, output, v_vc * len(output) if by_hand else v_vc, rest, rest_v_vc_v, sign)
 
 
 def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
@@ -287,12 +276,9 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
-    started_s, window_s = run.begin_s[0], settings.window_readings * settings.aperture_s
-    times_s = [
-        begin_s - started_s + (place + 0.5) * window_s
-        for begin_s in run.begin_s
-        for place in range(settings.windows_a_burst)
-    ]
+    begin_s = [each.output_t_s - run.modulated[0].output_t_s for each in run.modulated]
+    window_s, burst_s = (each * settings.aperture_s for each in (settings.window_readings, settings.burst_readings))
+    times_s = [at_s + (place + 0.5) * window_s for at_s in begin_s for place in range(settings.windows_a_burst)]
     left = (factors - factors.mean()) / u_readings
     disturbance, rectified, changes = _disturbance(settings, run, gain, scale_factor.value)
     mean = abs(float(factors.mean()))
@@ -305,7 +291,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         for each in curve
     )
     size = abs(scale_factor.value)
-    lasted_s = run.begin_s[-1] + run.length_s - started_s
+    at_rest_v2 = math.fsum(float(np.var(each.output_v)) for each in run.rest) / len(run.rest)
     return OnlineResult(
         scale_factor=scale_factor,
         disturbance=disturbance,
@@ -317,9 +303,9 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         allan=allan,
         chi_square=float(left @ left),
         dof=factors.size - 1,
-        rate_t_s=tuple(each - started_s + 0.5 * run.length_s for each in run.begin_s),
+        rate_t_s=tuple(at_s + 0.5 * burst_s for at_s in begin_s),
         rate_change_deg_s=tuple(changes.tolist()),
-        noise_at_rest_deg_s=run.rest_rms_v / size,
+        noise_at_rest_deg_s=math.sqrt(at_rest_v2) / size,
         noise_modulated_deg_s=math.sqrt(math.fsum(each.residual_rms**2 for each in run.output) / len(run.output))
         / size,
         virtual_rate_deg_s=abs(k_vc) * gain.amplitude_v,
@@ -327,7 +313,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         rectified_deg_s=rectified,
         compression_ppm=1e6 * gain.compression,
         response_ppm=1e6 * (gain.response - 1.0),
-        lost_share=1.0 - len(run.begin_s) * run.length_s / lasted_s,
+        lost_share=1.0 - len(begin_s) * burst_s / (begin_s[-1] + burst_s),
         k_vc_from=settings.known.source,
         v_vc_by=v_vc.v_vc_error(settings).name,
         since=since.said,
@@ -371,19 +357,23 @@ def _disturbance(
     rectified_v = _harmonic_v(settings, run, 2, signed)
     shift_v = signed * (gain.offset_v - run.rest_v_vc_v)
     means_v = np.array([each.mean for each in run.output]) - rectified_v - shift_v
-    rest_v = math.fsum(run.rest_v) / len(run.rest_v)
+    rest = len(run.rest)
+    rest_v = math.fsum(math.fsum(each.output_v) / len(each.output_v) for each in run.rest) / rest
     size, count = abs(scale_factor), len(run.output)
     changes = (means_v - rest_v) / scale_factor
     variance_mean = 0.5 * math.fsum(each.variance(1, settings.burst_readings) for each in run.output) / count
-    white = variance_mean * (1.0 / count + 1.0 / len(run.rest_v))
+    white = variance_mean * (1.0 / count + 1.0 / rest)
     # Flicker by the differences of successive bursts, and not less than ``[uncertainty]`` says of the gyroscope
     allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
     b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
     stated_deg_h, assumed = settings.station.sources.bias_instability_deg_h, settings.station.sources.assumed
     if stated_deg_h is not None and "bias_instability_deg_h" not in assumed:  # what was found here goes before a guess
         b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
-    rest = len(run.rest_v)
-    share = flicker_share([*run.rest_begin_s, *run.begin_s], run.length_s, [-1.0 / rest] * rest + [1.0 / count] * count)
+    begin_s, burst_s = (
+        [each.output_t_s for each in (*run.rest, *run.modulated)],
+        settings.burst_readings * settings.aperture_s,
+    )
+    share = flicker_share(begin_s, burst_s, [-1.0 / rest] * rest + [1.0 / count] * count)
     of_second = math.fsum(each.variance(2, settings.burst_readings) for each in run.output) / count**2
     parts = [
         UncertaintyPart("noise of the means", math.sqrt(white) / size, gain.dof),

@@ -153,12 +153,19 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
     # a bias has its contributions once, as a rate: those of its voltage are the same
     names = {value.name for value in statement.values}
-    lines = [
-        (named(value.name, value.unit).words if not place else "", cause, u, value.unit, 100.0 * share)
-        for value in statement.values
-        if f"{value.name}_deg_s" not in names
-        for place, (cause, u, share) in enumerate(_causes(value))
-    ]
+    lines = []
+    for value in statement.values:
+        if f"{value.name}_deg_s" in names:
+            continue
+        causes: dict[str, float] = {}  # all that a cause works by, together
+        for each in value.contributions:
+            cause = each.source.partition(": ")[0]
+            causes[cause] = causes.get(cause, 0.0) + each.share
+        name = named(value.name, value.unit).words
+        for cause, share in sorted(causes.items(), key=lambda each: -each[1]):
+            if share >= _LEAST_SHARE:
+                lines.append((name, cause, value.u * math.sqrt(share), value.unit, 100.0 * share))
+                name = ""
     left_out = [
         f"{named(name, 'ppm').words}: {words}" if name.endswith("nonlinearity") else each
         for each in statement.not_in_u
@@ -171,18 +178,6 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
         Text("\n  ".join(["not in these uncertainties:", *left_out])),
     ]
-
-
-def _causes(value: StatedValue) -> list[tuple[str, float, float]]:
-    """Return what makes the uncertainty of a value, the largest first: cause, u and share of all that it works by."""
-    shares: dict[str, float] = {}
-    for each in value.contributions:
-        cause = each.source.partition(": ")[0]
-        shares[cause] = shares.get(cause, 0.0) + each.share
-    return sorted(
-        ((cause, value.u * math.sqrt(share), share) for cause, share in shares.items() if share >= _LEAST_SHARE),
-        key=lambda each: -each[2],
-    )
 
 
 def line_words(name: str, column: CalibrationColumn) -> str:

@@ -201,10 +201,15 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_zero = v_vc.meter_error(settings, "multimeter").u_offset_v / abs(volts)
     offset = _at_all(settings, "offset of the multimeter", u_zero)
     bias = _found(settings, seen, biases, [*_of_bias(settings, seen, u_bias, noise), offset], ("deg/s", "deg/s", 1.0))
-    frequency = _of_frequency(settings, seen)
-    splits = [each.split_hz for each in seen if each.split_hz is not None]
-    split = None
-    if len(splits) == len(seen):
+    frequency, split = None, None
+    if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
+        mean_hz = fmean(hz for hz, _ in found)
+        pooled = math.sqrt(fmean(u**2 for _, u in found))
+        records = _Cause("records", pooled**2 * np.eye(len(found)), 7.0 * len(found))
+        time_base = _at_all(settings, "time base", TIME_BASE / math.sqrt(3.0) * mean_hz)
+        per = "Hz", "ppm", 1e6 / mean_hz
+        frequency = _found(settings, seen, [hz for hz, _ in found], [records, time_base], per)
+    if len(splits := [each.split_hz for each in seen if each.split_hz is not None]) == len(seen):
         fits = _Cause("fits of the response", np.diag([each.u**2 for each in splits]))
         split = _found(settings, seen, [each.value for each in splits], [fits], ("Hz", "Hz", 1.0))
     return TemperatureResult(
@@ -227,9 +232,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
         points=tuple(
             PointOfTemperature(
                 *(each.temperature_c, each.direction, each.slope, u_slope, bias_deg_s, u_bias),
-                frequency_hz=None if each.frequency_hz is None else each.frequency_hz[0],
-                u_frequency_hz=None if each.frequency_hz is None else each.frequency_hz[1],
-                split_hz=each.split_hz,
+                *(each.frequency_hz or (None, None)),
+                each.split_hz,
             )
             for each, bias_deg_s in zip(seen, biases, strict=True)
         ),
@@ -303,20 +307,6 @@ def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noi
     ]
 
 
-def _of_frequency(settings: TemperatureSettings, seen: Sequence[_Seen]) -> _Found | None:
-    found = [each.frequency_hz for each in seen]
-    known = [each for each in found if each is not None]
-    if len(known) < len(found):
-        return None
-    pooled = math.sqrt(fmean(u**2 for _, u in known))
-    mean_hz = fmean(hz for hz, _ in known)
-    causes = [
-        _Cause("records", pooled**2 * np.eye(len(known)), 7.0 * len(known)),
-        _Cause("time base", np.zeros((len(known),) * 2), None, TIME_BASE / math.sqrt(3.0) * mean_hz),
-    ]
-    return _found(settings, seen, [hz for hz, _ in known], causes, ("Hz", "ppm", 1e6 / mean_hz))
-
-
 def _found(
     settings: TemperatureSettings,
     seen: Sequence[_Seen],
@@ -372,10 +362,10 @@ def _hysteresis(
     """
     unit, factor = units
     found: dict[bytes, Measurand] = {}
-    for here in seen:
-        near = [abs(each.temperature_c - here.temperature_c) <= 0.5 for each in seen]
-        down = np.array([n and each.direction == "down" for n, each in zip(near, seen, strict=True)], dtype=float)
-        up = np.array([n and each.direction == "up" for n, each in zip(near, seen, strict=True)], dtype=float)
+    at_c, rising = np.array([each.temperature_c for each in seen]), np.array([each.direction == "up" for each in seen])
+    for here_c in at_c:
+        near = np.abs(at_c - here_c) <= 0.5
+        down, up = (near & ~rising).astype(float), (near & rising).astype(float)
         if down.any() and up.any():
             weights = down / down.sum() - up / up.sum()
             parts = [_part(cause, weights, factor, mean=False) for cause in causes]
@@ -385,9 +375,8 @@ def _hysteresis(
     for each in found.values():
         factor = t_of_largest(len(found), math.inf if each.dof is None else each.dof)
         together.append(replace(each, coverage_factor=factor, expanded_u=factor * each.u))
-    seen_beyond = [each for each in together if abs(each.value) > each.expanded_u]
-    if seen_beyond:
-        return max(seen_beyond, key=lambda each: abs(each.value))
+    if beyond := [each for each in together if abs(each.value) > each.expanded_u]:
+        return max(beyond, key=lambda each: abs(each.value))
     return max(together, key=_bound, default=None)
 
 

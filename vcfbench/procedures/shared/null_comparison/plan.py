@@ -68,7 +68,24 @@ def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
                 found = yield from _search(settings, terms, rate_deg_s, real, per_deg_s)
                 levels_v[rate_deg_s], levels_v[-rate_deg_s] = found
                 per_deg_s = found[0] / rate_deg_s, -found[1] / rate_deg_s
-            driven += yield from _driven_block(settings, terms, rate_deg_s, levels_v, real)
+            previous_v = 0.0
+            for sign in CHOPPED:
+                level_v = levels_v[sign * rate_deg_s] if sign else 0.0
+                if level_v != previous_v:
+                    level_v = yield from set_v_vc(settings, level_v)
+                driven.append((yield from _at_rest(settings, terms.driven, sign * rate_deg_s, level_v)))
+                previous_v = level_v
+            yield from set_v_vc(settings, 0.0)
+            virtual = block(driven[-len(CHOPPED) :])
+            for got_v, want_v, way in zip(virtual.differences_v, real.differences_v, (1.0, -1.0), strict=True):
+                if not abs(got_v - want_v) <= _USABLE * abs(want_v):
+                    raise MeasurementError(
+                        f"at {way * rate_deg_s:+g} deg/s the table moves the output by {want_v:+.6g} V, V_Vc by "
+                        f"{got_v:+.6g}",
+                        instrument="multimeter",
+                        step=str(terms.driven),
+                        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
+                    )
             yield DisableVvc()
             yield Settle(settings.settle_s, "gyro settles after the generator went off")
     return Nulled(tuple(table), tuple(driven), levels_v)
@@ -110,30 +127,6 @@ def invalid_guess(settings: ProcedureSettings, least: float, largest: float, gue
     if abs(guess) * LEAST_V_VC_V > least:
         needs = f"{least:g} deg/s needs at least {LEAST_V_VC_V:g} V, which a generator can set"
         yield InvalidValue(key, f"at most {least / LEAST_V_VC_V:g}, so that {needs}", guess)
-
-
-def _driven_block(
-    settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, levels_v: Mapping[float, float], table: Block
-) -> Routine[list[Point]]:
-    """Take a chopped block at rest with V_Vc on; its outputs must be those on the table."""
-    points: list[Point] = []
-    previous_v = 0.0
-    for sign in CHOPPED:
-        level_v = levels_v[sign * rate_deg_s] if sign else 0.0
-        if level_v != previous_v:
-            level_v = yield from set_v_vc(settings, level_v)
-        points.append((yield from _at_rest(settings, terms.driven, sign * rate_deg_s, level_v)))
-        previous_v = level_v
-    yield from set_v_vc(settings, 0.0)
-    for virtual, real, way in zip(block(points).differences_v, table.differences_v, (1.0, -1.0), strict=True):
-        if not abs(virtual - real) <= _USABLE * abs(real):
-            raise MeasurementError(
-                f"at {way * rate_deg_s:+g} deg/s the table moves the output by {real:+.6g} V, V_Vc by {virtual:+.6g}",
-                instrument="multimeter",
-                step=str(terms.driven),
-                hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
-            )
-    return points
 
 
 def _search(

@@ -69,7 +69,13 @@ def require_no_jump(walk: Walk) -> None:
             continue
         _require_answer(walk, windows)
         if found := _significant(walk, windows):
-            raise _said(found, windows)
+            raise MeasurementError(
+                f"{_what(found, windows)}: no smooth curve goes through all windows",
+                instrument="multimeter",
+                step=str(windows[found.last].point.step),
+                hint="look at leads and contacts, and at what else happened then; all points are in the record. "
+                "expected.zero_drift_v of the bench file is what may drift",
+            )
 
 
 def note(walk: Walk, step: Step, result: StepResult) -> None:
@@ -213,26 +219,32 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
     u_v = math.hypot(u_v, walk.limits.flicker_v)
     left_v = float(np.abs(output - output.mean() - slope_v * off).max())
     span_v = float(np.ptp(output))
-    what = "V_Vc" if windows[0].driven else "the table's rate"
+    what, lead = "the table's rate", ""
+    if windows[0].driven:
+        what, lead = "V_Vc", "the generator's lead to V_Vc, the carrier, "
     if abs(slope_v) < _ANSWERS * u_v / math.sqrt(square) or span_v < _ANSWERS * u_v:
-        raise _no_answer(
-            windows,
-            f"the output does not answer to {what}: from {output.min():+.6g} to {output.max():+.6g} V in all windows, "
-            f"where one mean is known to {u_v:.1g} V",
+        seen = (
+            f"from {output.min():+.6g} to {output.max():+.6g} V in all windows, where one mean is known to {u_v:.1g} V"
         )
-    bound = walk.settings.expected.nonlinearity_ppm
-    if bound is not None:
-        _require_straight(windows, bound)
-    if left_v > _CURVED * span_v:
-        raise _no_answer(
-            windows,
-            f"the output does not follow {what}: a line through {len(windows)} windows leaves {left_v:.3g} V over, of "
-            f"a span of {span_v:.3g} V",
-        )
+        wrong = f"answer to {what}: {seen}"
+    else:
+        _require_straight(windows, walk.settings.expected.nonlinearity_ppm)
+        if left_v <= _CURVED * span_v:
+            return
+        seen = f"a line through {len(windows)} windows leaves {left_v:.3g} V over, of a span of {span_v:.3g} V"
+        wrong = f"follow {what}: {seen}"
+    raise MeasurementError(
+        f"the output does not {wrong}",
+        instrument="multimeter",
+        step=str(windows[-1].point.step),
+        hint=f"look at the lead of the output, {lead}the rails at the PCB, and the drive signal",
+    )
 
 
-def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
+def _require_straight(windows: Sequence[Seen], bound_ppm: float | None) -> None:
     """Raise MeasurementError unless the residuals of the last sweep's line are within the bench file's limits."""
+    if bound_ppm is None:
+        return
     last = max(each.point.step for each in windows if not each.reference and each.point.step not in _NO_SWEEP)
     swept = [each for each in windows if each.point.step == last and not each.reference]
     if len({each.setting for each in swept}) < 3:
@@ -255,16 +267,6 @@ def _require_straight(windows: Sequence[Seen], bound_ppm: float) -> None:
     )
 
 
-def _no_answer(windows: Sequence[Seen], what: str) -> MeasurementError:
-    lead = "the generator's lead to V_Vc, the carrier, " if windows[0].driven else ""
-    return MeasurementError(
-        what,
-        instrument="multimeter",
-        step=str(windows[-1].point.step),
-        hint=f"look at the lead of the output, {lead}the rails at the PCB, and the drive signal",
-    )
-
-
 def _what(found: Jump, windows: Sequence[Seen]) -> str:
     """Name the time and size of the jump."""
     first, last = windows[found.first], windows[found.last]
@@ -278,16 +280,6 @@ def _what(found: Jump, windows: Sequence[Seen]) -> str:
         return f"the output stepped by {size} between {before.describe()} and {after.describe()}"
     where = first.describe() if first is last else f"the windows from {first.describe()} to {last.describe()}"
     return f"the output was off by {size} at {where}, and is not any more"
-
-
-def _said(found: Jump, windows: Sequence[Seen]) -> MeasurementError:
-    return MeasurementError(
-        f"{_what(found, windows)}: no smooth curve goes through all windows",
-        instrument="multimeter",
-        step=str(windows[found.last].point.step),
-        hint="look at leads and contacts, and at what else happened then; all points are in the record. "
-        "expected.zero_drift_v of the bench file is what may drift",
-    )
 
 
 def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
