@@ -26,7 +26,6 @@ from vcfbench.analysis.k_vc_curve import (
     covariance_parts,
     fit_k_vc_curve,
 )
-from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
@@ -42,7 +41,7 @@ from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.procedures.shared.null_comparison.plan import NullTerms, block, invalid_match_rates, nulled
+from vcfbench.procedures.shared.null_comparison.plan import NullTerms, invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
@@ -291,20 +290,11 @@ def _scale_factor(
 
 def _levels(settings: KVcSettings, points: Sequence[Point]) -> tuple[Floats, Floats, Floats, Floats, float, BlockNoise]:
     """Return rates (+r1, -r1, +r2, ...), outputs on the table and driven, V_Vc (at rest first), its u, and noise."""
-    table = null_blocks.blocks_of([point for point in points if point.step == TABLE])
-    driven = null_blocks.blocks_of([point for point in points if point.step == DRIVEN])
-    magnitudes = settings.magnitudes_deg_s
-    if not len(table) == len(driven) == settings.cycles * len(magnitudes):
-        raise ConfigError(
-            f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(table)}, {len(driven)}"
-        )
-    of_table, of_driven = [block(each) for each in table], [block(each) for each in driven]
-    shape = settings.cycles, 2 * len(magnitudes)
+    cycles, magnitudes = settings.cycles, settings.magnitudes_deg_s
+    _, of_table, table_v = null_blocks.mean_differences(points, TABLE, cycles, len(magnitudes))
+    driven, of_driven, driven_v = null_blocks.mean_differences(points, DRIVEN, cycles, len(magnitudes))
     levels_v, u_v_vc_v = null_blocks.levels_of(settings, points, driven, magnitudes)
     rate = np.array([sign * rate for rate in magnitudes for sign in (1.0, -1.0)])
-    table_v, driven_v = (
-        np.array([block.differences_v for block in each]).reshape(shape).mean(axis=0) for each in (of_table, of_driven)
-    )
     noise = null_blocks.noise_of(settings, [*of_table, *of_driven], points)
     return rate, table_v, driven_v, levels_v, u_v_vc_v, noise
 

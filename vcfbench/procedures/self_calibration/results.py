@@ -32,10 +32,9 @@ from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_TEMPERATURE, KvcSince, k_vc_since
+from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, k_vc_since
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
 from vcfbench.records.schema import Point
@@ -197,7 +196,10 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
         bias = null_blocks.bias_at_rest(settings, points, AT_REST, seen.noise, roughly)
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
-    since = _since(settings, check)
+    since = k_vc_since(settings)
+    if check is not None:
+        warmth_seen = any(each.cause in health_check.TEMPERATURES for each in check.causes)
+        since = k_vc_since(settings, (check.ppm, check.u_ppm), warmth_seen=warmth_seen)
     coefficients = np.array(known.k_vc.coefficients) * since.factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
@@ -262,18 +264,6 @@ def _health(
     return now, None if then is None else health_check.checked(then, now)
 
 
-def _since(settings: SelfCalibrationSettings, check: health_check.HealthCheck | None) -> KvcSince:
-    """Return the change of K_Vc; where nothing tells the temperature, its possible effect as well."""
-    without = k_vc_since(settings)
-    if check is None:
-        return without
-    since = k_vc_since(settings, (check.ppm, check.u_ppm))
-    if any(each.cause in health_check.TEMPERATURES for each in check.causes):
-        return since
-    warmed = [part for part in without.parts if part.source == K_VC_TEMPERATURE]
-    return replace(since, parts=(*since.parts, *warmed))
-
-
 def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients: Floats) -> _Measured:
     """Return the levels such that the modulator's orders are found anew, where the certificate's do not hold."""
     then = settings.known.characteristics
@@ -289,11 +279,8 @@ def _with_shape(settings: SelfCalibrationSettings, seen: _Measured, coefficients
 
 
 def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Measured:
-    driven = null_blocks.blocks_of([point for point in points if point.step == DRIVEN])
     magnitudes = settings.magnitudes_deg_s
-    if len(driven) != settings.cycles * len(magnitudes):
-        raise ConfigError(f"expected {settings.cycles} times {len(magnitudes)} blocks, came {len(driven)}")
-    blocks = [block(each) for each in driven]
+    driven, blocks, output_v = null_blocks.mean_differences(points, DRIVEN, settings.cycles, len(magnitudes))
     levels_v, u_v_vc_v = null_blocks.levels_of(settings, points, driven, magnitudes)
     # See that no V_Vc is beyond the curve by more than a generator may be off
     curve = settings.known.k_vc
@@ -306,7 +293,7 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
     noise = null_blocks.noise_of(settings, blocks, points)
     return _Measured(
         levels_v,
-        np.array([each.differences_v for each in blocks]).reshape(settings.cycles, -1).mean(axis=0),
+        output_v,
         math.fsum(each.zero_v for each in blocks) / len(blocks),
         u_v_vc_v,
         noise,

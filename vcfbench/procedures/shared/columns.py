@@ -145,31 +145,26 @@ _LEAST_SHARE = 0.001
 def statement_tables(statement: Statement) -> list[Table | Text]:
     """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
     columns = heads("<value | :.7g | U95:.2g | u:.2g | k:.2f | <unit | <of what")
-    rows = []
-    for v in statement.values:
-        value, u, u95 = stated_cells(v.value, v.u, v.u95)
-        of = v.of + incomplete(v.missing)
-        rows.append((named(v.name, v.unit).words, value, u95, u, v.coverage_factor, v.unit, of))
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
-    # a bias has its contributions once, as a rate: those of its voltage are the same
-    names = {value.name for value in statement.values}
-    lines = []
-    for value in statement.values:
-        if f"{value.name}_deg_s" in names:
+    rows, lines, names = [], [], {each.name for each in statement.values}
+    for each in statement.values:
+        words = named(each.name, each.unit).words
+        value, u, u95 = stated_cells(each.value, each.u, each.u95)
+        rows.append((words, value, u95, u, each.coverage_factor, each.unit, each.of + incomplete(each.missing)))
+        if f"{each.name}_deg_s" in names:  # a bias has its contributions once, as a rate
             continue
-        causes: dict[str, float] = {}  # all that a cause works by, together
-        for each in value.contributions:
-            cause = each.source.partition(": ")[0]
-            causes[cause] = causes.get(cause, 0.0) + each.share
-        name = named(value.name, value.unit).words
-        for cause, share in sorted(causes.items(), key=lambda each: -each[1]):
-            if share >= _LEAST_SHARE:
-                lines.append((name, cause, value.u * math.sqrt(share), value.unit, 100.0 * share))
-                name = ""
+        causes: dict[str, float] = {}
+        for part in each.contributions:
+            cause = part.source.partition(": ")[0]
+            causes[cause] = causes.get(cause, 0.0) + part.share
+        shown = sorted((item for item in causes.items() if item[1] >= _LEAST_SHARE), key=lambda item: -item[1])
+        for place, (cause, share) in enumerate(shown):
+            of = "" if place else words
+            lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
     left_out = [
-        f"{named(name, 'ppm').words}: {words}" if name.endswith("nonlinearity") else each
-        for each in statement.not_in_u
-        for name, _, words in [each.partition(": ")]
+        f"{named(name, 'ppm').words}: {words}" if name.endswith("nonlinearity") else left
+        for left in statement.not_in_u
+        for name, _, words in [left.partition(": ")]
     ]
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [

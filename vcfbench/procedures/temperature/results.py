@@ -232,10 +232,10 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
         points=tuple(
             PointOfTemperature(
                 *(each.temperature_c, each.direction, each.slope, u_slope, bias_deg_s, u_bias),
-                *(each.frequency_hz or (None, None)),
-                each.split_hz,
+                *(hz, u_hz, each.split_hz),
             )
             for each, bias_deg_s in zip(seen, biases, strict=True)
+            for hz, u_hz in [each.frequency_hz or (None, None)]
         ),
         scale_factor_v_per_deg_s=scale,
     )

@@ -54,8 +54,8 @@ class Drift(Change, Judged, frozen=True):
 
     def judged(self) -> dict[str, Measurand | float]:
         of_last = {} if self.last is None else {"e_n_since_last": self.last.e_n}
-        values = {"drift_ppm": self.change_ppm, "e_n": self.e_n, **of_last, "cusum": self.cusum}
-        return {**values, "failed_before": float(len(self.failed_before))}
+        seen = {"e_n": self.e_n, **of_last, "cusum": self.cusum, "failed_before": float(len(self.failed_before))}
+        return {"drift_ppm": self.change_ppm, **seen}
 
 
 def curve_parts(settings: KnownDeviceSettings) -> tuple[list[tuple[str, Floats, float | None, str]], bool]:

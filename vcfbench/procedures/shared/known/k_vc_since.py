@@ -32,27 +32,29 @@ class KvcSince(Struct, frozen=True):
     """Corrections and assumptions, in words."""
 
 
-def k_vc_since(settings: KnownDeviceSettings, by_causes_ppm: tuple[float, float] | None = None) -> KvcSince:
+def k_vc_since(
+    settings: KnownDeviceSettings, by_causes_ppm: tuple[float, float] | None = None, *, warmth_seen: bool = False
+) -> KvcSince:
     """Return the change of K_Vc as far as time and temperature tell.
 
-    Its causes, temperature among them, count as `by_causes_ppm` once they are measured: the change and its u.
+    Its causes count as `by_causes_ppm` once they are measured: the change and its u. Unless `warmth_seen`, the
+    temperature is not among them, and its possible effect counts as well.
     """
     known, sources = settings.known, settings.station.sources
+    then, now_c, said, ppm = known.characteristics or Characteristics(), settings.temperature_c, [], 0.0
+    per_k, measured = temperature_coefficient(then)
+    u = by_reading = math.hypot(per_k.value, per_k.u) * (sources.temperature_k or 0.0) / math.sqrt(3.0)
+    if then.temperature_c is not None and now_c is not None:
+        rise_k = now_c - then.temperature_c.value
+        ppm, u = per_k.value * rise_k, math.hypot(per_k.u * rise_k, per_k.value * then.temperature_c.u, by_reading)
+        whose = f"{per_k.value:+.1f} ppm/K, u {per_k.u:.2g}, {'measured' if measured else 'assumed'}"
+        words = f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"
+        said = [words] if rise_k else []
+    parts = [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * u)] if u and not warmth_seen else []
     if by_causes_ppm is not None:
         ppm, u = by_causes_ppm
-        parts = [UncertaintyPart(K_VC_HEALTH, 1e-6 * u)]
+        parts = [UncertaintyPart(K_VC_HEALTH, 1e-6 * u), *parts]
         said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for what was measured of its causes (health)"]
-    else:
-        then, now_c, said, ppm = known.characteristics or Characteristics(), settings.temperature_c, [], 0.0
-        per_k, measured = temperature_coefficient(then)
-        u = by_reading = math.hypot(per_k.value, per_k.u) * (sources.temperature_k or 0.0) / math.sqrt(3.0)
-        if then.temperature_c is not None and now_c is not None:
-            rise_k = now_c - then.temperature_c.value
-            ppm, u = per_k.value * rise_k, math.hypot(per_k.u * rise_k, per_k.value * then.temperature_c.u, by_reading)
-            whose = f"{per_k.value:+.1f} ppm/K, u {per_k.u:.2g}, {'measured' if measured else 'assumed'}"
-            words = f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"
-            said = [words] if rise_k else []
-        parts = [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * u)] if u else []
     days = known.days_since or 0.0
     if limit := 1e-6 * sources.k_vc_drift_ppm_per_year * days / YEAR_DAYS:
         u = limit / math.sqrt(3.0)

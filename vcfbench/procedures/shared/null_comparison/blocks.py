@@ -11,6 +11,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
+from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.windows import Flicker, window_times
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import ProcedureSettings
@@ -75,6 +76,20 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
     if not blocks or len(blocks[-1]) != size:
         raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
     return blocks
+
+
+def mean_differences(
+    points: Sequence[Point], step: int, cycles: int, magnitudes: int
+) -> tuple[list[Sequence[Point]], list[Block], Floats]:
+    """Return the windows of `step` in blocks, what they give, and the means of that over the cycles, +, -, +, ..., V.
+
+    ConfigError: they are not as many as cycles and rates make.
+    """
+    windows = blocks_of([point for point in points if point.step == step])
+    if len(windows) != cycles * magnitudes:
+        raise ConfigError(f"expected {cycles} times {magnitudes} blocks, came {len(windows)}")
+    blocks = [block(each) for each in windows]
+    return windows, blocks, np.array([each.differences_v for each in blocks]).reshape(cycles, -1).mean(axis=0)
 
 
 def levels_of(
