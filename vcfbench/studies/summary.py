@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.reports.document import Column, Table
+from vcfbench.reports.document import Cell, Table, Value, heads, texts
 from vcfbench.studies.metrics import PARTS
 from vcfbench.studies.one_run import RunRow
 from vcfbench.studies.table import in_words
@@ -99,33 +99,28 @@ def headlines(cases: Sequence[CaseSummary]) -> tuple[str, ...]:
 
 def summary_table(cases: Sequence[CaseSummary]) -> Table:
     """Return mean, spread and coverage as a table, metric after metric, a row a case."""
-    several = any(case.values for case in cases)
-    heads = list(dict.fromkeys(label for case in cases for label in case.values))
+    labels = list(dict.fromkeys(label for case in cases for label in case.values))
     columns = [
-        Column("metric", align="left"),
-        *(Column(".".join(head.split(".")[-2:]), align="left") for head in heads),
-        *(Column(name) for name in ("n", "mean", "sd", "5 %", "95 %", "u", "z mean", "z sd", "in U95")),
+        *texts("metric", *(".".join(label.split(".")[-2:]) for label in labels)),
+        *heads("n | mean:.6g | sd:.6g | 5 %:.6g | 95 %:.6g | u:.6g | z mean:+.2f | z sd:.2f | in U95"),
     ]
-    rows: list[list[str | None]] = []
+    rows: list[list[Value | Cell]] = []
     for name in headlines(cases):
         for case in cases:
             if (each := case.metrics.get(name)) is not None:
                 spread = (each.mean, each.sd, each.quantiles["0.05"], each.quantiles["0.95"], each.u)
-                figures = [None if number is None else f"{number:.6g}" for number in spread]
-                z = None if each.z_mean is None else f"{each.z_mean:+.2f}"
-                z_sd = None if each.z_sd is None else f"{each.z_sd:.2f}"
-                rows.append([name, *_values(case, heads), str(each.n), *figures, z, z_sd, _percent(each.coverage)])
+                stated = (each.z_mean, each.z_sd, _percent(each.coverage))
+                rows.append([name, *_values(case, labels), each.n, *spread, *stated])
     if any(case.pass_rate is not None for case in cases):
         rows += [
-            ["passed", *_values(case, heads), str(case.complete), _percent(case.pass_rate), *[None] * 7]
-            for case in cases
+            ["passed", *_values(case, labels), case.complete, _percent(case.pass_rate), *[None] * 7] for case in cases
         ]
-    return Table(columns, rows, title="by case" if several else "")
+    return Table(columns, rows, title="by case" if labels else "")
 
 
-def _values(case: CaseSummary, heads: Sequence[str]) -> list[str | None]:
-    return [None if head not in case.values else in_words(case.values[head]) for head in heads]
+def _values(case: CaseSummary, labels: Sequence[str]) -> list[str | None]:
+    return [in_words(case.values[label]) if label in case.values else None for label in labels]
 
 
-def _percent(share: float | None) -> str | None:
-    return None if share is None else f"{100.0 * share:.1f} %"
+def _percent(share: float | None) -> Cell | None:
+    return None if share is None else Cell(100.0 * share, ".1f", "%")
