@@ -295,11 +295,12 @@ def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -
     named = (("a", found.amplitude, "deg/s"), ("tau", found.time_constant, "s"), ("warm-up", found.warm_up, "s"))
     rows += [(name, *((None,) * 3 if each is None else each.printed()), unit) for name, each, unit in named]
     ended = "three means in a row agree" if found.steady else "NOT steady: the last three means do not agree"
-    unseen = "no exponential stands out of noise and flicker: no time constant, b_inf is the mean of all readings\n"
+    unseen = (
+        "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings\n"
+    )
     said = (
         f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}\n{ended}, {found.lasted_s:.0f} s after power-on\n"
-        f"{unseen if found.time_constant is None else ''}"
-        "warm-up: until a exp(-t / tau) is below the bias instability, "
+        f"{unseen if found.time_constant is None else ''}warm-up: until a exp(-t / tau) is below the bias instability, "
         f"{3600.0 * found.bias_instability_deg_s:.3g} deg/h; turn-on is seen to {found.turn_on_resolution_s:.2g} s\n"
         "u: noise of the readings, and flicker of that size; b_inf is that of the mean over horizon_h, with "
         "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"

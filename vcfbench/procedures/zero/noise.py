@@ -88,14 +88,12 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
     curve = allan.allan_deviation(rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE)
-    follows = _follows(curve, size, fitted, gapless=sampling.gapless)
-    fit = _fit(follows, size, fitted, gapless=sampling.gapless)
-    fit = fit if fit is None else with_what_is_let_through(fit, fitted, u_bandwidth_hz)
-    if any(point.deviation <= 0.0 for point in follows):  # no fit: N is read off at the shortest time
+    follows, fit = _followed(curve, size, fitted, gapless=sampling.gapless)
+    if fit is None:  # N is read off at the shortest time
         walk = follows[0].deviation * math.sqrt(follows[0].tau_s)
     else:
         walk = fit_noise(follows, size, gapless, _ALWAYS).coefficients.angle_random_walk
-    if fit is not None:
+        fit = with_what_is_let_through(fit, fitted, u_bandwidth_hz)
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
         law, points = fit.coefficients.phase_noise(fitted), []
         for tau_s, deviation in [(point.tau_s, point.deviation) for point in curve]:
@@ -152,35 +150,27 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
 
 
-def _fit(curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, *, gapless: bool) -> NoiseFit | None:
-    """Fit N and B, without gaps Q as well, as noise passed at the split falls as 1/tau; K and R where they are shown.
-
-    None without noise.
-    """
-    if any(point.deviation <= 0.0 for point in curve):
-        return None
-    always = (Term.QUANTISATION, *_ALWAYS) if gapless else _ALWAYS
-    return fit_shown_noise(curve, samples, sampling, always, _PERHAPS)
-
-
-def _follows(
+def _followed(
     curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, *, gapless: bool
-) -> Sequence[allan.AllanPoint]:
-    """Return the curve from the shortest averaging time on that the terms can describe.
+) -> tuple[Sequence[allan.AllanPoint], NoiseFit | None]:
+    """Return the curve from the shortest averaging time on that the terms can describe, and their fit, None: no noise.
 
+    They are N and B, without gaps Q as well, as noise passed at the split falls as 1/tau; K and R where they are shown.
     Short averages of many readings are known so well that one that no term describes would bend all others.
     """
+    if any(point.deviation <= 0.0 for point in curve):
+        return curve, None
+    always = (Term.QUANTISATION, *_ALWAYS) if gapless else _ALWAYS
 
     def misses(point: allan.AllanPoint, fit: NoiseFit) -> bool:
         fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
         return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
 
     for start in range(len(curve) - _LEAST_FITTED):
-        rest = curve[start:]
-        fit = _fit(rest, samples, sampling, gapless=gapless)
-        if fit is None or not any(misses(point, fit) for point in rest[:_FIRST]):
-            return rest
-    return curve
+        fit = fit_shown_noise(curve[start:], samples, sampling, always, _PERHAPS)
+        if not any(misses(point, fit) for point in curve[start : start + _FIRST]):
+            return curve[start:], fit
+    return curve, fit_shown_noise(curve, samples, sampling, always, _PERHAPS)
 
 
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
