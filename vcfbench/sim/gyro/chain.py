@@ -136,16 +136,6 @@ class Chain(Struct, frozen=True, dict=True):
         """Response of the filter's free motions to a steady force times e^{2j th}."""
         return np.asarray(1 / (2j * self.drive_rad_s - self.eigenmodes[4:]))
 
-    @cached_property
-    def by_rate(self) -> NDArray[np.complex128]:
-        """Column of `rate` over `turned_rate`."""
-        return np.concatenate((self.rate, self.turned_rate))[:, None]
-
-    @cached_property
-    def by_virtual(self) -> NDArray[np.complex128]:
-        """Column of `virtual` over `turned_virtual`."""
-        return np.concatenate((self.virtual, self.turned_virtual))[:, None]
-
     def handed_over(self, modal: NDArray[np.complex128], turn: complex, other: "Chain") -> NDArray[np.complex128]:
         """Return the coordinates that the state with these has in another chain; `turn` is e^{2j th} then.
 
@@ -174,11 +164,13 @@ class Chain(Struct, frozen=True, dict=True):
         turned_constant = turn * (turned_steady + self.turned_quadrature) * lag - turned_slope * lag
         exponents = np.array([s for _, s in (*forcing.rate_terms, *forcing.virtual_terms)], complex)
         # What each term of the forcing moves, a column each
-        acting = self.by_rate * np.array([a for a, _ in forcing.rate_terms], complex)
-        virtual = self.by_virtual * np.array([a for a, _ in forcing.virtual_terms], complex)
-        acting = np.concatenate((acting, virtual), axis=1)
-        forced = acting[: len(own)] / (exponents - own[:, None])
-        turned_forced = turn * acting[len(own) :] / (exponents + 2j * self.drive_rad_s - own[4:, None])
+        by_rate, by_virtual = (
+            np.array([a for a, _ in terms], complex) for terms in (forcing.rate_terms, forcing.virtual_terms)
+        )
+        forced = np.hstack((self.rate[:, None] * by_rate, self.virtual[:, None] * by_virtual))
+        forced /= exponents - own[:, None]
+        turned_forced = np.hstack((self.turned_rate[:, None] * by_rate, self.turned_virtual[:, None] * by_virtual))
+        turned_forced = turn * turned_forced / (exponents + 2j * self.drive_rad_s - own[4:, None])
         free = modal - constant - forced.sum(axis=1)
         free[4:] -= turned_constant + turned_forced.sum(axis=1)
         # The envelope of V_s without motion; of a rate there is nothing
