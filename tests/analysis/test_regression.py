@@ -41,12 +41,10 @@ def test_virtual_column() -> None:
     assert round(fit.bias_deg_s, 4) == -0.0517
 
 
-def test_grid_of_the_paper_hangs_on_its_two_end_points() -> None:
+def test_slope_and_intercept_are_not_correlated_on_the_grid_of_the_paper() -> None:
     fits = [fit_line(RATE, column) for column in (TURNTABLE, VIRTUAL)]
     for fit in fits:
         assert (fit.sxx, fit.dof, fit.rate_mean_deg_s, fit.covariance) == (106060.0, 15, 0.0, 0.0)
-        assert [round(fit.leverage[i], 3) for i in (0, -1)] == [0.436, 0.436]
-        assert fit.leverage.sum() == pytest.approx(2.0, rel=1e-12)
 
 
 @pytest.mark.parametrize(

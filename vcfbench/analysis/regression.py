@@ -41,8 +41,6 @@ class LineFit(Struct, frozen=True):
     rate_mean_deg_s: float
     residuals_v: Floats
     """Output minus line, V, in the order of the points."""
-    leverage: Floats
-    """Share of each point in its own fitted value; they add up to 2."""
 
     @property
     def coverage_factor(self) -> float:
@@ -97,7 +95,6 @@ def fit_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> LineFit:
         sxx=sxx,
         rate_mean_deg_s=mean,
         residuals_v=residuals,
-        leverage=1.0 / rate.size + deviation**2 / sxx,
     )
 
 
