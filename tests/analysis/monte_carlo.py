@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from vcfbench.analysis.budget import Distribution, check_sources, correlated_groups
+from vcfbench.analysis.budget import check_sources, correlated_groups
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def _drawn(group: list[Source], pairs: Correlations, trials: int, rng: np.random
     if len(group) == 1:
         (source,) = group
         return {source.name: source.value + source.u * _standard(source, trials, rng)}
-    if any(source.distribution is not Distribution.NORMAL for source in group):
+    if any(source.rectangular for source in group):
         raise ConfigError(f"correlated sources must be normal: {', '.join(source.name for source in group)}")
     places = {source.name: place for place, source in enumerate(group)}
     matrix = np.eye(len(group))
@@ -103,13 +103,9 @@ def _drawn(group: list[Source], pairs: Correlations, trials: int, rng: np.random
 
 def _standard(source: Source, trials: int, rng: np.random.Generator) -> Floats:
     """Draw from the source's distribution with mean 0 and standard deviation 1 (a t keeps its scale of 1)."""
-    match source.distribution:
-        case Distribution.NORMAL if math.isfinite(source.dof):
-            return rng.standard_t(source.dof, trials)
-        case Distribution.NORMAL:
-            return rng.standard_normal(trials)
-        case Distribution.RECTANGULAR:
-            return rng.uniform(-math.sqrt(3.0), math.sqrt(3.0), trials)
+    if source.rectangular:
+        return rng.uniform(-math.sqrt(3.0), math.sqrt(3.0), trials)
+    return rng.standard_t(source.dof, trials) if math.isfinite(source.dof) else rng.standard_normal(trials)
 
 
 def _summary(name: str, values: Floats, confidence: float) -> Propagated:

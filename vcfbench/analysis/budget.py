@@ -7,7 +7,6 @@ the tests check it by Monte Carlo (JCGM 101). Lack of fit is no uncertainty and 
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import Enum
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -27,14 +26,6 @@ Correlations: TypeAlias = Mapping[tuple[str, str], float]
 """Correlation coefficients of pairs of sources; pairs that are not named are uncorrelated."""
 
 
-class Distribution(Enum):
-    """Probability distribution of a source's value."""
-
-    NORMAL = "normal"
-    """With finite degrees of freedom: Student's t."""
-    RECTANGULAR = "rectangular"
-
-
 _CELLS = 3**8
 """An odd number, so that one is in the middle, and one that suits the Fourier transform."""
 _NEARLY_NORMAL = 0.05
@@ -44,19 +35,22 @@ _LEFT_OUT = 1e-5
 
 
 class Source(Struct, frozen=True):
-    """One input quantity: best value, standard uncertainty, degrees of freedom and distribution."""
+    """One input quantity: best value, standard uncertainty, degrees of freedom and distribution.
+
+    It is `rectangular`, or normal, with finite degrees of freedom Student's t.
+    """
 
     name: str
     value: float
     u: float
     unit: str = ""
     dof: float = math.inf
-    distribution: Distribution = Distribution.NORMAL
+    rectangular: bool = False
 
     @classmethod
     def within(cls, name: str, value: float, half_width: float, unit: str = "") -> Self:
         """Return a source that lies within `half_width` of its value, as data sheets state it."""
-        return cls(name, value, half_width / math.sqrt(3.0), unit, distribution=Distribution.RECTANGULAR)
+        return cls(name, value, half_width / math.sqrt(3.0), unit, rectangular=True)
 
 
 class Contribution(Struct, frozen=True):
@@ -146,18 +140,13 @@ def evaluate(
         terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
         dof = 1.0 / terms if terms > 0.0 else math.inf
         value = float(output if isinstance(output, int | float) else output.nominal_value)
-        results.append(Result(name, value, u, dof, confidence, coverage_factor(dof, confidence), lines))
+        results.append(Result(name, value, u, dof, confidence, t_quantile(1.0 - confidence, dof), lines))
     of_results = slopes @ covariance @ slopes.T
     root = np.sqrt(np.maximum(np.diag(of_results), 0.0))
     product = np.outer(root, root)
     correlation = np.divide(of_results, product, out=np.zeros_like(of_results), where=product > 0.0)
     np.fill_diagonal(correlation, 1.0)  # a result without variance is correlated with itself only
     return Budget(tuple(sources), tuple(results), correlation)
-
-
-def coverage_factor(dof: float, confidence: float = 0.95) -> float:
-    """Return the two-sided quantile of Student's t, or of the normal distribution for infinite degrees of freedom."""
-    return t_quantile(1.0 - confidence, dof)
 
 
 def check_sources(sources: Sequence[Source], correlations: Correlations) -> None:
@@ -219,12 +208,12 @@ def convolved_coverage_factor(result: Result, sources: Iterable[Source]) -> floa
     ones make up the rest of its variance, as one Student's t with the degrees of freedom that remain. Where these
     nearly make it all, or there is no uncertainty, its factor is kept.
     """
-    kinds = {source.name: source.distribution for source in sources}
-    bounded = [line for line in result.contributions if kinds[line.source] is not Distribution.NORMAL and line.u]
+    rectangular = {source.name for source in sources if source.rectangular}
+    bounded = [line for line in result.contributions if line.source in rectangular and line.u]
     if math.fsum(line.share for line in bounded) <= _NEARLY_NORMAL:
         return result.coverage_factor
     half_widths = [math.sqrt(3.0) * abs(line.u) for line in bounded]
-    normal = (line.share for line in result.contributions if kinds[line.source] is Distribution.NORMAL)
+    normal = (line.share for line in result.contributions if line.source not in rectangular)
     rest_share = max(0.0, math.fsum(normal))
     rest_u = result.u * math.sqrt(rest_share)
     rest_dof = result.dof * rest_share**2 if rest_share else math.inf  # Welch and Satterthwaite backwards

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.procedures.fakes import make_settings
-from vcfbench.analysis.budget import Distribution, Source
+from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget.line import (
     Line,
     earth_sources,
@@ -62,18 +62,18 @@ def test_the_slope_at_each_rate_is_that_of_a_cubic_where_there_are_more_than_fou
 
 
 @pytest.mark.parametrize(
-    ("limit", "sigmas", "u", "distribution"),
+    ("limit", "sigmas", "u", "rectangular"),
     [
-        (6.0, None, 6.0 / ROOT3, Distribution.RECTANGULAR),
-        (6.0, 2.0, 3.0, Distribution.NORMAL),
-        (None, 2.0, 0.0, Distribution.NORMAL),
-        (None, None, 0.0, Distribution.NORMAL),
+        (6.0, None, 6.0 / ROOT3, True),
+        (6.0, 2.0, 3.0, False),
+        (None, 2.0, 0.0, False),
+        (None, None, 0.0, False),
     ],
 )
 def test_a_limit_is_that_of_a_rectangle_or_so_many_standard_uncertainties(
-    limit: float | None, sigmas: float | None, u: float, distribution: Distribution
+    limit: float | None, sigmas: float | None, u: float, *, rectangular: bool
 ) -> None:
-    assert limited("gain", limit, "V", sigmas) == Source("gain", 0.0, u, "V", math.inf, distribution)
+    assert limited("gain", limit, "V", sigmas) == Source("gain", 0.0, u, "V", math.inf, rectangular)
 
 
 def test_multimeter_and_table_are_sources_of_every_line() -> None:
@@ -92,7 +92,7 @@ def test_what_is_left_of_the_earth_s_rate_is_in_the_bias_where_it_was_added() ->
     left_deg_s = 360.0 / 86164.1 * 0.5 * math.sin(math.radians(1.0))
     assert source == Source(
         *("Earth's rate by the axis' tilt", 0.0, pytest.approx(0.0125 * left_deg_s / ROOT3, rel=1e-5), "V"),
-        distribution=Distribution.RECTANGULAR,
+        rectangular=True,
     )
     assert earth_sources(make_settings(earth=Earth.BIAS, **tilted), -0.0125) == []
 

@@ -6,7 +6,7 @@ from statistics import fmean, stdev
 
 from msgspec import Struct
 
-from vcfbench.analysis.budget import Distribution, Source, convolved_coverage_factor, evaluate
+from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
 from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.reports.document import Cell, Table, heads
@@ -70,7 +70,7 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     sources = [
         Source(
             *(f"{number}: {part.source}", 0.0, abs(part.u), unit, math.inf if part.dof is None else part.dof),
-            Distribution.RECTANGULAR if part.rectangular else Distribution.NORMAL,
+            part.rectangular,
         )
         for number, part in enumerate(parts)
     ]

@@ -14,7 +14,7 @@ from msgspec import Struct, structs
 from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.budget import Distribution, Model, Source, evaluate
+from vcfbench.analysis.budget import Model, Source, evaluate
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels
 from vcfbench.procedures.shared.budget.line import Line, noises_of
 from vcfbench.procedures.shared.budget.statement import Circumstances, StatedValue, Statement, stated_value, statement
@@ -250,7 +250,7 @@ class WorstResidual(Struct, frozen=True):
         normal = noise.by_flicker(curved.weights, steady) + sum(each @ each.T for each in curved.own.values())
         shared = [sources[name] for name in curved.effects]
         common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
-        rectangular = np.array([each.distribution is Distribution.RECTANGULAR for each in shared], dtype=bool)
+        rectangular = np.array([each.rectangular for each in shared], dtype=bool)
         white = noise.by_readings(curved.weights)
         spread = ResidualSpread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
         places, k = spread.near_largest(), int(np.abs(curved.residuals.ppm).argmax())

@@ -197,7 +197,8 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     factor = convolved_coverage_factor(result, sources.values())
     lines = tuple(
         StatedContribution(
-            *(line.source, sources[line.source].distribution.value, line.u_source, sources[line.source].unit),
+            *(line.source, "rectangular" if sources[line.source].rectangular else "normal"),
+            *(line.u_source, sources[line.source].unit),
             *(finite(line.dof), line.sensitivity, abs(line.u), line.share),
         )
         for line in result.contributions
