@@ -144,8 +144,32 @@ class Observed(ABC):
         """The bench time that it was taken to."""
 
     @abstractmethod
+    def _go(self, stop_s: float, *, seen: bool) -> Stretch | None:
+        """Go on to an instant, with nothing happening before; return the stretch if it is to be `seen`."""
+
+    def _next_event_s(self) -> float:
+        """Return when something happens next by itself."""
+        return math.inf
+
     def reach(self, instant_s: float) -> bool:
         """Take it to an instant if it has not been there; return whether that lies in the past."""
+        if instant_s > self.clock.now():
+            return False
+        while self.reached_s < instant_s:
+            self._step(instant_s)
+        return True
+
+    def _step(self, target_s: float) -> None:
+        """Go on to an instant, but no further than the next event and the next edge of an observation."""
+        edge = self._edges_s[0] if self._edges_s else math.inf
+        stop = min(target_s, edge, self._next_event_s())
+        looking = [each for each in self._observers if each.start_s <= self.reached_s]
+        if (stretch := self._go(stop, seen=bool(looking))) is not None:
+            for each in looking:
+                each.take(stretch)
+        if stop == edge:
+            del self._edges_s[: bisect.bisect_right(self._edges_s, stop)]
+            self._observers = [each for each in self._observers if each.stop_s > stop]
 
     def advance(self) -> None:
         """Take it to `clock.now()`."""
@@ -205,18 +229,6 @@ class Observed(ABC):
         """Let go of an observer that would otherwise look on for ever."""
         if observer in self._observers:
             self._observers.remove(observer)
-
-    def _looking(self, now_s: float) -> list[Window | Capture | Trace]:
-        """Return the observers of the stretch that begins now."""
-        return [each for each in self._observers if each.start_s <= now_s]
-
-    def _next_edge_s(self) -> float:
-        """Return when the next window or capture begins or ends."""
-        return self._edges_s[0] if self._edges_s else math.inf
-
-    def _pass_edge(self, now_s: float) -> None:
-        del self._edges_s[: bisect.bisect_right(self._edges_s, now_s)]
-        self._observers = [each for each in self._observers if each.stop_s > now_s]
 
     @staticmethod
     def _require(name: str, known: tuple[str, ...]) -> None:

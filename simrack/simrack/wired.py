@@ -205,20 +205,10 @@ class WiredWorld(Loaded):
         """The bench time that it was taken to."""
         return self._now_s
 
-    def reach(self, instant_s: float) -> bool:
-        """Take it to an instant if it has not been there; return whether that lies in the past."""
-        if instant_s > self.clock.now():
-            return False
-        while self._now_s < instant_s:
-            stop = min(instant_s, self._next_edge_s())
-            if looking := self._looking(self._now_s):
-                stretch = self._stretch(self._now_s, stop)
-                for each in looking:
-                    each.take(stretch)
-            self._now_s = stop
-            if stop == self._next_edge_s():
-                self._pass_edge(stop)
-        return True
+    def _go(self, stop_s: float, *, seen: bool) -> _Stretch | None:
+        stretch = self._stretch(self._now_s, stop_s) if seen else None
+        self._now_s = stop_s
+        return stretch
 
     def _stretch(self, start_s: float, stop_s: float) -> _Stretch:
         fed = Drive(0.0) if self._source is None else self._source

@@ -64,32 +64,25 @@ class World(Loaded):
 
     def reach(self, instant_s: float) -> bool:
         """Take the world to an instant if it has not been there; return whether it lies in the past."""
-        if instant_s > self.clock.now():
-            return False
-        self._imagined = None
-        while self._gyro.now_s < instant_s:
-            self._step(instant_s)
-        return True
+        past = super().reach(instant_s)
+        self._imagined = None if past else self._imagined
+        return past
 
     def _pass_events(self) -> None:
         """Take the world past all that has happened by now; between events nothing needs to be worked out."""
         self._imagined, now = None, self.clock.now()
-        while (due := min(self.table.segment(self._gyro.now_s).stop_s, self._gyro.next_event_s())) <= now:
+        while (due := self._next_event_s()) <= now:
             self._step(due)
 
-    def _step(self, target_s: float) -> None:
-        now = self._gyro.now_s
-        rate = self.table.segment(now)
-        edge = self._next_edge_s()
-        stop = min(target_s, rate.stop_s, self._gyro.next_event_s(), edge)
-        if looking := self._looking(now):
-            stretch = self._loaded(self._gyro.propagate(rate, stop))
-            for each in looking:
-                each.take(stretch)
-        else:
-            self._gyro.go(rate, stop)
-        if stop == edge:
-            self._pass_edge(stop)
+    def _next_event_s(self) -> float:
+        return min(self.table.segment(self._gyro.now_s).stop_s, self._gyro.next_event_s())
+
+    def _go(self, stop_s: float, *, seen: bool) -> Stretch | None:
+        rate = self.table.segment(self._gyro.now_s)
+        if seen:
+            return self._loaded(self._gyro.propagate(rate, stop_s))
+        self._gyro.go(rate, stop_s)
+        return None
 
     def _loaded(self, stretch: Stretch) -> Stretch:
         shares = self._loads.shares
