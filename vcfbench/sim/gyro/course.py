@@ -78,11 +78,6 @@ class Acting(Struct, frozen=True):
         """Return the chain that it acts on."""
         return chain_at(design, self.bench, self.temperature_c, self.drive)
 
-    def has_chain_of(self, other: "Acting") -> bool:
-        """Tell whether it acts on the same chain as another."""
-        same_modes = self.temperature_c == other.temperature_c and self.bench is other.bench
-        return same_modes and self.drive == other.drive
-
     def forcing(self) -> Forcing:
         """Return rate and modulator voltage from `since_s` on."""
         bench, rate, warm_up, gain = self.bench, self.rate, self.warm_up, self.switched_on.gain
@@ -102,17 +97,6 @@ class Acting(Struct, frozen=True):
         return Forcing(constant, slopes[0], moving, gain * virtual.constant_v, pushed, slopes[1])
 
 
-class _Noted(Struct, frozen=True):
-    """A forcing, the chain's rate of forgetting meanwhile, and its decay since the course began."""
-
-    acting: Acting
-    nepers_s: float
-    decayed: float
-
-    def decayed_by(self, instant_s: float) -> float:
-        return self.decayed + self.nepers_s * (instant_s - self.acting.since_s)
-
-
 class Course:
     """The chain's course; it begins at rest, with the first noted forcing."""
 
@@ -121,9 +105,10 @@ class Course:
         self._design = design
         self._at_rest = np.zeros(4 + path.low_pass_order, complex)
         self._filter_nepers_s = 2 * math.pi * path.low_pass_hz * math.sin(math.pi / (2 * path.low_pass_order))
-        self._noted: deque[_Noted] = deque()
-        """What was not worked out yet, in order."""
-        self._latest: _Noted | None = None
+        self._noted: deque[tuple[Acting, float]] = deque()
+        """What was not worked out yet, in order, each with the chain's decay until then since the course began."""
+        self._forgetting = (0.0, 0.0, 0.0)
+        """Since when it decays as it does, 1/s, and by how much it had decayed then."""
         self._followed: tuple[Acting, Response] | None = None
         """The last that was worked out, and the response; None is a chain at rest before the first that is noted."""
 
@@ -135,10 +120,14 @@ class Course:
         """Note a forcing from now on."""
         modes = _resonances(acting.bench, acting.temperature_c)
         nepers_s = min(*[mode.natural_rad_s / (2 * mode.quality) for mode in modes], self._filter_nepers_s)
-        decayed = 0.0 if self._latest is None else self._latest.decayed_by(acting.since_s)
-        self._latest = _Noted(acting, nepers_s, decayed)
-        self._noted.append(self._latest)
-        self._forget(decayed)
+        decayed = self._decayed(acting.since_s)
+        self._forgetting = acting.since_s, nepers_s, decayed
+        self._noted.append((acting, decayed))
+        self._forget(acting.since_s)
+
+    def _decayed(self, instant_s: float) -> float:
+        since_s, nepers_s, decayed = self._forgetting
+        return decayed + nepers_s * (instant_s - since_s)
 
     def response(self, from_s: float) -> Response:
         """Return the chain's response to the last noted forcing, its time from then; exact from `from_s` on.
@@ -146,18 +135,18 @@ class Course:
         Raises:
             RuntimeError: nothing was noted.
         """
-        if self._latest is not None and self._noted:
-            self._forget(self._latest.decayed_by(from_s))
+        self._forget(from_s)
         while self._noted:
             # Work out the response to a forcing, from the chain's state by then
-            acting = self._noted.popleft().acting
+            acting, _ = self._noted.popleft()
             turn = acting.turn
             if self._followed is None:
                 chain, modal = acting.chain(self._design), self._at_rest
             else:
                 earlier, response = self._followed
                 modal, chain = response.modal(acting.since_s - earlier.since_s), response.chain
-                if not acting.has_chain_of(earlier):
+                same_modes = acting.temperature_c == earlier.temperature_c and acting.bench is earlier.bench
+                if not (same_modes and acting.drive == earlier.drive):
                     chain = acting.chain(self._design)
                     modal = response.chain.handed_over(modal, turn, chain)
             forcing = _past_dead_band(acting.forcing(), chain, acting.bench.sense_path.dead_band_deg_s)
@@ -166,9 +155,10 @@ class Course:
             raise RuntimeError("nothing acts on the chain yet")
         return self._followed[1]
 
-    def _forget(self, decayed: float) -> None:
-        """Leave out forcings that the chain has forgotten by now: it might as well have been at rest."""
-        while len(self._noted) > 1 and decayed - self._noted[1].decayed > FORGOTTEN_NEPERS:
+    def _forget(self, instant_s: float) -> None:
+        """Leave out forcings that the chain has forgotten by then: it might as well have been at rest."""
+        decayed = self._decayed(instant_s)
+        while len(self._noted) > 1 and decayed - self._noted[1][1] > FORGOTTEN_NEPERS:
             self._noted.popleft()
             self._followed = None
 
