@@ -48,15 +48,15 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     first = _line(mixed - mixed[-times.size // 4 :].mean(), times, [0.0])
     if first is None:
         raise ConfigError(f"nothing decays beside {carrier_hz:.1f} Hz")
-    parameters = _fitted(np.array([first, 4.0 / times[-1]]), mixed, times)
-    second = _line(_left(parameters, mixed, times), times, [0.0, float(parameters[0])])
+    parameters, sizes, left = _fitted(np.array([first, 4.0 / times[-1]]), mixed, times)
+    second = _line(left, times, [0.0, float(parameters[0])])
     if second is not None:
-        parameters = _fitted(np.array([*parameters, second, parameters[1]]), mixed, times)
+        parameters, sizes, _ = _fitted(np.array([*parameters, second, parameters[1]]), mixed, times)
     off = parameters.reshape(-1, 2)[:, 0] * _WINDOW_S  # the share of a line that passes the means of Hann's windows
-    sizes = np.abs(_linear(parameters, mixed, times)[1:]) / (np.sinc(off) / (1.0 - off**2))
+    amplitudes = np.abs(sizes[1:]) / (np.sinc(off) / (1.0 - off**2))
     modes = [
         _decay(carrier_hz + float(offset_hz), float(rate), float(size))
-        for (offset_hz, rate), size in zip(parameters.reshape(-1, 2), sizes, strict=True)
+        for (offset_hz, rate), size in zip(parameters.reshape(-1, 2), amplitudes, strict=True)
     ]
     return tuple(sorted(modes, key=lambda mode: -mode.amplitude_v))
 
@@ -93,29 +93,22 @@ def _line(signal: Complexes, times: Floats, known_hz: list[float]) -> float | No
     return float(offset_hz[place]) if level[place] > _SEEN * float(np.median(level)) else None
 
 
-def _basis(parameters: Floats, times: Floats) -> Complexes:
-    pairs = parameters.reshape(-1, 2)
-    exponents = -pairs[:, 1] + 2j * math.pi * pairs[:, 0]
-    return np.column_stack([np.ones_like(times), np.exp(np.outer(times, exponents))])
+def _fitted(start: Floats, mixed: Complexes, times: Floats) -> tuple[Floats, Complexes, Complexes]:
+    """Fit offset (Hz) and rate (1/s) of each mode; return them, the constant and the amplitudes, and what is left."""
 
-
-def _linear(parameters: Floats, mixed: Complexes, times: Floats) -> Complexes:
-    found, *_ = np.linalg.lstsq(_basis(parameters, times), mixed, rcond=None)
-    return np.asarray(found)
-
-
-def _left(parameters: Floats, mixed: Complexes, times: Floats) -> Complexes:
-    return np.asarray(mixed - _basis(parameters, times) @ _linear(parameters, mixed, times))
-
-
-def _fitted(start: Floats, mixed: Complexes, times: Floats) -> Floats:
-    """Fit offset (Hz) and rate (1/s) of each mode; amplitudes follow."""
+    def shared(parameters: Floats) -> tuple[Complexes, Complexes]:
+        pairs = parameters.reshape(-1, 2)
+        exponents = -pairs[:, 1] + 2j * math.pi * pairs[:, 0]
+        basis = np.column_stack([np.ones_like(times), np.exp(np.outer(times, exponents))])
+        sizes, *_ = np.linalg.lstsq(basis, mixed, rcond=None)
+        return np.asarray(sizes), np.asarray(mixed - basis @ sizes)
 
     def residuals(parameters: Floats) -> Floats:
-        left = _left(parameters, mixed, times)
+        _, left = shared(parameters)
         return np.concatenate([left.real, left.imag])
 
-    return fit_model(residuals, start, "decays beside a carrier").parameters
+    found = fit_model(residuals, start, "decays beside a carrier").parameters
+    return found, *shared(found)
 
 
 def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> RingingMode:
