@@ -153,7 +153,7 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         "seeds=3": "the mark is vcfbench(bench=None",
         "3": "the mark is vcfbench(bench=None",
         'bench="none.toml"': "none.toml: expected a bench file, there is no such file",
-        'parameters="mine"': "expected paper or ideal, came 'mine'",
+        'parameters="mine"': "parameters: expected 'ideal' or 'paper', came 'mine'",
         'seed="x"': "seed: expected a whole number, came 'x'",
         'speed="x"': "--speed x: expected a number",
         'faults="none.toml"': "none.toml",

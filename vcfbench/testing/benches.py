@@ -24,7 +24,7 @@ from simrack.serve import MAX_SPEED, BenchServer, Control, ServedClock, ServerSe
 from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import Clock
 from vcfbench.errors import ConfigError
-from vcfbench.files import parse_toml
+from vcfbench.files import dotted, parse_toml
 from vcfbench.procedures.bench_file import described
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.consistency import check_simulation
@@ -34,6 +34,7 @@ from vcfbench.sim.simulation import chosen_seed
 from vcfbench.sim.world import World
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
+from vcfbench.strict import converted
 
 _GIVING_UP_S = 10.0
 
@@ -58,21 +59,13 @@ def simulated(
     """
     description = described(bench)
     simulation = description.simulation or Simulation()
-    changes: dict[str, Any] = {}
+    given = parse_toml(overrides, "overrides") if isinstance(overrides, str) else overrides or {}
+    asked = {**structs.asdict(simulation), "override": {**simulation.override, **given}}
     if parameters is not None:
-        changes["parameters"] = parameters
+        asked["parameters"] = parameters
     if errors is not None:
-        changes["errors"] = SimulationErrors(**dict.fromkeys(SimulationErrors.__struct_fields__, errors))  # type: ignore[arg-type]
-    if overrides is not None:
-        given = parse_toml(overrides, "overrides") if isinstance(overrides, str) else overrides
-        changes["override"] = {**simulation.override, **given}
-    simulation = structs.replace(simulation, **changes)
-    description = structs.replace(description, simulation=simulation)
-    if simulation.parameters not in {"paper", "ideal"}:
-        raise ConfigError(f"parameters: expected paper or ideal, came {simulation.parameters!r}")
-    for asked in structs.asdict(simulation.errors).values():
-        if isinstance(asked, str) and asked not in {"none", "drawn"}:
-            raise ConfigError(f"errors: expected none or drawn, came {asked!r}")
+        asked["errors"] = dict.fromkeys(SimulationErrors.__struct_fields__, errors)
+    description = structs.replace(description, simulation=converted(asked, Simulation, dotted))
     for invalid_value in invalid_values(description):
         raise ConfigError(f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came!r}")
     check_simulation(description, description.name)
