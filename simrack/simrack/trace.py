@@ -12,12 +12,13 @@ from msgspec.structs import replace
 from simrack.sources import Sine
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable
 
     import numpy as np
     from numpy.typing import NDArray
 
     from simrack.components import Component
+    from simrack.oscillation import Oscillation
     from simrack.sources import Played
 
 
@@ -110,18 +111,6 @@ def merged(pieces: Iterable[Piece]) -> list[Piece]:
     return joined
 
 
-class ClosedForm(Protocol):
-    """constant_v + Re sum a exp(s t), terms (a, s), t from the start of a stretch."""
-
-    @property
-    def constant_v(self) -> float:
-        """The constant part."""
-
-    @property
-    def terms(self) -> Sequence[tuple[complex, complex]]:
-        """Size and exponent of each sine."""
-
-
 class Stretch(Protocol):
     """Voltages of every node of a World over [start_s, stop_s], as the World hands them to its observers."""
 
@@ -145,7 +134,7 @@ class Stretch(Protocol):
     def fed(self, node: str) -> bool:
         """Tell whether a node's voltage is put on it from outside the device."""
 
-    def closed_form(self, node: str) -> ClosedForm | None:
+    def closed_form(self, node: str) -> Oscillation | None:
         """Return the voltage of a node as undamped sines; None where only `at` tells."""
 
     def source(self, node: str) -> tuple[Played, float] | None:

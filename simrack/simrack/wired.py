@@ -16,6 +16,7 @@ from msgspec import Struct
 
 from simrack.loads import Loaded
 from simrack.motion import TableMotion
+from simrack.oscillation import Oscillation
 from simrack.sources import Approach, Drive, Ripple, Sine
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 RAILS = ("positive", "negative")
 NODES = ("output", "input", "rail_positive", "rail_negative")
-_FINEST_RAD = 0.05
 _MOST_POINTS = 1 << 18
 _LOOKS = 1 << 16
 """Points of an average of what a circuit makes of a waveform."""
@@ -67,11 +67,6 @@ class Mechanics(Struct, frozen=True):
     flutter_per_sqrt_hz: float = 0.0
     friction_deg_s2: float = 10.0
     friction_time_s: float = 5.0
-
-
-class _Closed(Struct, frozen=True):
-    constant_v: float
-    terms: list[tuple[complex, complex]]
 
 
 class _Filtered(Struct, frozen=True):
@@ -123,8 +118,7 @@ class _Stretch(Struct, frozen=True):
         signal, lasts = self.signals[node], self.stop_s - self.start_s
         known = self.closed_form(node)
         if known is not None:
-            turned = [(size * (cmath.exp(speed * lasts) - 1.0) / speed).real for size, speed in known.terms]
-            return known.constant_v * lasts + sum(turned)
+            return known.integral(lasts)
         if isinstance(signal, _Rail):
             way = signal.approach.later(self.start_s)
             return way.goal_v * lasts - sum(size * tau * math.expm1(-lasts / tau) for size, tau in way.terms)
@@ -141,16 +135,13 @@ class _Stretch(Struct, frozen=True):
     def finest_s(self, node: str) -> float:
         """Return a time in which a cubic tells a node's voltage."""
         known = self.closed_form(node)
-        if known is None:
-            return 0.0
-        fastest = max((abs(speed) for _, speed in known.terms), default=0.0)
-        return _FINEST_RAD / fastest if fastest else math.inf
+        return 0.0 if known is None else known.finest_s()
 
     def fed(self, node: str) -> bool:
         """Tell that every node's voltage may be as fast as its source."""
         return node in self.signals
 
-    def closed_form(self, node: str) -> _Closed | None:
+    def closed_form(self, node: str) -> Oscillation | None:
         """Return the voltage of a node as sines, t from the start; None of signals that play or move."""
         signal = self.signals[node]
         if isinstance(signal, _Rail) and not signal.approach.terms:
@@ -167,14 +158,14 @@ class _Stretch(Struct, frozen=True):
         return None if isinstance(signal, Drive | _Rail | _Filtered) else (signal, 1.0)
 
 
-def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> _Closed:
+def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> Oscillation:
     still = sum(each.value_v(0.0) for each in sines if not each.frequency_hz)
     terms = [
         (-1j * cmath.rect(each.amplitude_v, speed * start_s + each.phase_rad), 1j * speed)
         for each in sines
         if each.amplitude_v and (speed := math.tau * each.frequency_hz)
     ]
-    return _Closed(constant_v + still, terms)
+    return Oscillation(constant_v + still, terms)
 
 
 class WiredWorld(Loaded):

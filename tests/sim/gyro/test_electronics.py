@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from simrack.oscillation import Oscillation
 from simrack.sources import Drive
 
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits, amplify, modulate, passage, rail_current_a
+from vcfbench.sim.gyro.electronics import OutputLimits, amplify, modulate, passage, rail_current_a
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 
 PAPER = paper_bench()

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from scipy.linalg import expm
+from simrack.oscillation import Oscillation
 from simrack.sources import Drive
 
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
@@ -16,7 +17,7 @@ from vcfbench.clock import VirtualClock
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.gyro.design import ideal_bench
-from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits
+from vcfbench.sim.gyro.electronics import OutputLimits
 from vcfbench.sim.gyro.means import output_integral
 from vcfbench.sim.gyro.noise import FlickerNoise, NoisyChain
 from vcfbench.sim.gyro.signals import ExponentialSum

@@ -8,14 +8,14 @@ import numpy as np
 from msgspec import Struct, field
 from numpy.typing import NDArray
 from simrack.dense import COARSE_S, coarser
+from simrack.oscillation import Oscillation
 from simrack.sources import Played
 
 from vcfbench.sim.gyro.bridge import NoisePath
 from vcfbench.sim.gyro.course import Acting, Answer
-from vcfbench.sim.gyro.electronics import Oscillation, OutputLimits, PlayedVoltage, amplify
+from vcfbench.sim.gyro.electronics import OutputLimits, PlayedVoltage, amplify
 from vcfbench.sim.gyro.means import output_integral
 
-FINEST_RAD = 0.05
 PINS = ("rail_positive", "rail_negative")
 
 
@@ -55,10 +55,7 @@ class Stretch(Struct, frozen=True):
         source = self._source(node)
         if source is None:
             return COARSE_S
-        if not isinstance(source, Oscillation):
-            return 0.0
-        fastest = max((abs(exponent) for _, exponent in source.terms), default=0.0)
-        return FINEST_RAD / fastest if fastest else math.inf
+        return source.finest_s() if isinstance(source, Oscillation) else 0.0
 
     def closed_form(self, node: str) -> Oscillation | None:
         """Return the voltage of a node as sines, its origin at the start of the stretch; None where only `at` tells."""
