@@ -189,6 +189,7 @@ class Circumstances(Struct, frozen=True):
 
 _DIFFERENCE = "bias_difference_v"
 _TEMPERATURE, _MISALIGNMENT = "temperature", "misalignment"
+_KINDS = ("normal", "rectangular")
 
 
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
@@ -197,8 +198,7 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     factor = convolved_coverage_factor(result, sources.values())
     lines = tuple(
         StatedContribution(
-            *(line.source, "rectangular" if sources[line.source].rectangular else "normal"),
-            *(line.u_source, sources[line.source].unit),
+            *(line.source, _KINDS[sources[line.source].rectangular], line.u_source, sources[line.source].unit),
             *(finite(line.dof), line.sensitivity, abs(line.u), line.share),
         )
         for line in result.contributions
