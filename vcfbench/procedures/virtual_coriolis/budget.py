@@ -9,7 +9,6 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.budget import Distribution
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
@@ -115,11 +114,10 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
     zero = 0.0 if absolute else 1.0 / matching.zero_virtual.n
     u_match = known.u_mean_v(matching.v_vc_equal_v, 1.0 / matching.best.n + zero) / abs(matching.level_v)
     spread = k_vc * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
-    one = Distribution.RECTANGULAR if known.besides == "resolution" else Distribution.NORMAL
     own = {
         "virtual slope": (float(spread[0]), "V/(deg/s)"),
         "virtual bias": (float(spread[1]), "V"),
-        "match": (u_match, "1", math.inf, one),
+        "match": (u_match, "1", math.inf, known.besides == "resolution"),
     }
     levels, span_v = known.errors(moved, own), matching.slope * matching.level_v
 

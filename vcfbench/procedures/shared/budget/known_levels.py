@@ -97,7 +97,7 @@ class KnownLevels(Struct, frozen=True):
         """Return the errors of levels, and the effect of one unit of each on each value.
 
         `moved` holds of each value the levels, V, and what a volt of error of each of them adds to it; `own` is what
-        the levels' own errors make of it, as a :class:`Source` has it: u, unit, degrees of freedom, distribution.
+        the levels' own errors make of it, as a :class:`Source` has it: u, unit, degrees of freedom, rectangular.
         """
         sources: dict[str, Source] = {}
         effects: dict[str, dict[str, float]] = {value: {} for value in moved}
