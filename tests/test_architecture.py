@@ -128,6 +128,11 @@ def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
     assert wrong == []
 
 
+def test_no_file_is_longer_than_500_lines() -> None:
+    paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    assert [path.name for path in paths if path.read_text(encoding="utf-8").count("\n") > 500] == []
+
+
 def test_the_plug_in_of_tables_is_found_and_not_imported() -> None:
     own = {"vcfbench." + name for name in ("clock", "drivers", "errors", "files", "interfaces", "models", "strict")}
     seen = [(name, target) for name in modules() for target in imports(name)]

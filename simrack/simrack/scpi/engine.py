@@ -11,6 +11,7 @@ from collections import deque
 from typing import TYPE_CHECKING, Any, Protocol
 
 from simrack.scpi.errors import ErrorQueue, ScpiError, esr_bit
+from simrack.scpi.formats import joined
 from simrack.scpi.lexer import find_message_end
 from simrack.scpi.pending import Pending
 from simrack.scpi.status import Register, Status
@@ -137,10 +138,13 @@ class ScpiEngine:
                 self._complain_unterminated()
             return part, False
         message = self._output[0]
-        if not self._offset and len(message) <= limit:
-            self._output.popleft()
-            return message, True
-        return self._read_part(message, limit)
+        part = message[self._offset : self._offset + limit]
+        self._offset += len(part)
+        if self._offset < len(message):
+            return part, False
+        self._output.popleft()
+        self._offset = 0
+        return part, True
 
     def answer(self, message: bytes) -> bytes | None:
         """Return the response to a known question that is answered at once: :meth:`write` and :meth:`read` in one.
@@ -466,42 +470,21 @@ class ScpiEngine:
         if self._deadlocked:
             replies.clear()
             return
-        data: str | bytes | Parts
-        if self._begun:
-            data = bytes(self._begun) + _joined(replies)
-            self._begun.clear()
-        else:
-            data = _joined(replies) if len(replies) > 1 else replies[0]  # most have one
+        self._output.append(bytes(self._begun) + joined(replies, self.interface.terminator))
+        self._begun.clear()
         replies.clear()
-        terminator = self.interface.terminator
-        if isinstance(data, str):
-            self._output.append(data.encode("latin-1") + terminator)
-        elif isinstance(data, bytes):
-            self._output.append(data + terminator)
-        else:
-            self._output.append(b"".join((*data.parts, terminator)))
 
     def _read_stream(self, limit: int) -> bytes:
         """Return at most `limit` bytes of an answer that is sent while it comes about, after the replies before it."""
         if self._pending is None or self._pending.stream is None:
             return b""
         if self._replies:
-            self._begun += _joined(self._replies) + b";"
+            self._begun += joined(self._replies, b";")
             self._replies.clear()
         self._begun += self._pending.stream.take()
         part = bytes(self._begun[:limit])
         del self._begun[:limit]
         return part
-
-    def _read_part(self, message: bytes, limit: int) -> tuple[bytes, bool]:
-        start = self._offset
-        part = message[start : start + limit]
-        self._offset = start + len(part)
-        if self._offset < len(message):
-            return part, False
-        self._output.popleft()
-        self._offset = 0
-        return part, True
 
     def _complain_unterminated(self) -> None:
         """-420 once: addressed to talk with nothing to say and nothing under way."""
@@ -511,13 +494,3 @@ class ScpiEngine:
         self._unterminated = True
         self._partial.clear()
         self.report(ScpiError(-420))
-
-
-def _joined(replies: list[str | bytes | Parts]) -> bytes:
-    return b";".join([_whole(part) for part in replies])
-
-
-def _whole(part: str | bytes | Parts) -> bytes:
-    if isinstance(part, bytes):
-        return part
-    return part.encode("latin-1") if isinstance(part, str) else b"".join(part.parts)

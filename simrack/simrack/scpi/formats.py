@@ -57,6 +57,19 @@ class Parts:
         return self.size
 
 
+def joined(replies: Iterable[str | bytes | Parts], end: bytes) -> bytes:
+    """Return answers as they are sent, one behind the other, with what ends them; put together once."""
+    pieces: list[bytes] = []
+    for reply in replies:
+        if pieces:
+            pieces.append(b";")
+        if isinstance(reply, str):
+            pieces.append(reply.encode("latin-1"))
+        else:
+            pieces += reply.parts if isinstance(reply, Parts) else [reply]
+    return b"".join([*pieces, end])
+
+
 def block(data: bytes, digits: int | None = None) -> bytes:
     """Format a definite length block, with `digits` length digits or as many as needed."""
     return block_header(len(data), digits) + data
