@@ -7,7 +7,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.interfaces import Multimeter, SamplesVoltage
+from vcfbench.interfaces import SamplesVoltage
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does
@@ -143,28 +143,23 @@ class SampleModulated(Step, Struct, frozen=True):
             ConfigError: a meter cannot take readings by itself.
             MeasurementError: the table does not turn as it should.
         """
-        bench = context.bench
-        v_vc = self._begun(context, bench.v_vc_meter, "v_vc_meter") if self.of == "both" else None
-        own = self._begun(context, bench.multimeter, "multimeter")
-        context.bench.clock.sleep_until(max(each.ends_s for each in (own, v_vc) if each is not None))
-        output_v = context.believable(own.meter.sampled_voltages_v)
-        v_vc_v = () if v_vc is None else context.believable(v_vc.meter.sampled_voltages_v)
+        clock, ends_s = context.bench.clock, 0.0
+        begun: list[tuple[SamplesVoltage, float]] = []
+        for role in ("v_vc_meter", "multimeter") if self.of == "both" else ("multimeter",):
+            meter = getattr(context.bench, role)
+            if not isinstance(meter, SamplesVoltage):
+                raise _takes_none(role)
+            gaps = self.interval_s > 1.001 * meter.aperture_s
+            lasts_s = meter.start_sampling(self.samples, self.interval_s)
+            begun.append((meter, clock.now()))
+            # what the meter needs between two readings is not known below a millisecond
+            ends_s = max(ends_s, begun[-1][1] + lasts_s + (1e-3 * self.samples if gaps else 0.0))
+        clock.sleep_until(ends_s)
+        taken = [(began_s, context.believable(meter.sampled_voltages_v)) for meter, began_s in reversed(begun)]
         table = None if self.table_deg_s is None else read_rate(context, self.table_deg_s, self.tolerance_deg_s)
-        aperture_s = own.meter.aperture_s
-        if self.of == "v_vc":
-            return ModulatedRecord(self.interval_s, aperture_s, 0.0, (), own.began_s, output_v, table)
-        return ModulatedRecord(
-            self.interval_s, aperture_s, own.began_s, output_v, 0.0 if v_vc is None else v_vc.began_s, v_vc_v, table
-        )
-
-    def _begun(self, context: Context, meter: Multimeter, role: str) -> "_Begun":
-        if not isinstance(meter, SamplesVoltage):
-            raise _takes_none(role)
-        gaps = self.interval_s > 1.001 * meter.aperture_s
-        lasts_s = meter.start_sampling(self.samples, self.interval_s)
-        began_s = context.bench.clock.now()
-        # what the meter needs between two readings is not known below a millisecond
-        return _Begun(meter, began_s, began_s + lasts_s + (1e-3 * self.samples if gaps else 0.0))
+        none: tuple[float, tuple[float, ...]] = (0.0, ())
+        output, v_vc = (none, *taken) if self.of == "v_vc" else (*taken, none)[:2]
+        return ModulatedRecord(self.interval_s, begun[-1][0].aperture_s, *output, *v_vc, table)
 
     def predict(self, gyro: LinearGyro) -> ModulatedRecord:
         """Predict a sine, the modes following at once, and the noise that `gyro` has."""
@@ -185,11 +180,3 @@ class SampleModulated(Step, Struct, frozen=True):
             v_vc_v if sampled != "output" else (),
             self.table_deg_s,
         )
-
-
-class _Begun(Struct, frozen=True):
-    """A meter that samples by itself, when it began and when it is done, bench time."""
-
-    meter: SamplesVoltage
-    began_s: float
-    ends_s: float
