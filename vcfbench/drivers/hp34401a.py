@@ -41,25 +41,28 @@ class Hp34401A(ScpiInstrument):
     """Commands that end a measurement, if a device clear does not; a 34401A takes none while it measures (p. 116)."""
 
     # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
-    dc_words: ClassVar[tuple[str, ...]] = (
-        "CONF:VOLT:DC {range}",
-        "VOLT:DC:NPLC {nplc}",
-        "ZERO:AUTO ON",
+    function_words: ClassVar[tuple[str, ...]] = (
+        "CONF:{function} {range}",
+        "{header}:NPLC {nplc}",
+        "{autozero_on}",
         "TRIG:SOUR IMM",
     )
-    """Commands that select direct voltage, one reading a trigger, autozero on; `header` asks for the settings."""
+    """Commands that select a function, one reading a trigger: VOLT:DC, RES by two wires, FRES by four.
+
+    The settings of a function are under its header. Autozero is switched on for direct voltage alone.
+    """
     header: ClassVar[str] = "VOLT:DC"
+    """Header of the settings of direct voltage."""
+    autozero: ClassVar[str] = "ZERO:AUTO"
     ranges_ohm: ClassVar[tuple[float, ...]] = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
-    ohms_words: ClassVar[tuple[str, ...]] = ("CONF:{ohms} {range}", "{ohms}:NPLC {nplc}", "TRIG:SOUR IMM")
-    """Commands that select resistance, RES by two wires and FRES by four, one reading a trigger."""
     begin_words: ClassVar[str] = "INIT"
     """Command that takes one reading."""
-    sampling_words: ClassVar[tuple[str, ...]] = ("ZERO:AUTO ONCE", "SAMP:COUN {samples}", "TRIG:DEL {pause}")
+    sampling_words: ClassVar[tuple[str, ...]] = ("{autozero} ONCE", "SAMP:COUN {samples}", "TRIG:DEL {pause}")
     sampling_question: ClassVar[str | None] = "SAMP:COUN?"
     """Question for the number of readings that was set, where there is one."""
     samples_question: ClassVar[str] = "FETC?"
     """Question for the readings of a sampling."""
-    single_words: ClassVar[tuple[str, ...]] = ("SAMP:COUN 1", "TRIG:DEL:AUTO ON", "ZERO:AUTO ON")
+    single_words: ClassVar[tuple[str, ...]] = ("SAMP:COUN 1", "TRIG:DEL:AUTO ON", "{autozero} ON")
     """Commands that set it back to single readings."""
     waits_for_readings: ClassVar[bool] = False
     """Whether ``*OPC?`` must have been answered before a reading that is under way can be asked for."""
@@ -92,23 +95,24 @@ class Hp34401A(ScpiInstrument):
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
-        self._configure(self.dc_words, self.header, range_v, self.ranges_v, nplc)
+        self._configure("VOLT:DC", self.header, range_v, self.ranges_v, nplc)
         self._range_v = range_v
 
     def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
         """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
         self._require_one_of("number of wires", wires, (2, 4))
-        self._configure(self.ohms_words, "RES" if wires == 2 else "FRES", range_ohm, self.ranges_ohm, nplc)
+        function = "RES" if wires == 2 else "FRES"
+        self._configure(function, function, range_ohm, self.ranges_ohm, nplc)
         self._range_v = None
 
-    def _configure(
-        self, words: tuple[str, ...], header: str, end: float, ranges: tuple[float, ...], nplc: float
-    ) -> None:
-        """Send the `words` for the range that ends at `end`, and read its settings back under their `header`."""
+    def _configure(self, function: str, header: str, end: float, ranges: tuple[float, ...], nplc: float) -> None:
+        """Select `function` on the range that ends at `end`, and read its settings back under their `header`."""
         self._require_one_of("range", end, ranges)
         self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
-        said = (each.format(ohms=header, range=decimal(end), nplc=decimal(nplc)) for each in words)
-        self._session.write(*said, deadline=self._reading_deadline())
+        values = {"function": function, "header": header, "range": decimal(end), "nplc": decimal(nplc)}
+        values["autozero_on"] = f"{self.autozero} ON" if function == "VOLT:DC" else ""
+        said = (each.format(**values) for each in self.function_words)
+        self._session.write(*filter(None, said), deadline=self._reading_deadline())
         for question, wanted in ((f"{header}:RANG?", end), (f"{header}:NPLC?", nplc)):
             self._read_back(question, wanted, 1e-6 * wanted)
         self._nplc = nplc
@@ -185,7 +189,7 @@ class Hp34401A(ScpiInstrument):
         require_within(self, "an interval", interval_s, (aperture_s, aperture_s + self.longest_delay_s), "s")
         pause = decimal(round(interval_s - aperture_s, 6))
         self._session.write(
-            *(words.format(samples=samples, pause=pause) for words in self.sampling_words),
+            *(each.format(autozero=self.autozero, samples=samples, pause=pause) for each in self.sampling_words),
             deadline=self._reading_deadline(),
         )
         if self.sampling_question and (found := self._session.query_int(self.sampling_question)) != samples:
@@ -216,7 +220,7 @@ class Hp34401A(ScpiInstrument):
             raise self._unbelievable(f"{len(first_v)} readings came, {self._sampled} were taken")
         for voltage_v in first_v:
             self._require_in_range(voltage_v)
-        self._session.write(*self.single_words)
+        self._session.write(*(each.format(autozero=self.autozero) for each in self.single_words))
         return first_v
 
     def _require_in_range(self, voltage_v: float) -> None:

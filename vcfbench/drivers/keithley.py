@@ -39,27 +39,19 @@ class Keithley2000(_Keithley):
     memory_readings: ClassVar[int] = 1024
     """Its buffer (User's Manual, as users quote it)."""
     abort_words: ClassVar[tuple[str, ...]] = ("INIT:CONT OFF", "ABOR")
-    dc_words: ClassVar[tuple[str, ...]] = (
+    autozero: ClassVar[str] = "SYST:AZER:STAT"
+    function_words: ClassVar[tuple[str, ...]] = (
         "INIT:CONT OFF;:ABOR",
-        "CONF:VOLT:DC",
-        "VOLT:RANG {range}",
-        "VOLT:NPLC {nplc}",
-        "VOLT:AVER:STAT OFF;:VOLT:REF:STAT OFF;:VOLT:DIG 7",
-        "SYST:AZER:STAT ON",
-        "FORM ASC;:FORM:ELEM READ",
-        "TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1",
-    )
-    ohms_words: ClassVar[tuple[str, ...]] = (
-        "INIT:CONT OFF;:ABOR",
-        "CONF:{ohms}",
-        "{ohms}:RANG {range}",
-        "{ohms}:NPLC {nplc}",
-        "{ohms}:AVER:STAT OFF;:{ohms}:REF:STAT OFF;:{ohms}:DIG 7",
+        "CONF:{function}",
+        "{header}:RANG {range}",
+        "{header}:NPLC {nplc}",
+        "{header}:AVER:STAT OFF;:{header}:REF:STAT OFF;:{header}:DIG 7",
+        "{autozero_on}",
         "FORM ASC;:FORM:ELEM READ",
         "TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1",
     )
     sampling_words: ClassVar[tuple[str, ...]] = (
-        "SYST:AZER:STAT OFF",
+        "{autozero} OFF",
         "TRAC:CLE;:TRAC:POIN {samples};:TRAC:FEED SENS;:TRAC:FEED:CONT NEXT",
         "TRIG:COUN {samples};:TRIG:DEL {pause}",
     )
@@ -67,7 +59,7 @@ class Keithley2000(_Keithley):
     single_words: ClassVar[tuple[str, ...]] = (
         "TRAC:FEED:CONT NEV",
         "TRIG:COUN 1;:TRIG:DEL:AUTO ON",
-        "SYST:AZER:STAT ON",
+        "{autozero} ON",
     )
 
 
@@ -79,33 +71,25 @@ class KeithleyDMM6500(_Keithley):
     """Readings that defbuffer1 holds by default (general knowledge, unverified)."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     begin_words: ClassVar[str] = 'TRAC:TRIG "defbuffer1"'
-    dc_words: ClassVar[tuple[str, ...]] = (
+    autozero: ClassVar[str] = "VOLT:AZER"
+    function_words: ClassVar[tuple[str, ...]] = (
         "ABOR",
-        'FUNC "VOLT:DC"',
-        "VOLT:RANG {range}",
-        "VOLT:NPLC {nplc}",
-        "VOLT:AVER:STAT OFF;:VOLT:REL:STAT OFF",
-        "VOLT:AZER ON",
-        "FORM ASC",
-        "COUN 1",
-    )
-    ohms_words: ClassVar[tuple[str, ...]] = (
-        "ABOR",
-        'FUNC "{ohms}"',
-        "{ohms}:RANG {range}",
-        "{ohms}:NPLC {nplc}",
-        "{ohms}:AVER:STAT OFF;:{ohms}:REL:STAT OFF",
+        'FUNC "{function}"',
+        "{header}:RANG {range}",
+        "{header}:NPLC {nplc}",
+        "{header}:AVER:STAT OFF;:{header}:REL:STAT OFF",
+        "{autozero_on}",
         "FORM ASC",
         "COUN 1",
     )
     sampling_words: ClassVar[tuple[str, ...]] = (
-        "VOLT:AZER OFF",
+        "{autozero} OFF",
         "AZER:ONCE",
         'TRAC:CLE "defbuffer1"',
         'TRIG:LOAD "SimpleLoop",{samples},{pause},"defbuffer1"',
     )
     samples_question: ClassVar[str] = 'TRAC:DATA? 1,{samples},"defbuffer1",READ'
-    single_words: ClassVar[tuple[str, ...]] = ("VOLT:AZER ON",)
+    single_words: ClassVar[tuple[str, ...]] = ("{autozero} ON",)
 
     def _take_remote(self, deadline: Deadline) -> None:
         language = self._session.query("*LANG?", deadline).strip().upper()

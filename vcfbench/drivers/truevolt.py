@@ -15,14 +15,7 @@ class Truevolt(Hp34401A):
     """A meter of the series, made of its row's numbers: every function has an autozero of its own (guide p. 223)."""
 
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
-    dc_words: ClassVar[tuple[str, ...]] = (
-        "CONF:VOLT:DC {range}",
-        "VOLT:DC:NPLC {nplc}",
-        "VOLT:DC:ZERO:AUTO ON",
-        "TRIG:SOUR IMM",
-    )
-    sampling_words: ClassVar[tuple[str, ...]] = ("VOLT:DC:ZERO:AUTO ONCE", "SAMP:COUN {samples}", "TRIG:DEL {pause}")
-    single_words: ClassVar[tuple[str, ...]] = ("SAMP:COUN 1", "TRIG:DEL:AUTO ON", "VOLT:DC:ZERO:AUTO ON")
+    autozero: ClassVar[str] = "VOLT:DC:ZERO:AUTO"
     fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({})
     memory_readings: ClassVar[int] = 10_000
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
