@@ -3,8 +3,8 @@
 What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to be filled in by hand.
 """
 
-import os
 import re
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
 from typing import Any, Final
@@ -14,7 +14,7 @@ import msgspec
 from vcfbench.archive.certificate import stated_words
 from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.run import Run
-from vcfbench.files import opened
+from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
@@ -24,11 +24,7 @@ from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Verdict
 
 BLANK: Final = "_" * 24  # Stands for what was not told
-_MEASURING: Final = (
-    "multimeter",
-    "v_vc_meter",
-    "rate_table",
-)  # Results are traced by them: blanks where nothing is told
+_MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told
 _MOST: Final = 12  # So many results stand on the first page; the others follow
 _LIMITED: Final = {
     "scale_factor_v_per_deg_s": "scale_factor",
@@ -44,7 +40,6 @@ _RULES: Final = {
 _BOUND: Final = re.compile(r"(\S+): .*; it is below (\S+) (\S+) \(95 %\)")
 """Of a value that is not stated, since errors alone may make it."""
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
-_LONGEST_TAIL: Final = 1 << 22  # The last line of a record and its amendments are not longer, bytes
 
 
 def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Figure | None) -> Iterator[Part]:
@@ -193,9 +188,7 @@ def seal_of(run: Run) -> str | None:
     """Return the seal of the last line of a record, which `vcfbench runs verify` holds against all before it."""
     if run.directory is None:
         return None
-    with opened(run.directory / "journal.jsonl", "the journal of a run") as file:
-        file.seek(-min(_LONGEST_TAIL, file.seek(0, os.SEEK_END)), os.SEEK_END)
-        data = file.read()
+    data = read_file(run.directory / "journal.jsonl", "the journal of a run", sys.maxsize)
     last = lines_after(data)[0]
     line = last[-1] if last else data.rstrip(b"\n").rpartition(b"\n")[2]
     try:

@@ -8,10 +8,9 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path  # typer reads the annotations when it runs
-from typing import Annotated, Any, cast, get_args
+from typing import Annotated, Any, cast
 
 import typer
-from msgspec import structs
 from simrack.faults import FaultScript, fault_from
 from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, Rs232, ServedClock, ServerSettings
 
@@ -46,7 +45,7 @@ def serve(
         list[str] | None, option("ROLE:KIND,...", "Further interfaces: tcp, vxi11, hislip, pty, lxi. May be repeated.")
     ] = None,
     rs232: Annotated[
-        str,
+        Rs232,
         option(
             "KIND", "Serial lines: ideal; real (characters take time, small buffers, handshake); three-wire (none)."
         ),
@@ -66,15 +65,14 @@ def serve(
     if ports != "auto" and not (re.fullmatch(r"[0-9]{1,5}", ports) and 0 < int(ports) < 65536):
         raise ConfigError(f"--ports {ports}: expected a port number, or 'auto'")
     base = None if ports == "auto" else int(ports)
-    planned = FaultScript(()) if faults is None else read_script(faults)
-    if rs232 not in get_args(Rs232):
-        raise ConfigError(f"--rs232 {rs232}: expected {', '.join(get_args(Rs232))}")
-    settings = structs.replace(
-        ServerSettings(host, base, faults=planned),
+    settings = ServerSettings(
+        host,
+        base,
+        faults=FaultScript(()) if faults is None else read_script(faults),
         control_port=control_port,
         offers=_offers(offer or []),
         port_mapper=port_mapper,
-        rs232=cast("Rs232", rs232),
+        rs232=rs232,
     )
     try:
         clock = ServedClock(MAX_SPEED if speed == FASTEST else pace_of(speed, f"--speed {speed}"))

@@ -98,13 +98,10 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
     summary = summary_of(directory)
     return {
         **begun,
+        **{name: getattr(summary, name) for name in ("procedure", "bench", "dut", "verdict")},
         "began_utc": summary.started.isoformat(),
-        "procedure": summary.procedure,
-        "bench": summary.bench,
-        "dut": summary.dut,
         "batch": summary.tags.get("batch"),
         "status": summary.status.value,
-        "verdict": summary.verdict,
         "problem": summary.problem or summary.damage,
         "values": [
             {"name": named(name).words, "words": result.words()}
