@@ -77,17 +77,12 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     share, beyond_deg = _share(pairs, at_rest_v, phase_deg, carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
     carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
-
-    turned = [
-        (r.difference_hz, r.reference_deg)
-        for step, each in measured.found(Rotations)
-        if not isinstance(step, CaptureFar)
-        for r in each.records
-    ]
-    reference = reference_phase(turned)
+    rotations = [(step, each) for step, found in measured.found(Rotations) for each in found.records]
+    far = [each for step, each in rotations if isinstance(step, CaptureFar)]
+    near = [(each.difference_hz, each.reference_deg) for step, each in rotations if not isinstance(step, CaptureFar)]
+    reference = reference_phase(near)
     reference_deg = math.remainder(reference.phase_deg - 90.0, 180.0)
     records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
-
     kept_share = _share_of(then, middle) or share.kept()
 
     def gain(node: str, amplitude_v: float) -> UncertaintyPart:
@@ -106,7 +101,7 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
         "in_phase_share": share,
         "carrier_phase_deg": carrier,
         "demodulator_phase_deg": measurand(reference_deg, "deg", [records, skew]),
-        "v_vc_feedthrough": _feedthrough(measured, middle, kept_share, at_rest_v),
+        "v_vc_feedthrough": _feedthrough(far, middle, kept_share, at_rest_v),
         "drive_amplitude_v": measurand(drive_v, "V", [gain("drive", drive_v)]),
         "carrier_amplitude_v": mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
         "sense_phase_deg": measurand(beyond_deg, "deg", [of_phase, skew]),
@@ -180,21 +175,13 @@ def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
     return static[1] / (static[0] + static[1])
 
 
-def _feedthrough(measured: Measured, modes: Modes, share: Kept, at_rest_v: float) -> Measurand:
+def _feedthrough(far: Sequence[RotationRecord], modes: Modes, share: Kept, at_rest_v: float) -> Measurand:
     """Return the feed-through without motion over the modes' response at rest.
 
     Far above and far below the drive the modes answer with opposite signs, the feed-through with one: of the two
     amplitudes one is larger by it, the other smaller.
     """
-    above, below = (
-        [
-            each
-            for step, found in measured.found(Rotations)
-            if isinstance(step, CaptureFar) and sign * step.difference_hz > 0.0
-            for each in found.records
-        ]
-        for sign in (1.0, -1.0)
-    )
+    above, below = ([each for each in far if sign * each.difference_hz > 0.0] for sign in (1.0, -1.0))
     pairs = list(zip(above, below, strict=True))
     value = mean_of_records([_through(pair, modes, share.value, at_rest_v) for pair in pairs], "")
     moved = fmean(_through(pair, modes, share.value + share.u, at_rest_v) for pair in pairs) - value.value
