@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -104,51 +104,46 @@ def _columns(values: Mapping[str, Iterable[Any]]) -> tuple[ExportColumn, ...]:
 
 def _pieces(lines: Iterable[Mapping[str, Any]], began_s: float) -> Iterator[NDArray[np.float64]]:
     """Yield the readings of each step as rows; the table's readback is known when the step is done."""
-    chunks: list[NDArray[np.float64]] = []
+    pieces: list[NDArray[np.float64]] = []
     for line in lines:
-        own = line.get("readings", ()) if line.get("type") == "readings" else own_readings(line)
-        taken = ([each["t_s"] for each in own], [each["voltage_v"] for each in own], [e.get("v_vc_v") for e in own])
-        if line.get("type") == "readings":
-            chunks.append(_table(line, *taken))
-        elif line.get("type") in ("step", "error"):
-            result = line.get("result", {})
-            done = [*chunks, _table(line, *taken), *_records(line, result, began_s)]
-            chunks = []
-            table_deg_s = result.get("table_rate_deg_s")
-            for piece in done:
-                if table_deg_s is not None:
-                    piece[:, 4] = table_deg_s
-                yield piece
-    yield from chunks  # the run was cut within the step
+        if line.get("type") not in {"readings", "step", "error"}:
+            continue
+        own, result = own_readings(line), line.get("result", {})
+        v_vc_v = [each.get("v_vc_v") for each in own]
+        pieces.append(_table(line, [each["t_s"] for each in own], [each["voltage_v"] for each in own], v_vc_v))
+        if line["type"] != "readings":
+            pieces += [_table(line, *each) for each in _records(line, result, began_s)]
+            for piece in pieces if result.get("table_rate_deg_s") is not None else ():
+                piece[:, 4] = result["table_rate_deg_s"]
+            yield from pieces
+            pieces = []
+    yield from pieces  # the run was cut within the step
 
 
-def _records(line: Mapping[str, Any], result: Mapping[str, Any], began_s: float) -> Iterator[NDArray[np.float64]]:
-    """Yield the lists of volts in a result: samples of a sine, of output and V_Vc, of V_Vc alone."""
+def _records(line: Mapping[str, Any], result: Mapping[str, Any], began_s: float) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield times and lists of volts in a result: samples of a sine, of output and V_Vc, of V_Vc alone."""
     match line.get("result_kind"):
         case "SineResponse":  # nothing tells when each was taken but the interval, and when the step began
             volts = result["voltages_v"]
-            times_s = [began_s + line["t_s"] + place * result["interval_s"] for place in range(len(volts))]
-            yield _table(line, times_s, volts, [None] * len(volts))
+            yield began_s + line["t_s"] + result["interval_s"] * np.arange(len(volts)), volts, np.nan
         case "ModulatedRecord":
             for name, at in (("output_v", "output_t_s"), ("v_vc_v", "v_vc_t_s")):
                 volts = result.get(name) or []
-                times_s = [(result[at] or 0.0) + place * result["interval_s"] for place in range(len(volts))]
-                nothing = [None] * len(volts)
-                yield _table(line, times_s, *((volts, nothing) if name == "output_v" else (nothing, volts)))
+                times_s = (result[at] or 0.0) + result["interval_s"] * np.arange(len(volts))
+                yield times_s, *((volts, np.nan) if name == "output_v" else (np.nan, volts))
         case "VvcMeasured":
             taken = result["v_vc"]
-            yield _table(line, [each["t_s"] for each in taken], [None] * len(taken), [e["voltage_v"] for e in taken])
+            yield [each["t_s"] for each in taken], np.nan, [each["voltage_v"] for each in taken]
 
 
-def _table(
-    line: Mapping[str, Any], t_s: Sequence[float], volts: Sequence[float | None], v_vc_v: Sequence[float | None]
-) -> NDArray[np.float64]:
+def _table(line: Mapping[str, Any], t_s: Any, voltage_v: Any, v_vc_v: Any) -> NDArray[np.float64]:
+    """Return a row for each time: of output and V_Vc lists, or nan where nothing read them."""
     step = line["step"]
     table = np.full((len(t_s), 8), np.nan)
     table[:, 0] = line["n"]
     table[:, 1] = step.get("step", 0)
     table[:, 2] = t_s
-    table[:, 3] = volts
+    table[:, 3] = voltage_v
     for column, name in ((5, "rate_deg_s"), (6, "v_vc_v")):
         if isinstance(step.get(name), int | float):
             table[:, column] = step[name]

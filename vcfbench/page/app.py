@@ -5,6 +5,7 @@ import hmac
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import Any, Final
@@ -84,17 +85,12 @@ class PageContent:
     token: str = ""
     closing: bool = False
     browsers: int = 0
-    followers: dict[str, JournalFollower] = field(default_factory=dict)
+    follower: Callable[[str], JournalFollower] = field(init=False)
+    """Gives the follower of the journal of a run by its name; ConfigError where there is none."""
 
-    def follower(self, name: str) -> JournalFollower:
-        """Return the follower of the journal of the run called `name`; ConfigError where there is none."""
-        known = self.followers.get(name)
-        if known is None:
-            journal = self.station.directory(name).journal
-            while len(self.followers) >= _MOST_VIEWS:
-                self.followers.pop(next(iter(self.followers)))
-            known = self.followers[name] = JournalFollower(journal)
-        return known
+    def __post_init__(self) -> None:
+        """Keep the followers that were asked for last."""
+        self.follower = lru_cache(_MOST_VIEWS)(lambda name: JournalFollower(self.station.directory(name).journal))
 
     def view(self, name: str) -> View:
         """Return the run called `name` as far as it is known now."""
