@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import pyvisa
 import serial
-import typer
 from simrack.serve import (
     MAX_SPEED,
     BenchServer,
@@ -31,7 +30,7 @@ from simrack_tests.serve.test_raw import Wire
 from typer.testing import CliRunner
 
 from tests import warm
-from vcfbench.cli.serve import register
+from vcfbench.cli.sim import app
 from vcfbench.clock import VirtualClock, sleep
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.builder import SimulatedBench
@@ -119,8 +118,6 @@ def test_a_reading_over_the_wires_sees_the_world_that_another_wire_sets(describe
 
 def test_ctl_talks_to_it(described: tuple[Any, dict[str, Any]]) -> None:
     port = str(described[1]["control"]["port"])
-    app = typer.Typer()
-    register(app)
     asked = CliRunner().invoke(app, ["ctl", "--port", port, "status"])
     assert asked.exit_code == 0, asked.output
     assert json.loads(asked.stdout)["speed"] == "max"
@@ -130,8 +127,6 @@ def test_ctl_talks_to_it(described: tuple[Any, dict[str, Any]]) -> None:
 
 def test_every_field_of_a_fault_can_be_said_on_the_command_line(described: tuple[Any, dict[str, Any]]) -> None:
     port = str(described[1]["control"]["port"])
-    app = typer.Typer()
-    register(app)
 
     def ctl(*words: str) -> Any:
         done = CliRunner().invoke(app, ["ctl", "--port", port, *words])
@@ -177,8 +172,6 @@ def test_it_serves_until_it_is_told_to_stop(number: signal.Signals) -> None:
     ],
 )
 def test_what_cannot_be_served_is_a_usage_error(arguments: list[str]) -> None:
-    app = typer.Typer()
-    register(app)
     refused = CliRunner().invoke(app, ["serve", *arguments])
     assert getattr(refused.exception, "exit_code", None) == 2
 
