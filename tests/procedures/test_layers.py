@@ -159,7 +159,7 @@ def test_settings_come_back_from_a_record(name: str) -> None:
 @pytest.mark.parametrize("name", ["", "a.b", "a/b", "drive", "samples", "x" * 65])
 def test_a_name_that_no_table_can_have_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match="procedure"):
-        vcfbench.Procedure(name=name, title="", settings=LoopSettings, plan=plan, results=lambda _s, _p: {})
+        vcfbench.Procedure(name=name, title="Loops.", settings=LoopSettings, plan=plan, results=lambda _s, _p: {})
 
 
 def on_day(days: float, stated: float | None = None) -> BenchDescription:

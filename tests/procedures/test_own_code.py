@@ -53,7 +53,7 @@ def results(settings: WaitSettings, _points: object) -> Waited:
 
 WAIT = Procedure(name="wait", title="Wait.", settings=WaitSettings, plan=plan, results=results)
 """
-MAKE = "\nMORE = Procedure(name={!r}, title='', settings=WaitSettings, plan=plan, results=results)\n"
+MAKE = "\nMORE = Procedure(name={!r}, title='More.', settings=WaitSettings, plan=plan, results=results)\n"
 
 
 @pytest.fixture
@@ -96,6 +96,7 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, came 2: wait, more"),
         (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
         (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', came 'w w'"),
+        (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': expected a title, one line, came none"),
         (GOOD.replace("settings=WaitSettings", "settings=int"), "expected settings that are ProcedureSettings"),
         ("\0", "wait.py cannot be run"),
     ],

@@ -95,6 +95,8 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
             raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', came {self.name!r}")
         force_setattr(self, "title", self.title or BUILT_IN.get(self.name, ""))
+        if not self.title:
+            raise ConfigError(f"procedure {self.name!r}: expected a title, one line, came none")
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
         for asked, what in ((self.needs, "needs"), (self.uses, "uses")):
