@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import vcfbench
 from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
-from vcfbench.procedures.catalogue import BUILT_IN
+from vcfbench.procedures.titles import BUILT_IN
 
 if TYPE_CHECKING:
     from vcfbench import Run

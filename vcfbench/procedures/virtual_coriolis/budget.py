@@ -130,7 +130,8 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
         bias = bias - levels.through("virtual bias", q) - q.get(lines.TILT, 0.0)
         return k_vc * rate / level / matched, slope / gain / rate * level * matched, bias / gain
 
-    curve = CurvedLine.of("virtual.nonlinearity", line).with_levels(k_vc, known)
+    curve = CurvedLine.of("virtual.nonlinearity", line)  # the error of the one match scales all rates and cancels
+    curve = curve.with_errors(known, level_v, curve.residuals.of_outputs * line.derivative * k_vc)
     return levels, [OutputSum("match", np.array(weights), "V")], found, curve
 
 

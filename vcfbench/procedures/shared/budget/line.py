@@ -10,7 +10,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
-from vcfbench.procedures.shared.sweep.windows import OutputSum, Sweep
+from vcfbench.procedures.shared.sweep.windows import OutputSum, Sweep, line_weights
 from vcfbench.station.settings import ProcedureSettings, Sources
 
 TILT = "Earth's rate by the axis' tilt"
@@ -43,13 +43,12 @@ class Line(Struct, frozen=True):
     @property
     def slope_weights(self) -> Floats:
         """Weights of the outputs in the slope, 1/(deg/s)."""
-        off = self.rate_deg_s - self.rate_deg_s.mean()
-        return np.asarray(off / float(off @ off))
+        return line_weights(self.rate_deg_s)[0]
 
     @property
     def bias_weights(self) -> Floats:
         """Weights of the outputs in the intercept."""
-        return np.asarray(1.0 / self.rate_deg_s.size - self.rate_deg_s.mean() * self.slope_weights)
+        return line_weights(self.rate_deg_s)[1]
 
 
 def line_sums(name: str, line: Line) -> list[OutputSum]:

@@ -135,8 +135,6 @@ class CurvedLine(Struct, frozen=True):
 
     name: str
     residuals: Residuals
-    rate_deg_s: Floats
-    derivative: Floats
     weights: Floats
     """(n, N): change of each residual by a volt at the output of each of all windows, ppm/V."""
     effects: Mapping[str, Floats]
@@ -150,12 +148,7 @@ class CurvedLine(Struct, frozen=True):
     def of(cls, name: str, line: Line) -> Self:
         """Return that of a line whose rates are known but for a common factor, which cancels."""
         residuals = Residuals.of(line)
-        return cls(name, residuals, line.rate_deg_s, line.derivative, residuals.of_outputs @ line.mixing, {}, {})
-
-    def with_levels(self, k_vc: float, known: KnownLevels) -> Self:
-        """Return it with errors of V_Vc; that of the one match scales all rates and cancels."""
-        through = self.residuals.of_outputs * self.derivative * k_vc
-        return self.with_errors(known, self.rate_deg_s / k_vc, through)
+        return cls(name, residuals, residuals.of_outputs @ line.mixing, {}, {})
 
     def with_errors(self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> Self:
         """Return it with errors of the levels `volts`, which move the residuals by `through`, ppm/V.
@@ -211,7 +204,7 @@ def line_statement(
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
         value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))
-        by_errors = each.by_errors_ppm(value)
+        by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
         why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
         if why:  # no truth is further from what is found than the largest error of a residual
             said.append(f"{value.name}: {why}; it is below {value.value + by_errors:.2g} ppm (95 %)")
@@ -282,7 +275,3 @@ class WorstResidual(Struct, frozen=True):
         at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
         of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
         return structs.replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
-
-    def by_errors_ppm(self, value: StatedValue) -> float:
-        """Return the largest residual by errors alone, without non-linearity, ppm (95 %)."""
-        return value.u95 if self.by_trials is None else self.by_trials.by_errors

@@ -170,7 +170,9 @@ class Circumstances(Struct, frozen=True):
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
                 found[name] = (value - drifted) / mounted
-        if self.moves_driven_zero and _DIFFERENCE in values:
+        # A known source that changes the effect of a volt of V_Vc; the rest of the warm-up is too small
+        moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
+        if _DIFFERENCE in values and any(source.name in moving for source in self.sources):
             # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
             # of both columns apart, so their difference goes with it
             warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
@@ -179,12 +181,6 @@ class Circumstances(Struct, frozen=True):
             found["virtual.bias"] = found["virtual.bias"] + moved
             found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
         return found
-
-    @property
-    def moves_driven_zero(self) -> bool:
-        """True if a known source changes the effect of a volt of V_Vc; the rest of the warm-up is too small."""
-        moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
-        return any(source.name in moving for source in self.sources)
 
 
 _DIFFERENCE = "bias_difference_v"

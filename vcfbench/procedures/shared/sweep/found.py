@@ -6,11 +6,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.tails import t_of_largest
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
 from vcfbench.procedures.shared.sweep import schedule
-from vcfbench.procedures.shared.sweep.windows import Sweep, WindowNoise, zero_places
+from vcfbench.procedures.shared.sweep.windows import Sweep, WindowNoise, line_weights, zero_places
 from vcfbench.records.schema import Point
 
 
@@ -75,19 +74,12 @@ def sweep_found(settings: schedule.SweepSettings, points: Sequence[Point], sweep
     )
 
 
-def _line_weights(rate: Floats) -> tuple[Floats, Floats]:
-    """Return the weights of the outputs in slope and intercept of their least-squares line."""
-    off = rate - rate.mean()
-    slope = off / float(off @ off)
-    return slope, 1.0 / rate.size - rate.mean() * slope
-
-
 def _repeatability(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> Iterator[Repeatability]:
     """Yield how slope and intercept scatter from series to series."""
     size = len(sweep.points) // settings.repeat
     rates = np.array([point.rate_deg_s for point in sweep.points]).reshape(settings.repeat, size)
     outputs = np.array([point.output_v for point in points])
-    made = [_line_weights(each) for each in rates]
+    made = [line_weights(each) for each in rates]
     mixing = sweep.mixing.reshape(settings.repeat, size, len(points))
     slopes, biases = (
         np.array([each[kind] @ through for each, through in zip(made, mixing, strict=True)]) for kind in (0, 1)
@@ -110,7 +102,7 @@ def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep
     up, down = ([(nominal == rate) & (sign * ways > 0) for rate in rates] for sign in (1, -1))
     weights = np.array([plus / plus.sum() - minus / minus.sum() for plus, minus in zip(up, down, strict=True)])
     weights = weights @ sweep.mixing
-    slope, _ = _line_weights(np.array([point.rate_deg_s for point in sweep.points]))
+    slope, _ = line_weights(np.array([point.rate_deg_s for point in sweep.points]))
     outputs = np.array([point.output_v for point in points])
     scale_factor = float(slope @ sweep.mixing @ outputs)
     percent = 100.0 / (abs(scale_factor) * max(map(abs, rates)))

@@ -62,6 +62,13 @@ def drift_weights(at_s: Floats, zeros_at_s: Floats) -> Floats:
     return np.asarray(interpolated - 1.0 / zeros_at_s.size)
 
 
+def line_weights(rate: Floats) -> tuple[Floats, Floats]:
+    """Return the weights of the outputs in slope, 1/(deg/s), and intercept of their least-squares line."""
+    off = rate - rate.mean()
+    slope = np.asarray(off / float(off @ off))
+    return slope, np.asarray(1.0 / rate.size - rate.mean() * slope)
+
+
 def sweep_of(settings: ProcedureSettings, points: Sequence[Point], step: int) -> Sweep:
     """Return the windows of `step` as the results take them."""
     places = tuple(place for place, point in enumerate(points) if point.step == step)
