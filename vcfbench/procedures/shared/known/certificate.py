@@ -22,7 +22,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.records.devices import Measured
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
-from vcfbench.station.acceptance import Acceptance, Verdict
+from vcfbench.station.acceptance import Verdict, judged
 from vcfbench.station.settings import Limit
 
 
@@ -92,7 +92,7 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     keys: dict[str, int] = {}
     placed = [
         (row, keys.setdefault(_key(part) if part.of is not None else f"{row}, {number}", len(keys)), part.u)
-        for row, parts in enumerate([*(_relative_kept(each) for each in earlier), _relative(scale_factor)])
+        for row, parts in enumerate([*map(_relative_kept, earlier), _relative(scale_factor)])
         for number, part in enumerate(parts)
     ]
     by_source = np.zeros((len(now), len(keys)))
@@ -101,27 +101,18 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), by_source @ by_source.T)
     summed = float(cusum(residuals)[-1])
     seen = first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before
-    values = Drift(*seen, "pass", ()).acceptance_values()
-    judged = tuple(
-        Verdict(
-            *(limit.key, values[limit.key], limit.low, limit.high),
-            u95=first.change_ppm.expanded_u if limit.guarded and limit.key == "drift_ppm" else None,
-        )
-        for limit in limits
-        if limit.key in values
-    )
-    return Drift(*seen, Acceptance(judged).word, judged)
+    found = Drift(*seen, "pass", ())
+    own = judged([limit for limit in limits if limit.key in found.judged()], found, ())
+    return found if own is None else replace(found, verdict=own.word, limits=own.limits)
 
 
 def _change(scale_factor: Measurand, reference: Reference) -> Change:
     """Return how far `scale_factor` is from that of an earlier entry."""
     change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0)
-    then = _relative_kept(reference)
     owners: dict[str, list[UncertaintyPart]] = {}
-    for part in then:
-        if part.of is not None:
-            owners.setdefault(_key(part), []).append(part)
-    parts: list[UncertaintyPart] = [part for part in then if part.of is None]
+    parts: list[UncertaintyPart] = []
+    for part in _relative_kept(reference):
+        (parts if part.of is None else owners.setdefault(_key(part), [])).append(part)
     cancelled = []
     for part in _relative(scale_factor):
         same = owners.pop(_key(part), None) if part.of is not None else None
