@@ -5,7 +5,7 @@ says that the setting is believed, and then the generator's accuracy is the unce
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -14,7 +14,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.kept import with_flicker
+from vcfbench.procedures.shared.kept import KnownFlickerSettings
 from vcfbench.procedures.shared.routines import set_v_vc, take, v_vc_on, window_of
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.devices import DeviceStore
@@ -22,7 +22,7 @@ from vcfbench.records.schema import Point
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import DeviceSettings, ProcedureSettings
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Note, VvcMeasured, Window, move_leads
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
@@ -103,14 +103,18 @@ def at_measured_levels(points: Sequence[Point]) -> Sequence[Point]:
 
     All windows of one step at one setting have one level, the mean of what was measured at them.
     """
-    seen: dict[tuple[int, float], list[float]] = {}
-    for point in points:
+    levels_v = mean_levels_v([(point.step, point.v_vc_v) for point in points], points)
+    return [replace(point, v_vc_v=level_v) for point, level_v in zip(points, levels_v, strict=True)]
+
+
+def mean_levels_v(settings: Sequence[Hashable], points: Sequence[Point]) -> list[float]:
+    """Return V_Vc of each point, V: the mean of what was measured at those with its setting, else as it was set."""
+    seen: dict[Hashable, list[float]] = {}
+    for setting, point in zip(settings, points, strict=True):
         if point.v_vc_measured_v is not None:
-            seen.setdefault((point.step, point.v_vc_v), []).append(point.v_vc_measured_v)
-    if not seen:
-        return points
-    levels_v = {key: math.fsum(volts) / len(volts) for key, volts in seen.items()}
-    return [replace(point, v_vc_v=levels_v.get((point.step, point.v_vc_v), point.v_vc_v)) for point in points]
+            seen.setdefault(setting, []).append(point.v_vc_measured_v)
+    levels_v = {setting: math.fsum(volts) / len(volts) for setting, volts in seen.items()}
+    return [levels_v.get(setting, point.v_vc_v) for setting, point in zip(settings, points, strict=True)]
 
 
 def standing_for(points: Sequence[Point], step: int, rate_of: Callable[[float], float]) -> Sequence[Point]:
@@ -130,7 +134,7 @@ class VvcKnown(Enum):
     SET = "set"
 
 
-class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
+class KnownVvcSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     """Settings of procedures that use V_Vc."""
 
     v_vc: Annotated[
@@ -143,8 +147,6 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
     ] = None
     cycles: Annotated[int, ranged(1, 100, "times that every level is taken")] = 2
 
-    outdated: Annotated[bool, said("whether what is known may be used that is out of date")] = False
-
     @property
     def store(self) -> DeviceStore:
         """Store of the devices."""
@@ -155,7 +157,7 @@ class KnownVvcSettings(DeviceSettings, frozen=True, kw_only=True):
         if self.dut is not None:
             self.store.entries(self.dut)
             self.store.require_room(self.dut)
-        return with_flicker(self, outdated=self.outdated)
+        return super().recalled()
 
     @property
     def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:

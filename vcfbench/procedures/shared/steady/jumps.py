@@ -18,7 +18,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
+from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter, mean_levels_v
 from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 from vcfbench.station.settings import ProcedureSettings
@@ -144,13 +144,7 @@ def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
 def _abscissa(windows: Sequence[Seen]) -> Floats:
     """Return the output's abscissa, largest 1: V_Vc as it was measured or set, or the table's rate."""
     if windows[0].driven:
-        levels: dict[float, list[float]] = {}
-        for each in windows:
-            point = each.point
-            if point.v_vc_measured_v is not None:
-                levels.setdefault(point.v_vc_v, []).append(point.v_vc_measured_v)
-        known = {level_v: math.fsum(seen) / len(seen) for level_v, seen in levels.items()}
-        x = np.array([known.get(each.point.v_vc_v, each.point.v_vc_v) for each in windows])
+        x = np.array(mean_levels_v([each.point.v_vc_v for each in windows], [each.point for each in windows]))
     else:
         x = np.array([each.table_deg_s for each in windows])
     return np.asarray(x / max(float(np.abs(x).max()), 1e-12))
