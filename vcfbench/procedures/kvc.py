@@ -41,7 +41,7 @@ from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.procedures.shared.null_comparison.plan import NullTerms, invalid_match_rates, nulled
+from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
@@ -383,10 +383,10 @@ def k_vc(settings: KVcSettings) -> Plan:
     """Find the V_Vc of each rate by a null comparison with the table."""
     yield from v_vc.ready_v_vc_meter(settings, settings.v_vc_range_v)
     yield Settle(settings.settle_s, "gyro settles, table at rest")
-    terms = NullTerms(settings.magnitudes_deg_s, settings.cycles, settings.match_iterations, TABLE, SEARCH, DRIVEN)
-    found = yield from nulled(settings, terms)
+    often, steps = (settings.cycles, settings.match_iterations), (TABLE, SEARCH, DRIVEN)
+    _, _, levels_v = yield from nulled(settings, settings.magnitudes_deg_s, *often, steps)
     yield from examined(settings, None, looked_for=settings.health)
-    yield from measured_levels(settings, (0.0, *found.levels_v.values()))
+    yield from measured_levels(settings, (0.0, *levels_v.values()))
 
 
 KVC = Procedure(

@@ -268,10 +268,10 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     """Return the scale factor of the windows and of the run, and the disturbance of the true rate."""
     run = _fitted(settings, measured)
     gain = _gain(settings, run)
-    since = k_vc_since(settings)
-    k_vc = settings.known.k_vc.coefficients[1] * since.factor
+    factor, since, said = k_vc_since(settings)
+    k_vc = settings.known.k_vc.coefficients[1] * factor
     own, common = _parts(settings, gain, k_vc)
-    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in (*since.parts, *unmeasured(settings))]
+    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in (*since, *unmeasured(settings))]
     missing = missing_of(settings)
     scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
@@ -316,7 +316,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         lost_share=1.0 - len(begin_s) * burst_s / (begin_s[-1] + burst_s),
         k_vc_from=settings.known.source,
         v_vc_by=v_vc.v_vc_error(settings).name,
-        since=since.said,
+        since=said,
         unseen=settings.known.unseen,
         holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings, missing)),
         drift=drift_of(scale_factor, settings.known, settings.acceptance),

@@ -27,6 +27,7 @@ from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.columns import combined
 from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
@@ -196,11 +197,11 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         roughly = float(seen.estimates(np.array(known.k_vc.coefficients), seen.v_vc_v, seen.output_v)[0])
         bias = null_blocks.bias_at_rest(settings, points, AT_REST, seen.noise, roughly)
         return NotStated(bias=bias, health=check, k_vc_from=known.source)
-    since = k_vc_since(settings)
+    factor, since, said = k_vc_since(settings)
     if check is not None:
         warmth_seen = any(each.cause in health_check.TEMPERATURES for each in check.causes)
-        since = k_vc_since(settings, (check.ppm, check.u_ppm), warmth_seen=warmth_seen)
-    coefficients = np.array(known.k_vc.coefficients) * since.factor
+        factor, since, said = k_vc_since(settings, (check.ppm, check.u_ppm), warmth_seen=warmth_seen)
+    coefficients = np.array(known.k_vc.coefficients) * factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     measured = () if check is None else check.measured
@@ -208,7 +209,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     of_phases = PhaseErrors.of(settings.station.sources)
     by = of_phases.u("scale_factor" if health_check.CARRIER_PHASE in measured else "self_calibrated")
     by_phases = [UncertaintyPart(name, u) for name, u in by.items()]
-    moved = [*since.parts, *by_phases, *health_check.unmeasured(settings, measured)]
+    moved = [*since, *by_phases, *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
     amplitudes = () if check is None else (each for each in check.causes if each.cause == health_check.AMPLITUDES)
     without = health_check.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
@@ -223,10 +224,6 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     # The column has the combined uncertainties of its slope and of the bias at rest
     u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
     column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
-    slope, rest = (
-        replace(each, u=stated.u, complete=stated.complete, missing=stated.missing)
-        for each, stated in ((column.scale_factor, line), (column.bias, bias))
-    )
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
@@ -236,13 +233,13 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
         bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
         nonlinearity=nonlinearity,
-        virtual=replace(column, scale_factor=slope, bias=rest),
+        virtual=replace(column, scale_factor=combined(column.scale_factor, line), bias=combined(column.bias, bias)),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
         noise=seen.noise,
         k_vc_from=known.source,
         v_vc_by=v_vc.v_vc_error(settings).name,
         unseen=health_check.STILL_UNSEEN if health_check.CARRIER_PHASE in measured else known.unseen,
-        since=since.said,
+        since=said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *health_check.gaps_of(settings, without)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )

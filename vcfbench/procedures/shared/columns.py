@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
+from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
@@ -53,14 +54,13 @@ def with_statement(column: CalibrationColumn, statement: Statement, before: str 
     """Return a column with the combined uncertainties that are stated of it under names that begin with `before`."""
     return replace(
         column,
-        scale_factor=combined(column.scale_factor, statement, f"{before}scale_factor"),
-        bias=combined(column.bias, statement, f"{before}bias"),
+        scale_factor=combined(column.scale_factor, statement.value(f"{before}scale_factor")),
+        bias=combined(column.bias, statement.value(f"{before}bias")),
     )
 
 
-def combined(of_fit: Quantity, statement: Statement, name: str) -> Quantity:
+def combined(of_fit: Quantity, stated: StatedValue | Measurand) -> Quantity:
     """Return a value with the combined uncertainty that is stated of it."""
-    stated = statement.value(name)
     return replace(of_fit, u=stated.u, complete=stated.complete, missing=stated.missing)
 
 

@@ -13,7 +13,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
-from vcfbench.procedures.shared.null_comparison.plan import NullTerms, nulled
+from vcfbench.procedures.shared.null_comparison.plan import nulled
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep import agreement
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy
@@ -46,11 +46,9 @@ def virtual_coriolis(settings: VirtualCoriolisSettings) -> Plan:
     else:
         yield Note("Steps 1 and 2: at each rate of both signs V_Vc is matched to the output on the table")
         yield Settle(settings.settle_s, "gyro settles, table at rest")
-        steps = TABLE, SEARCH, DRIVEN
-        terms = NullTerms(settings.magnitudes_deg_s, settings.null_cycles, settings.match_iterations, *steps)
-        found = yield from nulled(settings, terms)
-        agreement.require_expected_column(found.table, settings.expected)
-        points, driven = list(found.table), list(found.driven)
+        often, steps = (settings.null_cycles, settings.match_iterations), (TABLE, SEARCH, DRIVEN)
+        points, driven, _ = yield from nulled(settings, settings.magnitudes_deg_s, *often, steps)
+        agreement.require_expected_column(points, settings.expected)
         rates = null_matching(settings, [*points, *driven])
         agreement.require_expected_k_vc(rates.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     yield Note("Step 3: the table turns at each rate, generator off")

@@ -164,7 +164,7 @@ def _four_steps(
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {
-        "k_vc": columns.combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated, "k_vc"),
+        "k_vc": columns.combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated.value("k_vc")),
         "k_vc_u_generator": u_generator * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
         "turntable": columns.with_statement(turntable.column(), stated, "turntable."),

@@ -7,8 +7,6 @@ time, so its limit grows in proportion to the time since the certificate, and an
 import math
 from collections.abc import Sequence
 
-from msgspec import Struct
-
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import temperature_coefficient
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
@@ -21,21 +19,10 @@ K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperatur
 YEAR_DAYS = 365.25
 
 
-class KvcSince(Struct, frozen=True):
-    """Change of K_Vc by time and temperature since its certificate."""
-
-    factor: float
-    """K_Vc now over that of the certificate."""
-    parts: tuple[UncertaintyPart, ...]
-    """Uncertainty of that, relative."""
-    said: tuple[str, ...]
-    """Corrections and assumptions, in words."""
-
-
 def k_vc_since(
     settings: KnownDeviceSettings, by_causes_ppm: tuple[float, float] | None = None, *, warmth_seen: bool = False
-) -> KvcSince:
-    """Return the change of K_Vc as far as time and temperature tell.
+) -> tuple[float, list[UncertaintyPart], tuple[str, ...]]:
+    """Return K_Vc over that of the certificate as far as time and temperature tell, its u, relative, and both in words.
 
     Its causes count as `by_causes_ppm` once they are measured: the change and its u. Unless `warmth_seen`, the
     temperature is not among them, and its possible effect counts as well.
@@ -61,7 +48,7 @@ def k_vc_since(
         parts = [UncertaintyPart(K_VC_DRIFT, u, None, f"{known.source}: {K_VC_DRIFT}", rectangular=True), *parts]
         since = f"{days:.0f} days since the certificate ({drift_words(sources)})"
         said = [f"K_Vc: {u * 1e6:.3g} ppm (u) for its drift in {since}", *said]
-    return KvcSince(1.0 + 1e-6 * ppm, tuple(parts), tuple(said))
+    return 1.0 + 1e-6 * ppm, parts, tuple(said)
 
 
 def drift_words(known: Sources) -> str:

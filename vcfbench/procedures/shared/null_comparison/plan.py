@@ -8,8 +8,6 @@ zeros.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from msgspec import Struct
-
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.known.v_vc import take_driven
@@ -28,53 +26,40 @@ _USABLE = 0.1
 """Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
 
 
-class NullTerms(Struct, frozen=True):
-    """Terms of the match of V_Vc: rates without sign, rising; cycles; settings of a search at most.
+def nulled(
+    settings: ProcedureSettings,
+    magnitudes_deg_s: Sequence[float],
+    cycles: int,
+    iterations: int,
+    steps: tuple[int, int, int],
+) -> Routine[tuple[list[Point], list[Point], Mapping[float, float]]]:
+    """Match V_Vc at each rate of both signs; return the points of all blocks, table and driven, and V_Vc by rate.
 
-    `table`, `search` and `driven` are the numbers that its points carry: the table's blocks, the search for V_Vc, the
-    blocks of V_Vc.
+    `steps` are the numbers that points carry: the table's blocks, the search for V_Vc, of so many `iterations` at most,
+    the blocks of V_Vc. Rates rise: a search goes on from the result at the rate before.
     """
-
-    magnitudes_deg_s: tuple[float, ...]
-    cycles: int
-    iterations: int
-    table: int
-    search: int
-    driven: int
-
-
-class Nulled(Struct, frozen=True):
-    """Result of the match: the points of all blocks in order, and the setting of V_Vc for each rate and sign."""
-
-    table: tuple[Point, ...]
-    driven: tuple[Point, ...]
-    levels_v: Mapping[float, float]
-
-
-def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
-    """Match V_Vc at each rate of both signs."""
+    of_table, of_search, of_driven = steps
     table: list[Point] = []
     driven: list[Point] = []
     levels_v: dict[float, float] = {}
-    for cycle in range(terms.cycles):
+    for cycle in range(cycles):
         per_deg_s = 1.0 / settings.k_vc_guess_deg_s_per_v, 1.0 / settings.k_vc_guess_deg_s_per_v
-        for rate_deg_s in terms.magnitudes_deg_s:
+        for rate_deg_s in magnitudes_deg_s:
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: on the table, generator off")
-            table += yield from at_rates(settings, terms.table, [sign * rate_deg_s for sign in CHOPPED])
+            table += yield from at_rates(settings, of_table, [sign * rate_deg_s for sign in CHOPPED])
             real = block(table[-len(CHOPPED) :])
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: table at rest, V_Vc on")
             yield from v_vc_on(settings.settle_s)
             if cycle == 0:
-                found = yield from _search(settings, terms, rate_deg_s, real, per_deg_s)
+                found = yield from _search(settings, rate_deg_s, real, per_deg_s, (of_search, iterations))
                 levels_v[rate_deg_s], levels_v[-rate_deg_s] = found
                 per_deg_s = found[0] / rate_deg_s, -found[1] / rate_deg_s
             previous_v = 0.0
             for sign in CHOPPED:
                 level_v = levels_v[sign * rate_deg_s] if sign else 0.0
                 if level_v != previous_v:
-                    level_v = yield from set_v_vc(settings, level_v)
-                driven.append((yield from _at_rest(settings, terms.driven, sign * rate_deg_s, level_v)))
-                previous_v = level_v
+                    previous_v = yield from set_v_vc(settings, level_v)
+                driven.append((yield from _at_rest(settings, of_driven, sign * rate_deg_s, previous_v)))
             yield from set_v_vc(settings, 0.0)
             virtual = block(driven[-len(CHOPPED) :])
             for got_v, want_v, way in zip(virtual.differences_v, real.differences_v, (1.0, -1.0), strict=True):
@@ -83,12 +68,12 @@ def nulled(settings: ProcedureSettings, terms: NullTerms) -> Routine[Nulled]:
                         f"at {way * rate_deg_s:+g} deg/s the table moves the output by {want_v:+.6g} V, V_Vc by "
                         f"{got_v:+.6g}",
                         instrument="multimeter",
-                        step=str(terms.driven),
+                        step=str(of_driven),
                         hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
                     )
             yield DisableVvc()
             yield Settle(settings.settle_s, "gyro settles after the generator went off")
-    return Nulled(tuple(table), tuple(driven), levels_v)
+    return table, driven, levels_v
 
 
 def block(points: Sequence[Point]) -> Block:
@@ -130,22 +115,26 @@ def invalid_guess(settings: ProcedureSettings, least: float, largest: float, gue
 
 
 def _search(
-    settings: ProcedureSettings, terms: NullTerms, rate_deg_s: float, table: Block, per_deg_s: tuple[float, float]
+    settings: ProcedureSettings,
+    rate_deg_s: float,
+    table: Block,
+    per_deg_s: tuple[float, float],
+    terms: tuple[int, int],
 ) -> Routine[tuple[float, float]]:
     """Return the settings of V_Vc for the outputs on the table, one for each sign, nearest of those that were tried.
 
     Each try goes along the chord through zero, which is within some per cent of the tangent, so two or three are
     enough. Not so where a generator changes its range: levels between the ends of two ranges cannot be set.
     """
-    wanted = table.differences_v
+    wanted, (step, iterations) = table.differences_v, terms
     levels = (per_deg_s[0] * rate_deg_s, -per_deg_s[1] * rate_deg_s)
     nearest = [(math.inf, level_v) for level_v in levels]
-    for attempt in range(terms.iterations):
-        zero = yield from _at_rest(settings, terms.search, 0.0, 0.0)
+    for attempt in range(iterations):
+        zero = yield from _at_rest(settings, step, 0.0, 0.0)
         seen = []
         for sign, level_v in zip((1.0, -1.0), levels, strict=True):
             set_v = yield from set_v_vc(settings, level_v)
-            point = yield from _at_rest(settings, terms.search, sign * rate_deg_s, set_v)
+            point = yield from _at_rest(settings, step, sign * rate_deg_s, set_v)
             seen.append((set_v, point.output_v - zero.output_v))
         yield from set_v_vc(settings, 0.0)
         away = [abs(got - want) for (_, got), want in zip(seen, wanted, strict=True)]
@@ -154,7 +143,6 @@ def _search(
         close = all(off <= max(noise_v, _CLOSE * abs(want)) for off, want in zip(away, wanted, strict=True))
         if attempt > 0 and close:
             break
-        step = terms.search
         levels = _chord(*seen[0], wanted[0], step), _chord(*seen[1], wanted[1], step)
     plus_v, minus_v = (level_v for _, level_v in nearest)
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
