@@ -52,6 +52,10 @@ def _air_off(settings: TemperatureSettings, work: steps.Plan) -> steps.Plan:
 def plan(settings: TemperatureSettings) -> steps.Plan:
     """Go to each temperature, soak, measure."""
     previous_c = settings.room_c
+    by_table, samples = settings.by is ScaleFactorBy.TABLE, round(settings.soak_window_s / settings.sample_interval_s)
+    level = (settings.level_deg_s, 0.0) if by_table else (0.0, settings.level_v)
+    common = {**routines.window_of(settings), "samples": max(4, samples)}
+    window = steps.Acquire(2, *level, table_due_deg_s(settings, 1.0), **common)
     for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
         yield results.AtTemperature(temperature_c, direction)
         if settings.chamber is None:
@@ -60,7 +64,19 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
             yield steps.SetTemperature(temperature_c, settings.ramp_k_min, settings.window_k, 0.0)
             way_k = max(0.0, abs(temperature_c - previous_c) - settings.window_k)
             yield from _reached(settings, temperature_c, way_k / settings.ramp_k_min * 60.0)
-        yield from _soak(settings)
+        # Wait, then take means at the level until three in a row move no more
+        yield steps.Settle(settings.soak_s, "gyroscope takes the temperature")
+        yield from to_level(settings, 1.0)
+        points: list[Point] = []
+        while not stands_still(points[-STEADY_MEANS:], settings):
+            if settings.soak_s + (len(points) + 1) * window.physical_s > settings.longest_soak_s:
+                raise MeasurementError(
+                    f"the output has not come to rest after {settings.longest_soak_s:g} s at the temperature",
+                    instrument="multimeter",
+                    hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
+                )
+            points.append(answer((yield window), steps.Window).point)
+        yield from to_level(settings, 0.0, previous=1.0)
         yield from _reached(settings, temperature_c)
         yield from watched(settings, chopped(settings, settings.cycles))
         if settings.station.oscilloscope is not None:
@@ -86,30 +102,6 @@ def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float 
     if settings.chamber is not None:
         deadline_s = 2.0 * ramp_s + settings.chamber_takes_s
         answer((yield steps.AwaitTemperature(temperature_c, ramp_s, 0.0, deadline_s)), steps.TemperatureReading)
-
-
-def _soak(settings: TemperatureSettings) -> Routine[None]:
-    """Wait, then take means at the level until three in a row move no more."""
-    yield steps.Settle(settings.soak_s, "gyroscope takes the temperature")
-    yield from to_level(settings, 1.0)
-    samples = max(4, round(settings.soak_window_s / settings.sample_interval_s))
-    window = steps.Acquire(
-        2,
-        settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0,
-        settings.level_v if settings.by is ScaleFactorBy.V_VC else 0.0,
-        table_due_deg_s(settings, 1.0),
-        **{**routines.window_of(settings), "samples": samples},
-    )
-    points: list[Point] = []
-    while not stands_still(points[-STEADY_MEANS:], settings):
-        if settings.soak_s + (len(points) + 1) * window.physical_s > settings.longest_soak_s:
-            raise MeasurementError(
-                f"the output has not come to rest after {settings.longest_soak_s:g} s at the temperature",
-                instrument="multimeter",
-                hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
-            )
-        points.append(answer((yield window), steps.Window).point)
-    yield from to_level(settings, 0.0, previous=1.0)
 
 
 def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool:
