@@ -38,6 +38,16 @@ class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A table of a profile: frozen, strict."""
 
 
+class ProfileLink(Link, frozen=True, kw_only=True):
+    """Set-up of the serial line, the gap between messages, and the ends of text lines."""
+
+    gap_s: Pause = 0.0
+    tx_end: str = "\r\n"
+    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
+    echo: Literal["none", "optional", "always"] = "none"
+    prompt: str | None = None
+
+
 class Units(_Part, frozen=True, kw_only=True):
     """The table's units, sign and resolution; quanta and bounds are in the table's units."""
 
@@ -188,7 +198,7 @@ class Profile(_Part, frozen=True, kw_only=True):
     evidence: str
     maker: str = ""
     twin: str | None = None
-    link: Link = field(default_factory=Link)
+    link: ProfileLink = field(default_factory=ProfileLink)
     frame: Frame = field(default_factory=Frame)
     reply_frame: Frame | None = None
     units: Units

@@ -91,7 +91,7 @@ def test_the_documentation_names_every_dialect_and_key() -> None:
     text = (Path(__file__).parents[2] / "docs" / "rate-tables.md").read_text(encoding="utf-8")
     parts = [
         language.Profile,
-        language.Link,
+        language.ProfileLink,
         language.Frame,
         language.Units,
         language.Step,

@@ -24,7 +24,7 @@ from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.wire import Interface, SerialLine, Wire
+from vcfbench.drivers.wire import Interface, SerialLine, Wire, left_s
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, LinkLost
 
 _CHUNK = 65_536
@@ -118,7 +118,7 @@ class SocketWire:
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Send all of `data`; a peer that does not read is a DeadlineExceeded, not a hang."""
         try:
-            self._socket.settimeout(_left(deadline))
+            self._socket.settimeout(left_s(deadline))
             self._socket.sendall(data)
         except TimeoutError as error:
             raise DeadlineExceeded("the instrument does not take the command") from error
@@ -158,13 +158,6 @@ class SocketWire:
     def close(self) -> None:
         """Close the socket and PyVISA's resource."""
         _close(self._opened)
-
-
-def _left(deadline: Deadline) -> float:
-    left = deadline.remaining()
-    if left <= 0.0:
-        raise TimeoutError
-    return left
 
 
 def _reason(error: OSError) -> str:
@@ -247,9 +240,7 @@ class VisaWire:
         _close(self._opened)
 
     def _grant(self, deadline: Deadline) -> None:
-        left = deadline.remaining()
-        if left <= 0.0:
-            raise DeadlineExceeded("the time is up")
+        left = left_s(deadline)
         if not 0.0 <= self._timeout_s - left <= _SLACK_S:
             # Rounded up: a VISA time-out of 0 ms would mean "do not wait at all".
             milliseconds = int(left * 1000.0) + 1

@@ -5,6 +5,7 @@ from typing import Literal, Protocol
 from msgspec import Struct
 
 from vcfbench.clock import Deadline
+from vcfbench.errors import DeadlineExceeded
 
 Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
 
@@ -20,6 +21,14 @@ class SerialLine(Struct, frozen=True):
     parity: str = "none"
     stop_bits: int = 2
     flow_control: str = "dtr_dsr"
+
+
+def left_s(deadline: Deadline) -> float:
+    """Return what is left of `deadline`, s; raises DeadlineExceeded where nothing is."""
+    left = deadline.remaining()
+    if left <= 0.0:
+        raise DeadlineExceeded("the time is up")
+    return left
 
 
 class Wire(Protocol):

@@ -10,7 +10,7 @@ from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
 from vcfbench.drivers.conversation import Conversation
 from vcfbench.drivers.trace import Connect
-from vcfbench.drivers.wire import Interface, Wire
+from vcfbench.drivers.wire import Interface, Wire, left_s
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _LONGEST_LINE = 32_768
@@ -22,7 +22,7 @@ Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 
 
 class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Set-up of a serial line, and the ends of text lines on it."""
+    """Set-up of a serial line."""
 
     baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
     data_bits: Literal[7, 8] = 8
@@ -32,11 +32,6 @@ class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     dtr: bool | None = None
     rts: bool | None = None
     open_delay_s: Pause = 0.0
-    gap_s: Pause = 0.0
-    tx_end: str = "\r\n"
-    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
-    echo: Literal["none", "optional", "always"] = "none"
-    prompt: str | None = None
 
 
 def serial_port(url: str, link: Link, clock: Clock, timeout_s: float, baud_rate: int | None = None) -> Connect:
@@ -83,7 +78,7 @@ class SerialWire:
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Write all of `data`."""
         try:
-            self._port.write_timeout = _left(deadline)
+            self._port.write_timeout = left_s(deadline)
             self._port.write(data)
         except self._late as error:
             raise errors.DeadlineExceeded("the table does not take the command") from error
@@ -93,7 +88,7 @@ class SerialWire:
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Return the received bytes, waiting for the first."""
         try:
-            self._port.timeout = _left(deadline)
+            self._port.timeout = left_s(deadline)
             first = self._port.read(1)
             data = first + self._port.read(self._port.in_waiting) if first else first
         except OSError as error:
@@ -120,13 +115,6 @@ class SerialWire:
     def close(self) -> None:
         """Close the port."""
         self._port.close()
-
-
-def _left(deadline: Deadline) -> float:
-    left = deadline.remaining()
-    if left <= 0.0:
-        raise errors.DeadlineExceeded("the time is up")
-    return left
 
 
 def _lost(error: OSError) -> errors.LinkLost:
