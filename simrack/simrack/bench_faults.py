@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Generator
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from simrack.clock import Clock
+from simrack.faults import Fault
 from simrack.scpi import INFINITY, ScpiTwin
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
-
-    from simrack.clock import Clock
-    from simrack.faults import Fault
 
 _POWER_ON = 128
 

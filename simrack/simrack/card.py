@@ -8,20 +8,16 @@ answered as a real one answers an unknown header.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from itertools import product
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.models import MODELS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from simrack.models import SimulatedModel
-    from simrack.scpi import CommandTable
+from simrack.models import MODELS, SimulatedModel
+from simrack.scpi import CommandTable
 
 IEEE_488_2: Final = (
     *("*CLS", "*ESE", "*ESE?", "*ESR?", "*IDN?", "*OPC", "*OPC?", "*RST", "*SRE", "*SRE?", "*STB?", "*TST?", "*WAI"),

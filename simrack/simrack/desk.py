@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 import runpy
+from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from msgspec import Struct
 
 from simrack.attendance import AttendedClock
+from simrack.clock import Clock
+from simrack.device import Device
 from simrack.instruments.agilent33220a import Agilent33220ATwin, GeneratorErrors
 from simrack.instruments.dso7104b import Dso7104BTwin, ScopeErrors
 from simrack.instruments.e3631a import E3631ATwin, SupplyErrors
 from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from simrack.leads import Leads
-from simrack.serve import ServedBench
+from simrack.serve import Offer, ServedBench, ServedClock
 from simrack.wired import Circuit, WiredWorld
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from simrack.clock import Clock
-    from simrack.device import Device
-    from simrack.serve import Offer, ServedClock
 
 MODELS = {"power": "E3631A", "generator": "33220A", "multimeter": "34401A", "oscilloscope": "DSO7104B"}
 RESOURCES = {

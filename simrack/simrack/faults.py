@@ -42,16 +42,13 @@ real fault. From `power_cycle` on they are faults of the bench, not of a wire, a
 
 from __future__ import annotations
 
+import random
+from collections.abc import Callable, Iterable, Mapping
 from threading import Lock
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import Any, Literal, get_args
 
 import msgspec
 from msgspec import Struct
-
-if TYPE_CHECKING:
-    import random
-    from collections.abc import Callable, Iterable, Mapping
-
 
 _ONE_AT_A_TIME = Lock()
 """msgspec works a type out when it is first asked for, and leaves it half done where another thread may take it."""

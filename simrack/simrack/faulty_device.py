@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import random
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from simrack.bench_faults import begin_on_bench, require_possible
+from simrack.clock import Clock
+from simrack.device import Device
 from simrack.faults import AT_ONCE, CUTTING, UNREACHABLE, Fault, FaultScript, Ongoing, spoiled, spoils
 from simrack.scpi import ScpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from simrack.clock import Clock
-    from simrack.device import Device
 
 _WHOLE = 1 << 25
 

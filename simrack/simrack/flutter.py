@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
+from simrack.mechanics import TableMechanics
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-    from simrack.mechanics import TableMechanics
 
 _EVEN, _GEOMETRIC = 40, 8
 LINES = _EVEN + _GEOMETRIC

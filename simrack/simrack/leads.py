@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
 from msgspec.structs import replace
 
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
+from simrack.clock import Clock
+from simrack.observations import Capture, Recording, Window
+from simrack.sources import Sine
+from simrack.trace import Piece, Trace
+from simrack.world import World
 
+if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from simrack.clock import Clock
-    from simrack.observations import Capture, Recording, Window
-    from simrack.sources import Sine
-    from simrack.trace import Piece, Trace
-    from simrack.world import World
 
 
 class Lead(Struct, frozen=True):

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable, Hashable, Mapping
+from typing import ClassVar
 
+from simrack.clock import Clock
 from simrack.observations import Observed
-from simrack.sources import Approach
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable, Mapping
-
-    from simrack.clock import Clock
-    from simrack.sources import Drive, Played
+from simrack.sources import Approach, Drive, Played
 
 
 class NodeLoads:

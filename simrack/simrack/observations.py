@@ -7,14 +7,12 @@ import math
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, ClassVar
 
-from simrack.trace import Trace, piece_of
+from simrack.clock import Clock
+from simrack.trace import Piece, Stretch, Trace, piece_of
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
-
-    from simrack.clock import Clock
-    from simrack.trace import Piece, Stretch
 
 
 _EARLY_S = 1e-9

@@ -9,24 +9,21 @@ from __future__ import annotations
 import cmath
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Hashable, Mapping
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from msgspec import Struct
 
+from simrack.clock import Clock
 from simrack.loads import Loaded
 from simrack.motion import TableMotion
 from simrack.oscillation import Oscillation
-from simrack.sources import Approach, Drive, Ripple, Sine
+from simrack.sources import Approach, Drive, Played, Ripple, Sine
+from simrack.world import LeadsOfRole
 
 if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
-
     from numpy.typing import NDArray
-
-    from simrack.clock import Clock
-    from simrack.sources import Played
-    from simrack.world import LeadsOfRole
 
 RAILS = ("positive", "negative")
 NODES = ("output", "input", "rail_positive", "rail_negative")

@@ -6,16 +6,14 @@ itself to `clock.now()` first.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Hashable
+from typing import Protocol
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Hashable
-
-    from simrack.clock import Clock
-    from simrack.motion import TableMotion
-    from simrack.observations import Capture, Recording, Window
-    from simrack.sources import Approach, Drive, Played, Ripple
-    from simrack.trace import Trace
+from simrack.clock import Clock
+from simrack.motion import TableMotion
+from simrack.observations import Capture, Recording, Window
+from simrack.sources import Approach, Drive, Played, Ripple
+from simrack.trace import Trace
 
 
 class LeadEnd(Protocol):

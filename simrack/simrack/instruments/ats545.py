@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from msgspec import Struct, field
@@ -17,13 +18,10 @@ from msgspec import Struct, field
 from simrack import scpi
 from simrack.adjustment import Adjustment
 from simrack.scpi import Limits as Range
+from simrack.world import World
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
     import numpy as np
-
-    from simrack.world import World
 
 ROWS = scpi.Rows()
 

@@ -8,20 +8,17 @@ the over-rate trip, ends of travel, a stalled motor.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Protocol
 
 from msgspec import Struct
 
-from simrack.motion import Swing
+from simrack.clock import Clock
+from simrack.motion import Swing, TableMotion
 from simrack.s_curve import peak_deg_s
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     import numpy as np
-
-    from simrack.clock import Clock
-    from simrack.motion import TableMotion
 
 INTERLOCKS = ("interlock", "door", "emergency_stop", "drive_fault")
 """What can break the current that must flow for a drive to be on: master interlock, door switch, emergency stop, and

@@ -9,14 +9,11 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from simrack.rate_tables.axis import TableWorld
 from simrack.wires.serial_line import CharacterFrame
-
-if TYPE_CHECKING:
-    from simrack.rate_tables.axis import TableWorld
 
 
 class SerialTiming(Struct, frozen=True):

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from random import Random
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from simrack.adjustment import Adjustment
-from simrack.rate_tables.axis import TableErrors
+from simrack.clock import Clock
+from simrack.rate_tables.axis import TableErrors, TableWorld
 from simrack.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
     import numpy as np
-
-    from simrack.clock import Clock
-    from simrack.rate_tables.axis import TableWorld
 
 
 class StreamErrors(TableErrors, frozen=True):

@@ -12,6 +12,7 @@ packets. Nothing asks for a reference: the encoder is absolute.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar
 
 from msgspec import Struct
@@ -23,8 +24,6 @@ from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.002)

@@ -8,21 +8,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Iterator
+from typing import Any, Protocol
 
+from simrack.clock import Clock
+from simrack.scpi.dialect import Dialect, Interface
 from simrack.scpi.errors import ErrorQueue, ScpiError, esr_bit
-from simrack.scpi.formats import joined
+from simrack.scpi.formats import Parts, joined
 from simrack.scpi.lexer import find_message_end
 from simrack.scpi.pending import Pending
 from simrack.scpi.status import Register, Status
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from simrack.clock import Clock
-    from simrack.scpi.dialect import Dialect, Interface
-    from simrack.scpi.formats import Parts
-    from simrack.scpi.table import CommandTable, CompiledUnit, Program
+from simrack.scpi.table import CommandTable, CompiledUnit, Program
 
 _CACHED_MESSAGES = 2048
 _CACHED_LENGTH = 512

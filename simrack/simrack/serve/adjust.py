@@ -8,16 +8,13 @@ device get its role in front.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from simrack.adjustment import Adjustable, Adjustment
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-
-    from simrack.device import Device
-    from simrack.world import LeadsOfRole, World
+from simrack.device import Device
+from simrack.world import LeadsOfRole, World
 
 _SUDDEN_DEG_S2 = 1e4
 _MOST = 1e9

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+from simrack.device import Device
 from simrack.rate_tables.line import LineDevice
 from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import Interface, ScpiError, ScpiTwin
+from simrack.serve.clock import ServedClock
 from simrack.serve.framing import empty_messages, message_sizes, no_answer, shortest_calls
-
-if TYPE_CHECKING:
-    from simrack.device import Device
-    from simrack.serve.clock import ServedClock
 
 SOCKET = Interface("lan", message_exchange=False)
 CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from collections.abc import Callable
+from typing import Any, TypeAlias, cast
 
+from simrack.device import Device
 from simrack.rate_tables.line import LineDevice
 from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import ScpiTwin
 from simrack.scpi.lexer import find_message_end
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from simrack.device import Device
 
 Bytes: TypeAlias = bytes | bytearray
 

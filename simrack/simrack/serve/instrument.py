@@ -8,20 +8,17 @@ through (terminator, IEEE 488.2 message exchange), as in a box with several.
 from __future__ import annotations
 
 import math
+import socket
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable
+from typing import Any, Protocol
 
+from simrack.device import Device
+from simrack.scpi import Interface
+from simrack.serve.clock import ServedClock
 from simrack.serve.embodied import CONVERTER, SOCKET, EmbodiedDevice
 from simrack.serve.framing import NOTHING_EMPTY
-
-if TYPE_CHECKING:
-    import socket
-    from collections.abc import Callable
-
-    from simrack.device import Device
-    from simrack.scpi import Interface
-    from simrack.serve.clock import ServedClock
-    from simrack.serve.wire import DelayingWire
+from simrack.serve.wire import DelayingWire
 
 WHOLE_RESPONSE = 1 << 25
 _PASSED_WHILE_BUSY = 256

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import socket
 import struct
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from simrack.serve.loop import Loop
 from simrack.serve.wire import Bound, Connection, family_of
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from simrack.serve.loop import Loop
-
-    Programs = Mapping[tuple[int, int], Mapping[int, Callable[["Call"], bytes | None]]]
-    """Procedures by number, of a program and version: each returns its result, None if that comes later."""
+Programs = Mapping[tuple[int, int], Mapping[int, Callable[["Call"], bytes | None]]]
+"""Procedures by number, of a program and version: each returns its result, None if that comes later."""
 
 _LAST = 0x8000_0000
 _LONGEST_RECORD = 1 << 24

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import math
 import socket
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, get_args, runtime_checkable
+from typing import Any, Literal, Protocol, Self, get_args, runtime_checkable
 
 from msgspec import Struct, field
 from msgspec.structs import asdict
 
+from simrack.adjustment import Adjustment
+from simrack.device import Device
 from simrack.faults import FaultScript
 from simrack.serve.adjust import adjustments_of
+from simrack.serve.clock import ServedClock
 from simrack.serve.control import ControlServer, Refused
 from simrack.serve.embodied import CONVERTER, SOCKET
 from simrack.serve.hislip import HislipServer
@@ -30,14 +34,7 @@ from simrack.serve.serial_pty import SerialPty
 from simrack.serve.served_faults import ServedFaults, require_roles
 from simrack.serve.vxi11 import ABORT, CORE, Vxi11Server
 from simrack.serve.wire import Listener
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
-
-    from simrack.adjustment import Adjustment
-    from simrack.device import Device
-    from simrack.serve.clock import ServedClock
-    from simrack.world import World
+from simrack.world import World
 
 __all__ = ["BenchServer", "Offer", "Rs232", "ServedBench", "ServerSettings", "Wires"]
 

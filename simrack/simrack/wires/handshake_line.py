@@ -11,13 +11,11 @@ the receiver's circuit would find), once until there is room again; that a break
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
+from simrack.clock import Clock
 from simrack.scpi import Dialect, ScpiError
 from simrack.wires.serial_line import CharacterFrame, FarTable, LineEnd, ReceivedCharacter, heard
-
-if TYPE_CHECKING:
-    from simrack.clock import Clock
 
 BUFFER = 100
 """Characters waiting from which on DTR is false."""

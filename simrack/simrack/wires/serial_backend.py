@@ -6,16 +6,14 @@ the handler into pyserial's list.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import serial
 from msgspec import Struct
 
+from simrack.clock import Clock
+from simrack.device import Device
 from simrack.wires.serial_line import CharacterFrame, FarEnd, LineEnd, Parity
-
-if TYPE_CHECKING:
-    from simrack.clock import Clock
-    from simrack.device import Device
 
 _SCHEME = "sim://"
 _HANDLERS = "simrack.wires.serial_handlers"

@@ -9,12 +9,11 @@ from __future__ import annotations
 import bisect
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from msgspec import Struct
 
-if TYPE_CHECKING:
-    from simrack.clock import Clock
+from simrack.clock import Clock
 
 Parity = Literal["none", "even", "odd"]
 

@@ -12,15 +12,17 @@ the count. A serial session ends reads at its termination character even without
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from itertools import count
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, cast
+from typing import Any, ClassVar, TypeAlias, cast
 
 from pyvisa import attributes, constants, errors, highlevel, rname
 from pyvisa.constants import EventType, ResourceAttribute, StatusCode
 from pyvisa.typing import VISAEventContext, VISARMSession, VISASession
 from pyvisa.util import LibraryPath
 
+from simrack.clock import Clock
+from simrack.device import Device
 from simrack.wires import visa_serial
 from simrack.wires.visa_session import (
     SUCCESS,
@@ -31,12 +33,6 @@ from simrack.wires.visa_session import (
     known_attribute,
     take_arrived,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from simrack.clock import Clock
-    from simrack.device import Device
 
 _EMBEDDED = "embedded"
 _TIMEOUT = ResourceAttribute.timeout_value

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 from pyvisa import attributes, constants, errors, rname
 from pyvisa.constants import AccessModes, InterfaceType, ResourceAttribute, StatusCode
+from pyvisa.typing import VISASession
 
 from simrack.attendance import AttendedClock
+from simrack.clock import Clock
+from simrack.device import Device
 from simrack.wires import visa_serial
 from simrack.wires.handshake_line import HandshakeLine
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from pyvisa.typing import VISASession
-
-    from simrack.clock import Clock
-    from simrack.device import Device
 
 LINE_FEED = 10
 SUCCESS = StatusCode.success

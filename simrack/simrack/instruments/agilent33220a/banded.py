@@ -8,22 +8,16 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from msgspec import Struct, field
 
-from simrack.components import SHORTEST_S, Turning, ended, transform_hz
-from simrack.instruments.agilent33220a.phases import Bursts, Steady
-from simrack.instruments.agilent33220a.waveforms import FAST_HZ, turned
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
-
-    from simrack.components import Path
-    from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
-    from simrack.instruments.agilent33220a.phases import Phase
-    from simrack.instruments.agilent33220a.waveforms import Cycle, Values
+from simrack.components import SHORTEST_S, Path, Turning, ended, transform_hz
+from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
+from simrack.instruments.agilent33220a.phases import Bursts, Phase, Steady
+from simrack.instruments.agilent33220a.waveforms import FAST_HZ, Cycle, Values, turned
 
 _CYCLE_PART = 1 / 12
 _NARROWEST = 1 / 8192

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from msgspec import Struct
 
-if TYPE_CHECKING:
-    from simrack.instruments.agilent33220a.phases import Rhythm
-    from simrack.instruments.agilent33220a.waveforms import Values
+from simrack.instruments.agilent33220a.phases import Rhythm
+from simrack.instruments.agilent33220a.waveforms import Values
 
 HIGHEST_PEAK_V = 10.0
 """Where the output amplifier ends, open circuit; only more than 100 % of AM gets there."""

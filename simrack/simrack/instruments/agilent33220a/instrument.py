@@ -15,19 +15,17 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import ClassVar, Protocol
 
 from simrack import scpi
+from simrack.clock import Clock
 from simrack.instruments.agilent33220a import settings
 from simrack.instruments.agilent33220a.arbitrary import MOST_POINTS, ArbitraryMemory
 from simrack.instruments.agilent33220a.levels import Levels
 from simrack.instruments.agilent33220a.modulation import Player
 from simrack.instruments.agilent33220a.rules import SettingRules
-
-if TYPE_CHECKING:
-    from simrack.clock import Clock
-    from simrack.scpi import CommandTable
-    from simrack.sources import Drive, Played
+from simrack.scpi import CommandTable
+from simrack.sources import Drive, Played
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 """Every point of the longest waveform as -1.2345678E-01 and a comma; what a real one takes is unverified."""

@@ -11,26 +11,21 @@ stretches of the phase, so that neither a fast carrier nor its edges are sampled
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.instruments.agilent33220a.phases import Steady
-from simrack.instruments.agilent33220a.waveforms import FAST_HZ, POWERS
-from simrack.sources import HIGHEST_HZ, Piece
+from simrack.components import Component
+from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
+from simrack.instruments.agilent33220a.phases import Phase, Steady, SteadyRun
+from simrack.instruments.agilent33220a.waveforms import FAST_HZ, POWERS, Cycle, Values
+from simrack.sources import HIGHEST_HZ, Bend, Piece
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
-
-    from simrack.components import Component
-    from simrack.instruments.agilent33220a.envelopes import Envelope, WidthSwing
-    from simrack.instruments.agilent33220a.phases import Phase, SteadyRun
-    from simrack.instruments.agilent33220a.waveforms import Cycle, Values
-    from simrack.sources import Bend
 
 PIECE_S = 1 / 64
 BINS = 4096

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -12,8 +13,6 @@ from msgspec.structs import replace
 from simrack.scpi import ScpiError, Settings
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     import numpy as np
 
 SOURCE_OHM = 50.0

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
 
 from simrack.instruments.dso7104b.filters import REMEMBERED_S
+from simrack.instruments.dso7104b.inputs import ScopeWorld
 from simrack.instruments.dso7104b.settings import CHANNELS, ScopeSettings
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from simrack.instruments.dso7104b.inputs import ScopeWorld
-    from simrack.trace import History, Piece
+from simrack.trace import History, Piece
 
 
 class Coupling:

@@ -7,7 +7,7 @@ from so long before that the beginning is forgotten.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Generator, Iterator, Sequence
 
 import numpy as np
 from msgspec import Struct
@@ -16,11 +16,7 @@ from numpy.typing import NDArray
 
 from simrack.components import ended
 from simrack.sources import Sine
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
-
-    from simrack.trace import Piece
+from simrack.trace import Piece
 
 
 def time_constant_s(corner_hz: float) -> float:

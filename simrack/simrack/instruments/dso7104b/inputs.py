@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Hashable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from msgspec import Struct
 
+from simrack.clock import Clock
 from simrack.components import ended
 from simrack.instruments.dso7104b.filters import (
     UNKNOWN_AT_ONCE,
     Capacitor,
+    Sines,
     closed_form,
     looks,
     low_passed,
     time_constant_s,
 )
+from simrack.trace import History, Piece
 
 if TYPE_CHECKING:
-    from collections.abc import Generator, Hashable, Iterator, Mapping, Sequence
-
     from numpy.typing import NDArray
-
-    from simrack.clock import Clock
-    from simrack.instruments.dso7104b.filters import Sines
-    from simrack.trace import History, Piece
 
 LINE, EXTERNAL = 0, 5
 """Numbers of the trigger inputs that are no channels; nothing is plugged in at EXTernal."""

@@ -18,9 +18,10 @@ television never trigger.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Generator, Iterator, Mapping
 from copy import deepcopy
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from simrack import scpi
 from simrack.instruments.dso7104b.acquisition import Acquisition, Arming, CapturedRecord, acquisition
@@ -37,11 +38,7 @@ from simrack.instruments.dso7104b.termination import Terminations
 from simrack.instruments.dso7104b.trigger import Trigger
 from simrack.instruments.dso7104b.trigger_settings import comparator_of, trigger_of
 from simrack.scpi.parameters import Violation
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Mapping
-
-    from simrack.trace import Piece
+from simrack.trace import Piece
 
 _RUN_BIT, _WAIT_BIT = 8, 32
 _OVERLOAD, _HARDWARE = 11, 12

@@ -8,24 +8,30 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 84-108 comman
 from __future__ import annotations
 
 import math
+from collections.abc import Hashable, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from msgspec import Struct
 
 from simrack.adjustment import Adjustment
 from simrack.instruments.e3631a.calibration import SupplyCalibration
 from simrack.instruments.e3631a.imperfections import OutputErrors, SupplyErrors
-from simrack.instruments.e3631a.kinds import KINDS
+from simrack.instruments.e3631a.kinds import KINDS, OutputKind
 from simrack.instruments.e3631a.output import SupplyOutput, stepped
-from simrack.scpi import GPIB, RS232, Dialect, Register, ScpiEngine, ScpiTwin, Status, bare_integer
-
-if TYPE_CHECKING:
-    from collections.abc import Hashable, Mapping
-
-    from simrack.instruments.e3631a.kinds import OutputKind
-    from simrack.scpi import CommandTable, Interface
-    from simrack.world import World
+from simrack.scpi import (
+    GPIB,
+    RS232,
+    CommandTable,
+    Dialect,
+    Interface,
+    Register,
+    ScpiEngine,
+    ScpiTwin,
+    Status,
+    bare_integer,
+)
+from simrack.world import World
 
 __all__ = ["OutputErrors", "SimulatedE3631A", "SupplyErrors"]
 

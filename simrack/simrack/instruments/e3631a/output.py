@@ -6,17 +6,14 @@ Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 118, 186-187)
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from simrack.instruments.e3631a.imperfections import SupplyErrors
+from simrack.instruments.e3631a.kinds import OutputKind
+from simrack.scpi import Register
 from simrack.sources import NOTHING_V, Approach
-
-if TYPE_CHECKING:
-    from simrack.instruments.e3631a.imperfections import SupplyErrors
-    from simrack.instruments.e3631a.kinds import OutputKind
-    from simrack.scpi import Register
-    from simrack.world import World
+from simrack.world import World
 
 _LOOKS = 8
 """How often, in equal shares of its way, an output that moves looks whether its load still draws what it did."""

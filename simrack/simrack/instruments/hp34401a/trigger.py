@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 from msgspec import Struct, field
 
+from simrack.clock import Clock
 from simrack.instruments.hp34401a.inputs import MeterReading
 from simrack.scpi import ScpiError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from simrack.clock import Clock
 
 MEMORY = 512
 """Readings that INITiate can store (p. 84)."""

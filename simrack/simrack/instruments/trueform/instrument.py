@@ -13,26 +13,23 @@ lower amplitudes of a 33600A at high frequencies.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from msgspec import Struct
 
-from simrack.instruments.agilent33220a.instrument import SimulatedAgilent33220A
+from simrack.clock import Clock
+from simrack.instruments.agilent33220a.instrument import GeneratorWorld, SimulatedAgilent33220A
 from simrack.instruments.agilent33220a.settings import GeneratorErrors, drawn_ranges
 from simrack.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from simrack.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
 from simrack.instruments.trueform.levels import LimitedLevels, TrueformSettings
+from simrack.scpi import CommandTable, ScpiEngine
+from simrack.sources import Drive, Played
 from simrack.specifications import KEYSIGHT_33500B
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy as np
-
-    from simrack.clock import Clock
-    from simrack.instruments.agilent33220a.instrument import GeneratorWorld
-    from simrack.scpi import CommandTable, ScpiEngine
-    from simrack.sources import Drive, Played
 
 _LONGEST_LINE = 15 * MOST_POINTS + 1024
 _FREQUENCY_ERROR = 2e-6

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
-from simrack.instruments.hp34401a.trigger import TriggerSystem
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from simrack.clock import Clock
-    from simrack.instruments.hp34401a.inputs import MeterReading
-    from simrack.instruments.hp34401a.trigger import TriggerSequence
+from simrack.clock import Clock
+from simrack.instruments.hp34401a.inputs import MeterReading
+from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
 
 class RingTriggerSystem(TriggerSystem):

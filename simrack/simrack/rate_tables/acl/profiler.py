@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
+from simrack.clock import Clock
 from simrack.handlers import Handlers
 from simrack.motion import Swing
 from simrack.rate_tables.acl import language
-from simrack.rate_tables.acl.drive import POLL_S
-from simrack.rate_tables.acl.limits import UNLIMITED_DEG
+from simrack.rate_tables.acl.drive import POLL_S, AclDrive
+from simrack.rate_tables.acl.limits import UNLIMITED_DEG, AclLimits, AxisLimits, Demand
 from simrack.s_curve import braking_deg
-
-if TYPE_CHECKING:
-    from simrack.clock import Clock
-    from simrack.rate_tables.acl.drive import AclDrive
-    from simrack.rate_tables.acl.limits import AclLimits, AxisLimits, Demand
-
 
 _INTERVAL_MS = 1.0
 """Interval between demands, if none is given (TM-8004-C 4.7.7)."""
