@@ -60,10 +60,10 @@ def parse_table(text: str, name: str) -> dict[str, Series]:
     rows = _rows(text, name)
     if not rows:
         raise ConfigError(f"{name}: the file is empty; the first line must be the header, {RATE_COLUMN},...")
-    header = _header(*rows[0], name)
+    header = _header(*rows[0])
     if header == (*POINT_COLUMNS, *V_VC_COLUMNS):
-        rows, header = [rows[0], *(_set_point(*row, name) for row in rows[1:])], POINT_COLUMNS
-    cells = [_values(line, row, header, name) for line, row in rows[1:]]
+        rows, header = [rows[0], *(_set_point(*row) for row in rows[1:])], POINT_COLUMNS
+    cells = [_values(*row, header) for row in rows[1:]]
     if header == POINT_COLUMNS:
         # A series for every step of a record that has enough points for a line
         groups: dict[float, list[tuple[float, ...]]] = {}
@@ -95,22 +95,21 @@ def parse_columns(text: str, name: str) -> dict[str, tuple[float, ...]]:
     rows = _rows(text, name)
     if len(rows) < 2:
         raise ConfigError(f"{name}: expected a first line with the names of the columns, and a line for each reading")
-    header = _named(*rows[0], name)
-    cells = [_values(line, row, header, name) for line, row in rows[1:]]
+    header = _named(*rows[0])
+    cells = [_values(*row, header) for row in rows[1:]]
     return dict(zip(header, zip(*cells, strict=True), strict=True))
 
 
-def _rows(text: str, name: str) -> list[tuple[int, list[str]]]:
-    """Return the rows, each with the number of its line; empty lines at the end do not count."""
+def _rows(text: str, name: str) -> list[tuple[str, list[str]]]:
+    """Return the rows, each with where it stands; empty lines at the end do not count."""
     reader = csv.reader(io.StringIO(text.rstrip() + "\n" if text.strip() else ""), strict=True)
     try:
-        return [(reader.line_num, [cell.strip() for cell in row]) for row in reader]
+        return [(f"{name}, line {reader.line_num}", [cell.strip() for cell in row]) for row in reader]
     except csv.Error as error:
         raise ConfigError(f"{name}, line {reader.line_num}: this is not CSV: {error}") from error
 
 
-def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
-    where = f"{name}, line {line}"
+def _header(where: str, header: list[str]) -> tuple[str, ...]:
     joined = "".join(header) if len(header) <= 1 else ""
     if word := "semicolons" if ";" in joined else "tabs" if "\t" in joined else "":
         raise ConfigError(f"{where}: the columns are separated by {word}; save with commas and decimal points")
@@ -121,40 +120,38 @@ def _header(line: int, header: list[str], name: str) -> tuple[str, ...]:
         raise ConfigError(f"{where}, column 1: the header must begin with {RATE_COLUMN}, got {first!r}")
     if len(header) == 1:
         raise ConfigError(f"{where}: there is no output column beside {RATE_COLUMN}")
-    return _named(line, header, name)
+    return _named(where, header)
 
 
-def _named(line: int, header: list[str], name: str) -> tuple[str, ...]:
+def _named(where: str, header: list[str]) -> tuple[str, ...]:
     """Return the names of the columns; refuse those that are missing, doubled or no names."""
-    where = f"{name}, line {line}"
     if any(_NUMBER.fullmatch(title) for title in header):
         raise ConfigError(f"{where}: expected the names of the columns, came numbers")
     for column, title in enumerate(header, 1):
+        here = f"{where}, column {column}"
         if not title:
-            raise ConfigError(f"{where}, column {column}: the column has no name")
+            raise ConfigError(f"{here}: the column has no name")
         if title[0] in _FORMULA or not title.isprintable():
-            raise ConfigError(
-                f"{where}, column {column}: {shorten(ascii(title), 40)} is no name: it would act elsewhere"
-            )
+            raise ConfigError(f"{here}: {shorten(ascii(title), 40)} is no name: it would act elsewhere")
         if title in header[: column - 1]:
-            raise ConfigError(f"{where}, column {column}: there is already a column {title}")
+            raise ConfigError(f"{here}: there is already a column {title}")
     return tuple(header)
 
 
-def _set_point(line: int, row: list[str], name: str) -> tuple[int, list[str]]:
+def _set_point(where: str, row: list[str]) -> tuple[str, list[str]]:
     """Return a row without its measured V_Vc, to which no line is fitted: two numbers, or two empty cells."""
     columns, empty = (*POINT_COLUMNS, *V_VC_COLUMNS), row[len(POINT_COLUMNS) :] == ["", ""]
-    _values(line, [cell or "0" for cell in row] if empty else row, columns, name)
-    return line, row[: len(POINT_COLUMNS)]
+    _values(where, [cell or "0" for cell in row] if empty else row, columns)
+    return where, row[: len(POINT_COLUMNS)]
 
 
-def _values(line: int, row: list[str], header: tuple[str, ...], name: str) -> tuple[float, ...]:
+def _values(where: str, row: list[str], header: tuple[str, ...]) -> tuple[float, ...]:
     if not row:
-        raise ConfigError(f"{name}, line {line}: the line is empty")
+        raise ConfigError(f"{where}: the line is empty")
     if len(row) != len(header):
         hint = "; are there decimal commas?" if len(row) > len(header) else ""
-        raise ConfigError(f"{name}, line {line}: {len(header)} columns expected, got {len(row)}{hint}")
-    return tuple(_number(cell, f"{name}, line {line}, column {title}") for cell, title in zip(row, header, strict=True))
+        raise ConfigError(f"{where}: {len(header)} columns expected, got {len(row)}{hint}")
+    return tuple(_number(cell, f"{where}, column {title}") for cell, title in zip(row, header, strict=True))
 
 
 def _number(cell: str, where: str) -> float:
