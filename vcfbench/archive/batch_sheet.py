@@ -120,14 +120,17 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
         for name in ("scale_factor", "bias", "nonlinearity")
     )
-    drift_ppm = u_drift_ppm = e_n = None
+    found: dict[str, Any] = {}
+    for name, each in (("scale_factor_v_per_deg_s", scale), ("bias_v", bias)):
+        if each is not None:
+            found |= {name: each.value, f"u_{name}": each.u, f"u95_{name}": each.u95}
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None and earlier.simulated == run.simulated:
         then = values_of(earlier).get(scale.name)
         if then is not None and then.unit == scale.unit and then.value:
             drift = difference(then, scale)
-            drift_ppm, e_n = 1e6 * drift.value / then.value, drift.e_n
-            u_drift_ppm = None if drift.u is None else 1e6 * drift.u / abs(then.value)
+            found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
+            found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
     lacks = [each.missing for each in (scale, bias, bend) if each is not None]
     lacks += [each.missing for each in run.verdict.limits] if run.verdict is not None else []
     return SheetRow(
@@ -140,17 +143,9 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         status=summary.status,
         verdict=summary.verdict,
         missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
-        scale_factor_v_per_deg_s=None if scale is None else scale.value,
-        u_scale_factor_v_per_deg_s=None if scale is None else scale.u,
-        u95_scale_factor_v_per_deg_s=None if scale is None else scale.u95,
-        bias_v=None if bias is None else bias.value,
-        u_bias_v=None if bias is None else bias.u,
-        u95_bias_v=None if bias is None else bias.u95,
         nonlinearity_ppm=None if bend is None else bend.value,
-        drift_ppm=drift_ppm,
-        u_drift_ppm=u_drift_ppm,
-        e_n=e_n,
         why_none=None if values else str(run.error or run.no_results),
+        **found,
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-from msgspec import Struct, field
+from msgspec import Struct, field, structs
 
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
@@ -152,19 +152,13 @@ def _summary(
             with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
                 found[name] = _QUANTITY.decode(raw)
     metadata = amended(outline.metadata, outline.amendments)
+    kept = {name: getattr(outline, name) for name in ("procedure", "bench", "seed", "status", "points")}
+    kept |= {**structs.asdict(metadata), "tags": ReadOnly(metadata.tags)}
     return RunSummary(
         run=directory.run,
         directory=directory.path,
         started=began(directory, outline.utc),
-        status=outline.status,
-        procedure=outline.procedure,
-        bench=outline.bench,
-        seed=outline.seed,
-        points=outline.points,
-        dut=metadata.dut,
-        operator=metadata.operator,
-        note=metadata.note,
-        tags=ReadOnly(metadata.tags),
+        **kept,
         results=ReadOnly(found),
         verdict=None if verdict is None else verdict.word,
         damage=damage,
