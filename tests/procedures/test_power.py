@@ -131,7 +131,7 @@ def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
     ("settings", "words"),
     [
         ({"rail_step_v": 0.6}, "rail_step_v: expected at most 0.5 V"),
-        ({"by": "table", "level_deg_s": 400.0}, "level_deg_s: expected at most 300 deg/s"),
+        ({"by": "table", "level_deg_s": 400.0}, "level_deg_s: expected a rate of at most 300 deg/s either way"),
     ],
 )
 def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words: str) -> None:

@@ -28,7 +28,6 @@ from vcfbench.records import devices
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import rate_words
 from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
@@ -60,9 +59,7 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
-        most_deg_s = self.station.limits.max_rate_deg_s
-        if most_deg_s is not None and self.rate_deg_s > most_deg_s:
-            yield InvalidValue("rate_deg_s", rate_words(most_deg_s), self.rate_deg_s)
+        yield from self.beyond_table("rate_deg_s", self.rate_deg_s)
 
 
 _LARGEST_SCATTER_DEG = 5.0

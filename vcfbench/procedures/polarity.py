@@ -24,7 +24,7 @@ from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings, rate_words
+from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine
@@ -78,9 +78,7 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
-        limit_deg_s = self.station.limits.max_rate_deg_s
-        if limit_deg_s is not None and self.polarity_rate_deg_s > limit_deg_s:
-            yield InvalidValue("polarity_rate_deg_s", rate_words(limit_deg_s), self.polarity_rate_deg_s)
+        yield from self.beyond_table("polarity_rate_deg_s", self.polarity_rate_deg_s)
 
 
 class Sign(Struct, frozen=True):

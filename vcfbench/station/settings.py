@@ -428,12 +428,16 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
         yield from self._beyond(self.station.limits)
 
+    def beyond_table(self, key: str, rate_deg_s: float) -> Iterator[InvalidValue]:
+        """Yield the value of `key` where it is faster than the station's table may turn."""
+        limit_deg_s = self.station.limits.max_rate_deg_s
+        if limit_deg_s is not None and abs(rate_deg_s) > limit_deg_s:
+            yield InvalidValue(key, rate_words(limit_deg_s), rate_deg_s)
+
     def _beyond(self, limits: parts.Limits) -> Iterator[InvalidValue]:
         """Yield the values beyond the limits of the station; it has those of its instruments."""
-        if limits.max_rate_deg_s is not None:
-            for index, rate_deg_s in enumerate(self.rates_deg_s):
-                if abs(rate_deg_s) > limits.max_rate_deg_s:
-                    yield InvalidValue(f"rates_deg_s[{index}]", rate_words(limits.max_rate_deg_s), rate_deg_s)
+        for index, rate_deg_s in enumerate(self.rates_deg_s):
+            yield from self.beyond_table(f"rates_deg_s[{index}]", rate_deg_s)
         fastest, current_a = limits.max_acceleration_deg_s2, limits.max_rail_current_a
         if fastest is not None and self.acceleration_deg_s2 > fastest:
             expected = f"at most {fastest:g} deg/s^2 (limits.max_acceleration_deg_s2)"

@@ -6,7 +6,6 @@ from typing import Annotated, ClassVar
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings, level_for
 from vcfbench.station.bounds import Rate, ranged, said
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import rate_words
 
 _MEMORY = 512
 """Readings that every meter keeps (34401A)."""
@@ -91,8 +90,6 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
             yield InvalidValue(
                 "modulation_hz", f"at most a tenth of split_hz, {self.split_hz:g} Hz", self.modulation_hz
             )
-        limit_deg_s = self.station.limits.max_rate_deg_s
-        if self.rate_deg_s and limit_deg_s is None and self.station.instruments:
+        if self.rate_deg_s and self.station.limits.max_rate_deg_s is None and self.station.instruments:
             yield InvalidValue("rate_deg_s", "0 on a bench without a rate table", self.rate_deg_s)
-        if limit_deg_s is not None and abs(self.rate_deg_s) > limit_deg_s:
-            yield InvalidValue("rate_deg_s", rate_words(limit_deg_s), self.rate_deg_s)
+        yield from self.beyond_table("rate_deg_s", self.rate_deg_s)

@@ -55,11 +55,10 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
-        most_deg_s = self.station.limits.max_rate_deg_s
-        if self.by is ScaleFactorBy.TABLE and most_deg_s is None:
-            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
-        elif self.by is ScaleFactorBy.TABLE and most_deg_s is not None and self.level_deg_s > most_deg_s:
-            yield InvalidValue("level_deg_s", f"at most {most_deg_s:g} deg/s (limits)", self.level_deg_s)
+        if self.by is ScaleFactorBy.TABLE:
+            if self.station.limits.max_rate_deg_s is None:
+                yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
+            yield from self.beyond_table("level_deg_s", self.level_deg_s)
 
 
 class ScaleFactor(Struct, frozen=True):
