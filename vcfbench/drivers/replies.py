@@ -146,23 +146,14 @@ def is_whole(answer: bytes | bytearray, *, ended: bool) -> bool:
         return ended
     place = 0
     while place < len(answer):
-        after = _after_item(answer, place)
-        if after is None or after >= len(answer):
+        try:
+            lengths = block_length(answer[place : place + 11]) if answer[place] == _BLOCK else (0, 0)
+        except FramingError:  # a text that begins like a block
+            lengths = (0, 0)
+        item = None if lengths is None else _PLAIN_DATA.match(answer, place + sum(lengths))
+        if item is None or item.end() >= len(answer):
             return False
-        if answer[after] == _NEWLINE:
+        if answer[item.end()] == _NEWLINE:
             return True
-        place = after + 1
+        place = item.end() + 1
     return False
-
-
-def _after_item(answer: bytes | bytearray, place: int) -> int | None:
-    """Return where the item that begins at `place` ends, None when it is still too short to tell."""
-    try:
-        lengths = block_length(answer[place : place + 11]) if answer[place] == _BLOCK else (0, 0)
-    except FramingError:  # a text that begins like a block
-        lengths = (0, 0)
-    if lengths is None:
-        return None
-    begin = place + sum(lengths)
-    plain = _PLAIN_DATA.match(answer, begin) if begin <= len(answer) else None
-    return None if plain is None else plain.end()

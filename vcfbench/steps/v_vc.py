@@ -161,8 +161,8 @@ def _measured(readings: Sequence[Reading]) -> VvcMeasured:
 def require_as_set(meter: Multimeter, measured_v: float, set_v: float, tolerance_v: float) -> None:
     """Raise MeasurementError when V_Vc is not at its setting, within the tolerance: the leads may be elsewhere."""
     if not abs(measured_v - set_v) <= tolerance_v:
-        error = problem(
-            meter, f"reads {measured_v:+.6g} V where V_Vc was set to {set_v:+.6g} V, within {tolerance_v:.2g} V"
+        raise problem(
+            meter,
+            f"reads {measured_v:+.6g} V where V_Vc was set to {set_v:+.6g} V, within {tolerance_v:.2g} V",
+            "are its leads on the V_Vc input, the right way round, and is the generator's output on?",
         )
-        error.hint = "are its leads on the V_Vc input, the right way round, and is the generator's output on?"
-        raise error
