@@ -18,7 +18,7 @@ from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
-from vcfbench.records.devices import Device, DeviceStore, Entry, SelfCalibration
+from vcfbench.records.devices import Device, DeviceStore, Entry
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
@@ -210,9 +210,7 @@ def _row(entry: Entry) -> dict[str, Any]:
         found = getattr(record, key, None)
         if found is not None:
             row |= {key: found.value} if u is None else {key: found.value, u: found.u}
-    if isinstance(record, SelfCalibration):
-        row |= {"e_n": record.e_n, "cusum": record.cusum, "verdict": record.verdict}
-    return row
+    return row | {key: getattr(record, key, None) for key in ("e_n", "cusum", "verdict")}
 
 
 def _row_of_run(run: SheetRow) -> dict[str, Any]:

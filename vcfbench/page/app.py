@@ -217,7 +217,7 @@ def application(shown: PageContent) -> Starlette:
 
 
 class _Routes:
-    """What is answered, in threads of the pool: reading a record holds up nobody else."""
+    """What is answered; plain functions in threads of the pool, where reading a record holds up nobody else."""
 
     def __init__(self, shown: PageContent) -> None:
         self._shown = shown
@@ -260,8 +260,8 @@ class _Routes:
             run = load_run(path)
             return _document(page_of(full_report(run), title_of(run), path.name).encode(), _SHEETS["html"])
 
-    def run_act(self, request: Request) -> Response:
-        """Stop the run of this process, have it pause or go on."""
+    async def run_act(self, request: Request) -> Response:
+        """Stop the run of this process, have it pause or go on: at once, however many threads are busy."""
         self._require_token(request)
         control, live = self._shown.control, self._shown.live
         if control is None or live is None or live.end is not None:
