@@ -19,6 +19,7 @@ from vcfbench.safety.control import RunControl
 
 pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
 httpx = pytest.importorskip("httpx", reason="pip install 'vcfbench[dev]'")
+to_thread = pytest.importorskip("anyio.to_thread", reason="starlette's pool of threads")
 
 from vcfbench.page import app as page_app  # noqa: E402
 from vcfbench.page import connections  # noqa: E402
@@ -196,6 +197,22 @@ class Going:
 def test_who_knows_the_token_stops_the_run(client: Client, shown: PageContent) -> None:
     going = Going(shown)
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"}).status_code == 200
+    assert going.wanted == [("stopping", "the page")]
+
+
+def test_a_stop_waits_for_no_report_that_is_drawn(shown: PageContent) -> None:
+    going = Going(shown)
+
+    async def ask() -> int:
+        threads = to_thread.current_default_thread_limiter()
+        for each in range(int(threads.total_tokens)):
+            threads.acquire_on_behalf_of_nowait(str(each))
+        transport = httpx.ASGITransport(application(shown))
+        async with httpx.AsyncClient(transport=transport, base_url=HERE) as client:
+            asked = client.post("/run/live/stop", headers={"X-Vcfbench-Token": "secret"})
+            return int((await asyncio.wait_for(asked, 5.0)).status_code)
+
+    assert asyncio.run(ask()) == 200
     assert going.wanted == [("stopping", "the page")]
 
 
