@@ -20,7 +20,7 @@ from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED, embedded_text
 from vcfbench.station.layering import Layer, merged
 from vcfbench.strict import converted, refusal
-from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, placed, varied
+from vcfbench.studies.vary import SETTINGS, Drawn, Listed, Varied, combined, count, leaves, placed, varied
 from vcfbench.version import installed_version
 
 _MOST_CASES = 10_000
@@ -119,7 +119,7 @@ class Study(Struct, frozen=True, kw_only=True):
             key, where = rest.partition(":")[0], f"{self.bench}: "  # the file, and the table in it
             if any(key.startswith(each.path) or each.path.startswith(key) for each in self.varied):
                 where = f"{self.source}: vary."
-            elif any(key.startswith(each) or each.startswith(key) for each in _paths(self.change)):
+            elif any(key.startswith(each) or each.startswith(key) for each, _ in leaves(self.change)):
                 where = f"{self.source}: change."
             raise ConfigError(f"{before}{where}{rest}", hint=error.hint) from None
 
@@ -247,12 +247,3 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
 def _loaded(name: str) -> AnyProcedure:
     """Return the procedure of a name or a file; errors as :func:`vcfbench.procedures.catalogue.procedure`."""
     return catalogue.procedure(Path(name) if is_file(name) else name)
-
-
-def _paths(table: Mapping[str, Any], above: str = "") -> Iterator[str]:
-    """Yield the path of every value of a nested table."""
-    for key, value in table.items():
-        if isinstance(value, dict) and value:
-            yield from _paths(value, f"{above}{key}.")
-        else:
-            yield f"{above}{key}"

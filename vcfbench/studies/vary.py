@@ -109,7 +109,7 @@ def varied(table: Mapping[str, Any], source: str) -> tuple[Varied, ...]:
         ConfigError: a path is given twice or is none, or its values are of no known form.
     """
     found: dict[str, Varied] = {}
-    for path, value in _leaves(table, ()):
+    for path, value in leaves(table):
         where = f"{source}: vary.{shown(path)}"
         one = _varied(path, value, where)
         if path in found:
@@ -123,12 +123,12 @@ def varied(table: Mapping[str, Any], source: str) -> tuple[Varied, ...]:
 _TAKEN = {"case", "seed", "status", "message", "verdict", "bench_seconds"}  # Columns that every study has
 
 
-def _leaves(table: Mapping[str, Any], above: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+def leaves(table: Mapping[str, Any], above: tuple[str, ...] = ()) -> Iterator[tuple[str, Any]]:
     """Yield every path with its values: TOML takes dots in a bare key for tables within tables."""
     for key, value in table.items():
         path = (*above, key)
         if isinstance(value, Mapping) and not _FORMS.keys() & value.keys() and value:
-            yield from _leaves(value, path)
+            yield from leaves(value, path)
         else:
             yield ".".join(path), value
 
