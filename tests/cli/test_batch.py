@@ -112,6 +112,15 @@ def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
     assert done.returncode == 1, done.stderr
     assert "Yield: 0 of 2 devices (0 %); not good: G-1, G-2." in done.stdout
     assert done.stdout.count("FAIL") == 2
+    assert "\nLimits: non-linearity, of the span 0 to 1 ppm.\n" in done.stdout
+    assert "\nNot kept: G-2 (non-linearity, of the span: fail).\n" in done.stdout
+
+
+def test_devices_stand_in_the_order_of_the_plan_whenever_they_were_measured(folder: Path) -> None:
+    batch(folder)
+    (folder / "plan.toml").write_text(PLAN.replace('"G-1", "G-2"', '"G-3", "G-2", "G-1"'), encoding="utf-8")
+    rows = read_batch(folder / "plan.toml").rows(folder / "runs", {})
+    assert [each.device for each in rows] == ["G-2", "G-1", "G-3"]
 
 
 @pytest.mark.parametrize(("verdict", "passed"), [(None, True), ("pass", True), ("marginal", False), ("fail", False)])

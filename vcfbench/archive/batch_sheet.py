@@ -10,6 +10,7 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from vcfbench.archive.compared import difference
+from vcfbench.archive.front_page import LIMITED
 from vcfbench.archive.quantities import values_of
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import RunSummary, run_summaries
@@ -20,6 +21,8 @@ from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
+from vcfbench.reports.names import Named, in_words, named
+from vcfbench.station.acceptance import Verdict
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
@@ -31,8 +34,9 @@ _COLUMNS: Final = heads("scale factor | U95:.0f | bias | non-lin.:.0f | drift (E
 class SheetRow(Struct, frozen=True, kw_only=True):
     """One run of a device on the sheet; values are None where the run has no such result.
 
-    `verdict` is that on the acceptance limits, None where nothing was judged; `missing` is what U95 of a value or the
-    guard band of a limit is incomplete without. `drift_ppm` is the change of the scale factor since the last complete
+    `verdict` is that on the acceptance limits, None where nothing was judged; `limits` are these in words, `not_kept`
+    those that the device did not keep, or is too near to. `missing` is what U95 of a value or the guard band of a limit
+    is incomplete without. `drift_ppm` is the change of the scale factor since the last complete
     run of the same device and procedure (on a batch sheet, outside of the batch), `u_drift_ppm` its standard
     uncertainty, `e_n` its normalised error. `why_none` says why there are no results; `run` is empty of a device that
     has no record.
@@ -46,6 +50,8 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     simulated: bool
     status: Status
     verdict: str | None
+    limits: tuple[str, ...] = ()
+    not_kept: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     scale_factor_v_per_deg_s: float | None = None
     u_scale_factor_v_per_deg_s: float | None = None
@@ -131,8 +137,8 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
             drift = difference(then, scale)
             found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
             found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
-    lacks = [each.missing for each in (scale, bias, bend) if each is not None]
-    lacks += [each.missing for each in run.verdict.limits] if run.verdict is not None else []
+    judged = () if run.verdict is None else tuple(each for each in run.verdict.limits if each.measured)
+    lacks = [each.missing for each in (scale, bias, bend, *judged) if each is not None]
     return SheetRow(
         device=str(summary.dut),
         procedure=str(summary.procedure),
@@ -142,11 +148,22 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         simulated=bool(run.simulated),
         status=summary.status,
         verdict=summary.verdict,
+        limits=tuple(map(_limit, judged)),
+        not_kept=tuple(f"{_limited(each).words}: {each.word}" for each in judged if each.word != "pass"),
         missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
         nonlinearity_ppm=None if bend is None else bend.value,
         why_none=None if values else str(run.error or run.no_results),
         **found,
     )
+
+
+def _limited(limit: Verdict) -> Named:
+    return named(LIMITED.get(limit.key, limit.key), in_words(limit.key)[1])
+
+
+def _limit(limit: Verdict) -> str:
+    of = _limited(limit)
+    return f"{of.words} {of.factor * limit.low:g} to {of.factor * limit.high:g} {of.unit}".strip()
 
 
 def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
@@ -177,6 +194,11 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
             columns.append(Column("operator", align="left", verbatim=True))
         cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in of_procedure]
         parts += [Heading(name, 2), Table(columns, cells), *_footnote(of_procedure)]
+        if limits := dict.fromkeys(limit for each in of_procedure for limit in each.limits):
+            not_kept = [f"{each.device} ({', '.join(each.not_kept)})" for each in of_procedure if each.not_kept]
+            parts.append(
+                Text("\n".join([f"Limits: {'; '.join(limits)}.", *(f"Not kept: {each}." for each in not_kept)]))
+            )
         found = (each.scale_factor_v_per_deg_s for each in of_procedure)
         scales = [1e3 * each for each in found if each is not None]
         if len(scales) > 1:
@@ -238,8 +260,8 @@ def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path,
     book.active.title = "batch"
     book.active.append(list(SheetRow.__struct_fields__))
     for each in rows:
-        texts = {"started": each.started.isoformat(), "status": each.status.value, "missing": ", ".join(each.missing)}
-        values = {**structs.asdict(each), **texts}
+        values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
+        values |= {name: "; ".join(values[name]) for name in ("limits", "not_kept", "missing")}
         book.active.append(list(values.values()))
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula

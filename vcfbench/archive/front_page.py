@@ -26,7 +26,7 @@ from vcfbench.station.acceptance import Verdict
 BLANK: Final = "_" * 24  # Stands for what was not told
 _MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told
 _MOST: Final = 12  # So many results stand on the first page; the others follow
-_LIMITED: Final = {
+LIMITED: Final = {
     "scale_factor_v_per_deg_s": "scale_factor",
     "bias_v": "bias",
     "nonlinearity_ppm": "nonlinearity",
@@ -123,7 +123,7 @@ def checked(run: Run) -> str | None:
 def _results(run: Run) -> Iterator[Part]:
     """Yield the box of the results, and what is to be known of their uncertainties."""
     known = {each.name: each for each in values_of(run).values() if each.u is not None}
-    limits = {} if run.verdict is None else {_LIMITED.get(each.key, each.key): each for each in run.verdict.limits}
+    limits = {} if run.verdict is None else {LIMITED.get(each.key, each.key): each for each in run.verdict.limits}
     # a bias stands there once, as a rate, unless the other is limited
     again = {name for name in known if f"{name}_deg_s" in known} | {"bias_difference_v"}
     shown = [each for name, each in known.items() if name not in again or name.rpartition(".")[2] in limits]

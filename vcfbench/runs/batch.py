@@ -93,8 +93,9 @@ class Batch(Struct, frozen=True):
         return tuple(each for each in self.runs if each.procedure.name not in done)
 
     def rows(self, runs: Path, why: Mapping[str, str]) -> tuple[SheetRow, ...]:
-        """Return the rows of the sheet: records, then devices without one; `why` some of them failed."""
-        found = sheet_rows(self.name, runs)
+        """Return the rows of the sheet in the order of the plan, devices without a record last; `why` some failed."""
+        places = {device: place for place, device in enumerate(self.devices)}
+        found = sorted(sheet_rows(self.name, runs), key=lambda each: places.get(each.device, len(places)))
         without = dict.fromkeys([*self.devices, *why])
         for each in found:
             without.pop(each.device, None)
