@@ -121,6 +121,7 @@ def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
     assert call(*words, "--plot", str(tmp_path / "drift.svg")).exit_code == 0
     drawn = (tmp_path / "drift.svg").read_text(encoding="utf-8")
     assert re.search(r"time since \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC / (s|min)<", drawn)  # not in days
+    assert f"Scale factor of G-9 (turntable, E_n {after['e_n']:.2f}); bars: 2 u" in drawn
     rows = list(csv.DictReader(io.StringIO(call(*words, "--csv").stdout)))
     assert [float(row["scale_factor_v_per_deg_s"]) for row in rows] == [
         each["scale_factor_v_per_deg_s"] for each in (before, after)

@@ -142,18 +142,26 @@ def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
         typer.echo("\n" + text_of(Report(health_parts(checked(then, last.characteristics)))))
 
 
+_ENTRIES = "certificates and self-calibrations"
+
+
 def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
-    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over time."""
+    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over time.
+
+    Behind the name of each stands E_n of its last one: against the certificate, or the run before.
+    """
     found = defaultdict[str, list[tuple[datetime, float, float]]](list)
-    kept = set()
+    kept, last_e_n = set(), dict[str, float | None]()
     for entry in entries:
         if (scale := getattr(entry.record, "scale_factor_v_per_deg_s", None)) is not None:
-            found["certificates and self-calibrations"].append((entry.done, scale.value, scale.u))
+            found[_ENTRIES].append((entry.done, scale.value, scale.u))
+            last_e_n[_ENTRIES] = getattr(entry.record, "e_n", None)
             kept.add(entry.record.conditions.run)
     for each in calibrations:
         value, u = each.scale_factor_v_per_deg_s, each.u_scale_factor_v_per_deg_s
         if each.run not in kept and value is not None:
             found[each.procedure].append((each.started, value, u or 0.0))
+            last_e_n[each.procedure] = each.e_n
     known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
         raise ConfigError(f"device {serial}: no entry and no run has a scale factor, there is nothing to draw")
@@ -163,7 +171,7 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
     since = Axis(f"time since {begun:{'%Y-%m-%d' if unit == 'd' else '%Y-%m-%d %H:%M:%S UTC'}}", unit)
     series = [
         Series(
-            name,
+            name if last_e_n[name] is None else f"{name}, E_n {last_e_n[name]:.2f}",
             [(done - begun).total_seconds() / unit_s for done, _, _ in points],
             [1e6 * (value / first - 1.0) for _, value, _ in points],
             [1e6 * u / abs(first) for _, _, u in points],
@@ -171,7 +179,7 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
         for name, points in found.items()
     ]
     of = f" ({series[0].label})" if len(series) == 1 else ""  # several have a legend
-    save_figure(Figure(f"Scale factor of {serial}{of}", since, Axis("change", "ppm"), series), path)
+    save_figure(Figure(f"Scale factor of {serial}{of}; bars: 2 u", since, Axis("change", "ppm"), series), path)
 
 
 def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:
