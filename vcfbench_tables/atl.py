@@ -15,7 +15,7 @@ from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, dec
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
-from vcfbench_tables.untold import SteadyRate, drain, require_rest, turned_deg_s
+from vcfbench_tables.readings import SteadyRate, drain, require_rest, turned_deg_s
 
 _PROMPT = ">"
 _REFUSAL = "?"

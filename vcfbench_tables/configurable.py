@@ -18,7 +18,7 @@ from vcfbench.interfaces import Identity
 from vcfbench_tables import messages
 from vcfbench_tables.language import QUESTIONS, STREAM, Profile, Step
 from vcfbench_tables.profile_replies import ProfileReplies, Received
-from vcfbench_tables.untold import REST_DEG_S, SteadyRate, drain, require_rest, turned_deg_s
+from vcfbench_tables.readings import REST_DEG_S, SteadyRate, drain, require_rest, turned_deg_s
 
 Values = Mapping[str, messages.Value]
 """Values of the names in templates."""

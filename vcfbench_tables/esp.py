@@ -17,7 +17,7 @@ from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, dec
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError
 from vcfbench.interfaces import Identity
-from vcfbench_tables.untold import SteadyRate, require_rest
+from vcfbench_tables.readings import SteadyRate, require_rest
 
 _ERROR = re.compile(r"(\d+), *(\d+), *(.+)")
 _DEEPEST_QUEUE = 16

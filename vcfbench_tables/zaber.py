@@ -17,7 +17,7 @@ from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import ConfigError, DeadlineExceeded, FramingError, InstrumentError, LimitError
 from vcfbench.interfaces import Identity
 from vcfbench_tables.messages import Frame, checksum, frame_text
-from vcfbench_tables.untold import SteadyRate, require_rest
+from vcfbench_tables.readings import SteadyRate, require_rest
 
 _VELOCITY = 1.6384
 """Data units of velocity per microstep/s (unverified)."""

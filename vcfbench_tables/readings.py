@@ -1,4 +1,4 @@
-"""What tables do not tell, from what they do: at rate and at rest from readings, rates from angles, an empty line."""
+"""Rate, rest and silence by what is read, for tables that have no word for them."""
 
 from msgspec import Struct
 
