@@ -15,12 +15,14 @@ from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.kvc import KVcSettings
+from vcfbench.procedures.shared import kept
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
-from vcfbench.procedures.shared.kept import flicker_sources
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
+from vcfbench.station.settings import Sources
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
 DAY = datetime(2026, 5, 4, 9, 30, tzinfo=UTC)
@@ -37,35 +39,47 @@ FOUND = StaticNoise(
 
 @pytest.fixture
 def store(tmp_path: Path) -> DeviceStore:
-    kept = DeviceStore(tmp_path / "devices")
-    kept.add(structs.replace(FOUND, done=DAY - timedelta(days=9), bias_instability_deg_h=Measured(value=9.0, u=1.0)))
-    kept.add(FOUND)
-    return kept
+    found = DeviceStore(tmp_path / "devices")
+    found.add(structs.replace(FOUND, done=DAY - timedelta(days=9), bias_instability_deg_h=Measured(value=9.0, u=1.0)))
+    found.add(FOUND)
+    return found
 
 
-def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(store: DeviceStore) -> None:
-    assert flicker_sources(store, "G-1", DAY + timedelta(days=12), outdated=False) == {
-        "bias_instability_deg_h": 4.0,
-        "bias_instability_dof": 50.0,
-        "bias_instability_from": "static record 0002 of G-1, 2026-05-04, 12 days old, u 0.4 deg/h",
-    }
-    assert flicker_sources(store, "G-2", DAY, outdated=False) == {}
+@pytest.fixture
+def known(store: DeviceStore, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sources]:
+    def of(serial: str, now: datetime, *, outdated: bool = False) -> Sources:
+        monkeypatch.setattr(kept, "utc_now", lambda: now)
+        assumed = Sources(bias_instability_deg_h=5.6, assumed={"bias_instability_deg_h": "5.6", "warm_up_k": "1"})
+        settings = KVcSettings(dut=serial, devices=str(store.root))
+        settings = structs.replace(settings, station=structs.replace(settings.station, sources=assumed))
+        return kept.with_flicker(settings, outdated=outdated).station.sources
+
+    return of
 
 
-def test_one_that_is_out_of_date_is_refused_unless_it_is_asked_for(store: DeviceStore) -> None:
+def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(known: Callable[..., Sources]) -> None:
+    told = known("G-1", DAY + timedelta(days=12))
+    assert (told.bias_instability_deg_h, told.bias_instability_dof) == (4.0, 50.0)
+    assert told.bias_instability_from == "static record 0002 of G-1, 2026-05-04, 12 days old, u 0.4 deg/h"
+    assert told.assumed == {"warm_up_k": "1"}
+    other = known("G-2", DAY)
+    assert (other.bias_instability_deg_h, list(other.assumed)) == (5.6, ["bias_instability_deg_h", "warm_up_k"])
+
+
+def test_one_that_is_out_of_date_is_refused_unless_it_is_asked_for(known: Callable[..., Sources]) -> None:
     late = DAY + timedelta(days=366)
     with pytest.raises(ConfigError, match=r"0002\.json: the static record is valid from .* to .*, not now") as refused:
-        flicker_sources(store, "G-1", late, outdated=False)
+        known("G-1", late)
     assert "vcfbench run zero --dut G-1" in (refused.value.hint or "")
-    assert flicker_sources(store, "G-1", late, outdated=True)["bias_instability_deg_h"] == 4.0
+    assert known("G-1", late, outdated=True).bias_instability_deg_h == 4.0
 
 
-def test_that_of_another_device_is_refused(store: DeviceStore) -> None:
+def test_that_of_another_device_is_refused(store: DeviceStore, known: Callable[..., Sources]) -> None:
     other = store.root / "G-2"
     other.mkdir()
     (store.root / "G-1" / "0002.json").rename(other / "0001.json")
     with pytest.raises(ConfigError, match="it is of device 'G-1', and lies with 'G-2'"):
-        flicker_sources(store, "G-2", DAY, outdated=False)
+        known("G-2", DAY)
 
 
 @pytest.mark.exhaustive

@@ -1,6 +1,6 @@
 """What is kept under a device's name: characteristics that K_Vc depends on, and its flicker, as `zero` found it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, cast
@@ -77,31 +77,25 @@ class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
 def with_flicker(settings: S, *, outdated: bool) -> S:
     """Return the settings with the flicker of their device, where a static record has it; it is assumed no more.
 
-    ConfigError: the record is out of date, or what is known of the device cannot be read.
-    """
-    if settings.dut is None:
-        return settings
-    found = flicker_sources(devices.DeviceStore(Path(settings.devices)), settings.dut, utc_now(), outdated=outdated)
-    known = settings.station.sources
-    left = {key: words for key, words in known.assumed.items() if key not in found}
-    station = structs.replace(settings.station, sources=structs.replace(known, **found, assumed=left))
-    return structs.replace(settings, station=station)
-
-
-def flicker_sources(store: devices.DeviceStore, serial: str, now: datetime, *, outdated: bool) -> Mapping[str, Any]:
-    """Return the known flicker of a device by the keys of `Sources`; nothing without a static record.
-
     It goes before what the bench file tells, which is of no one device. ConfigError: the record is out of date, or what
     is known of the device cannot be read.
     """
-    entry = store.static_noise(serial)
+    serial, now = settings.dut, utc_now()
+    entry = None if serial is None else devices.DeviceStore(Path(settings.devices)).static_noise(serial)
     if entry is None:
-        return {}
-    record = cast("devices.StaticNoise", entry.record)
+        return settings
+    record, known = cast("devices.StaticNoise", entry.record), settings.station.sources
     require_valid(record, shown(entry.path), now, outdated=outdated)
     found, days = record.bias_instability_deg_h, (now - record.done).days
-    said = f"static record {entry.name} of {serial}, {record.done:%Y-%m-%d}, {days} days old, u {found.u:.2g} deg/h"
-    return {"bias_instability_deg_h": found.value, "bias_instability_dof": found.dof, "bias_instability_from": said}
+    sources = structs.replace(
+        known,
+        bias_instability_deg_h=found.value,
+        bias_instability_dof=found.dof,
+        bias_instability_from=f"static record {entry.name} of {serial}, {record.done:%Y-%m-%d}, {days} days old, "
+        f"u {found.u:.2g} deg/h",
+        assumed={key: words for key, words in known.assumed.items() if not key.startswith("bias_instability_")},
+    )
+    return structs.replace(settings, station=structs.replace(settings.station, sources=sources))
 
 
 def require_valid(

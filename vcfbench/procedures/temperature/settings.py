@@ -52,13 +52,8 @@ class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
     def sweep(self) -> BandwidthSettings:
         """Settings of the sweep at a temperature: as `bandwidth`, fewer frequencies."""
         shared = {each: getattr(self, each) for each in structs.asdict(BandwidthSettings()) if hasattr(self, each)}
-        return BandwidthSettings(
-            **{
-                **shared,
-                "frequencies_hz": (1.0, 4.5, 9.0, 16.0, 20.0, 25.0, 31.0, 48.0),
-                "around_split": (0.7, 0.9, 0.97, 1.0, 1.03, 1.1, 1.2, 1.5),
-            }
-        )
+        fewer_hz, around = (1.0, 4.5, 9.0, 16.0, 20.0, 25.0, 31.0, 48.0), (0.7, 0.9, 0.97, 1.0, 1.03, 1.1, 1.2, 1.5)
+        return structs.replace(BandwidthSettings(**shared), frequencies_hz=fewer_hz, around_split=around)
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()

@@ -119,28 +119,25 @@ def null_matching(settings: VirtualCoriolisSettings, points: Sequence[Point]) ->
     at_v = np.where(driven > 0.0, driven, 0.0) @ known_v  # the level's windows add up to 1, its zeros are below 0
     moved_v = driven @ outputs
     equal_v, per_v = nulled_levels(at_v, zero_v, moved_v, left_v)
-    common = {
-        "match_rate_deg_s": settings.match_rate_deg_s,
-        "rate_deg_s": rate,
-        "v_vc_v": equal_v,
-        "taken_v": at_v,
-        "left_v": left_v,
-        "left_weights": driven - table,
-        "readings": np.array([float(point.n) for point in points]),
-    }
+    curve: KVcCurve | None = None
     if settings.k_vc_by is KvcBy.PLUS_MINUS:
         weights = np.array([[1.0, -1.0]]) / (equal_v[0] - equal_v[1])
-        k_vc = weights @ rate
-        return NullMatching(**common, per_deg_s=per_v / k_vc, coefficients=k_vc, weights=weights, curve=None)
-    matched = [p for p in points if p.step in {TABLE, DRIVEN}]
-    noise = noise_of(settings, [block(each) for each in blocks_of(matched)], matched)
-    slopes = np.polynomial.polynomial.polyder(np.polynomial.Polynomial.fit(rate, table @ outputs, 3).convert().coef)
-    per_deg_s = np.asarray(np.polynomial.polynomial.polyval(rate, slopes))
-    covariance = 2.0 * block_covariance(noise, len(magnitudes), cycles) / np.outer(per_deg_s, per_deg_s)
-    curve = fit_k_vc_curve(rate, equal_v, covariance, np.zeros_like(covariance), _ORDER)
-    weights = coefficient_weights(curve, equal_v, covariance)[1:]
-    found = np.array(curve.coefficients[1:])
-    return NullMatching(**common, per_deg_s=per_deg_s, coefficients=found, weights=weights, curve=curve)
+        coefficients = weights @ rate
+        per_deg_s = per_v / coefficients
+    else:
+        matched = [p for p in points if p.step in {TABLE, DRIVEN}]
+        noise = noise_of(settings, [block(each) for each in blocks_of(matched)], matched)
+        on_table = np.polynomial.Polynomial.fit(rate, table @ outputs, 3).convert()
+        per_deg_s = np.asarray(np.polynomial.polynomial.polyval(rate, np.polynomial.polynomial.polyder(on_table.coef)))
+        covariance = 2.0 * block_covariance(noise, len(magnitudes), cycles) / np.outer(per_deg_s, per_deg_s)
+        curve = fit_k_vc_curve(rate, equal_v, covariance, np.zeros_like(covariance), _ORDER)
+        weights = coefficient_weights(curve, equal_v, covariance)[1:]
+        coefficients = np.array(curve.coefficients[1:])
+    return NullMatching(
+        *(settings.match_rate_deg_s, rate, equal_v, at_v, left_v, per_deg_s, driven - table, coefficients, weights),
+        readings=np.array([float(point.n) for point in points]),
+        curve=curve,
+    )
 
 
 def _differences(points: Sequence[Point], step: int, magnitudes: int, cycles: int) -> Floats:

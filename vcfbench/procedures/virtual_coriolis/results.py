@@ -210,6 +210,17 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
     axes, sweeps = (columns.RATE, Axis("difference of the outputs", "mV")), {}
     if isinstance(found, SweptVirtualCoriolisResult):
         sweeps = {"turntable": found.turntable_sweep, "virtual Coriolis": found.virtual_sweep}
+    nulls: list[Table | Text] = []
+    if isinstance(found, NullVirtualCoriolisResult):
+        # The matches where K_Vc is from null comparisons, and the curve through them
+        left = heads("rate [deg/s]:g | V_Vc [V]:.6f | rate - K_Vc [deg/s]:.1e | left [V]:.1e")
+        rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
+        title = f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})"
+        nulls.append(Table(left, rows, title))
+        if found.lack_of_fit_p is not None:
+            terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))
+            lack = f"lack of fit {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g})"
+            nulls.append(Text(f"rate = {terms}\n  {lack}; in no uncertainty"))
     as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
     k_vc_line = (
         f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u_fit or 0.0:.2g}; "
@@ -225,7 +236,7 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
         [
             Table(four, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
             Text("\n".join([k_vc_line, *fits, error_line, u_line])),
-            *_nulls(found),
+            *nulls,
             *(columns.sweep_text(name, sweep) for name, sweep in sweeps.items()),
             *columns.statement_tables(found.uncertainty),
             columns.outputs_figure("Output against rate, real and virtual", lines),
@@ -233,17 +244,3 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
             Figure("Virtual Coriolis minus turntable", *axes, [difference]),
         ]
     )
-
-
-def _nulls(found: VirtualCoriolisResult) -> list[Table | Text]:
-    """Lay out the matches where K_Vc is from null comparisons, and the curve through them."""
-    if not isinstance(found, NullVirtualCoriolisResult):
-        return []
-    left = heads("rate [deg/s]:g | V_Vc [V]:.6f | rate - K_Vc [deg/s]:.1e | left [V]:.1e")
-    rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
-    matches = Table(left, rows, f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})")
-    if found.lack_of_fit_p is None:
-        return [matches]
-    terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))
-    lack = f"lack of fit {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g}); in no uncertainty"
-    return [matches, Text(f"rate = {terms}\n  {lack}")]

@@ -171,7 +171,7 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
     at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
     of_table = (at_rate * limits.table_rate * (slope_v * np.abs(x))) ** 2 / 3.0
-    total = np.diag(own + limits.resolution_v**2 / 12.0 + of_table)
+    total = np.diag(own + walk.settings.meter_resolution_v**2 / 12.0 + of_table)
     orders = _free_orders(windows)
     sizes = [min(abs(float(each)), _MOST_BENT * span_v) for each in coefficients[: orders + 1]]
     for order in range(orders + 1, _HIGHEST + 1):
@@ -209,7 +209,8 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
     if not square:
         return
     slope_v = float(off @ output) / square
-    u_v = math.sqrt(walk.variance_v2 / min(each.point.n for each in windows) + walk.limits.resolution_v**2 / 12.0)
+    digit_v2 = walk.settings.meter_resolution_v**2 / 12.0
+    u_v = math.sqrt(walk.variance_v2 / min(each.point.n for each in windows) + digit_v2)
     u_v = math.hypot(u_v, walk.limits.flicker_v)
     left_v = float(np.abs(output - output.mean() - slope_v * off).max())
     span_v = float(np.ptp(output))

@@ -83,7 +83,6 @@ class Limits(Struct, frozen=True):
     wander_v: float
     """Largest shift of the zero in the run, by temperature or as the bench file says."""
     wander_share: float
-    resolution_v: float
     table_rate: float
     """Relative, of the rate of one window."""
 
@@ -108,7 +107,6 @@ class Limits(Struct, frozen=True):
             warm_up_share=share * begun_k,
             wander_v=wander_v,
             wander_share=share * wander_k,
-            resolution_v=settings.meter_resolution_v,
             table_rate=known.table_rate or 0.0,
         )
 
@@ -169,7 +167,7 @@ class Walk(Struct):
     def _allowed_v(self, earlier: Seen, latest: Seen) -> float:
         """Return how far the means of two windows at one setting may be apart, V."""
         limits, one, other = self.limits, earlier.point, latest.point
-        variance = self.variance_v2 * (1.0 / one.n + 1.0 / other.n) + limits.resolution_v**2 / 6.0
+        variance = self.variance_v2 * (1.0 / one.n + 1.0 / other.n) + self.settings.meter_resolution_v**2 / 6.0
         if earlier.table_deg_s:  # the table's own rate, and its ripple
             rate_deg_s = abs(earlier.table_deg_s)
             alike = [each.point.std_v**2 for each in self.windows if abs(each.table_deg_s) == rate_deg_s]
@@ -187,7 +185,7 @@ class Walk(Struct):
         if isinstance(self.settings, SweepSettings) and self.settings.order is Order.LOOP:
             outputs = [each.point.output_v for each in self.windows]
             drift_v += _LOOP_DRIFT * (max(outputs) - min(outputs))
-        return max(sigmas(self.dof) * math.sqrt(variance) + drift_v, 2.0 * limits.resolution_v)
+        return max(sigmas(self.dof) * math.sqrt(variance) + drift_v, 2.0 * self.settings.meter_resolution_v)
 
     @property
     def measured(self) -> bool:
