@@ -17,7 +17,7 @@ from vcfbench import interfaces
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
-from vcfbench.models import data_sheet_of, driver_of, find_model
+from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.layers import meter_worth
@@ -162,20 +162,16 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         The gyroscope is warmed by the first part's waiting, cooled by power cuts since; how long the parts between take
         is not counted, so a little too much is left.
         """
-        station, sources = self.station, self.station.sources
-        placed = {role: station.instruments.get(role) for role in ("multimeter", "v_vc_meter")}
-        sheets = {role: data_sheet_of(each.model) for role, each in placed.items() if each is not None}
-        v_vc_range_v = float(getattr(own, "v_vc_range_v", V_VC_RANGE_V))
-        if "v_vc_meter" in sheets and v_vc_range_v != V_VC_RANGE_V:
+        station, sources, resolution_v = self.station, self.station.sources, self.station.meter_resolution_v
+        meter, v_vc_meter = station.sheet_of("multimeter"), station.sheet_of("v_vc_meter")
+        range_v, v_vc_range_v = float(own.meter_range_v), float(getattr(own, "v_vc_range_v", V_VC_RANGE_V))
+        if v_vc_meter is not None and v_vc_range_v != V_VC_RANGE_V:
             known, days = station.meters.get("v_vc_meter", MeterKnown()), sources.v_vc_meter_age_days
-            worth = meter_worth("v_vc", sheets["v_vc_meter"], known, v_vc_range_v, days)
-            sources = structs.replace(sources, **worth)
-        range_v, resolution_v = float(own.meter_range_v), station.meter_resolution_v
-        if "multimeter" in sheets and resolution_v is not None:
-            known = station.meters.get("multimeter", MeterKnown())
-            worth = meter_worth("meter", sheets["multimeter"], known, range_v, sources.meter_age_days)
-            sources = structs.replace(sources, **worth)
-            resolution_v = sheets["multimeter"].resolution_v(range_v, float(own.nplc))
+            sources = structs.replace(sources, **meter_worth("v_vc", v_vc_meter, known, v_vc_range_v, days))
+        if meter is not None and resolution_v is not None:
+            known, days = station.meters.get("multimeter", MeterKnown()), sources.meter_age_days
+            sources = structs.replace(sources, **meter_worth("meter", meter, known, range_v, days))
+            resolution_v = meter.resolution_v(range_v, float(own.nplc))
         before = self.parts[: self.parts.index(name)] if name in self.parts else ()
         if before and sources.warm_up_k is not None:
             left = math.exp(-self.of(self.parts[0]).warm_again_s / sources.warm_up_time_s)

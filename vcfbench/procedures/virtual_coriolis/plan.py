@@ -64,14 +64,14 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
     Returns the points with the generator on, the zero first, then that of the V_Vc that was found, and K_Vc.
     """
     yield from routines.v_vc_on(settings.settle_s)
-    points = [(yield from _take_virtual(settings, 0.0))]
+    points = [(yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=0.0))]
     agreement.require_same_zero(table[0], points[0], table[1])
     v_vc_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v
     for number in range(settings.match_iterations):
         v_vc_v = yield from routines.set_v_vc(settings, v_vc_v)
         if number > 1 and v_vc_v in {point.v_vc_v for point in points}:  # between the ends of two ranges: nothing new
             break
-        points.append((yield from _take_virtual(settings, v_vc_v)))
+        points.append((yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v)))
         matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
         if number > 0 and matching.equal():  # one lucky guess proves nothing
             break
@@ -91,7 +91,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
             yield from routines.set_v_vc(settings, v_vc_v)
-        points.append((yield from _take_virtual(settings, v_vc_v)))
+        points.append((yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v)))
         previous_v = v_vc_v
     matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
     agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
@@ -107,10 +107,6 @@ def _in_turn(windows: int) -> Iterator[bool]:
     for number in range(windows):
         second = number % 2 == 0
         yield from (not second, second)
-
-
-def _take_virtual(settings: VirtualCoriolisSettings, v_vc_v: float) -> Routine[Point]:
-    return (yield from take_driven(settings, 2, rate_deg_s=0.0, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
 def _virtual_sweep(
@@ -131,7 +127,7 @@ def _virtual_sweep(
         v_vc_v = yield from routines.set_v_vc(settings, 0.0 if visit is None else rates.level_for(visit))
         own, number = (points, 4) if visit is not None else (zeros, ZERO_DRIVEN)
         rate_deg_s = rates.rate_of(v_vc_v)
-        own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0)))
+        own.append((yield from take_driven(settings, number, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v)))
         agreement.require_steady_slope(points[-2:], reference, limit_v)
     agreement.require_steady_slope(points, reference, limit_v)
     # Take the outermost levels again that were visited in one stretch alone, and the zero where no reference began.

@@ -58,7 +58,7 @@ def take_driven(
     *,
     rate_deg_s: float,
     v_vc_v: float,
-    table_deg_s: float | None,
+    table_deg_s: float | None = 0.0,
     tolerance_v: float | None = None,
 ) -> Routine[Point]:
     """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that.

@@ -59,7 +59,8 @@ def nulled(
                 level_v = levels_v[sign * rate_deg_s] if sign else 0.0
                 if level_v != previous_v:
                     previous_v = yield from set_v_vc(settings, level_v)
-                driven.append((yield from _at_rest(settings, of_driven, sign * rate_deg_s, previous_v)))
+                taken = take_driven(settings, of_driven, rate_deg_s=sign * rate_deg_s, v_vc_v=previous_v)
+                driven.append((yield from taken))
             yield from set_v_vc(settings, 0.0)
             virtual = block(driven[-len(CHOPPED) :])
             for got_v, want_v, way in zip(virtual.differences_v, real.differences_v, (1.0, -1.0), strict=True):
@@ -130,11 +131,11 @@ def _search(
     levels = (per_deg_s[0] * rate_deg_s, -per_deg_s[1] * rate_deg_s)
     nearest = [(math.inf, level_v) for level_v in levels]
     for attempt in range(iterations):
-        zero = yield from _at_rest(settings, step, 0.0, 0.0)
+        zero = yield from take_driven(settings, step, rate_deg_s=0.0, v_vc_v=0.0)
         seen = []
         for sign, level_v in zip((1.0, -1.0), levels, strict=True):
             set_v = yield from set_v_vc(settings, level_v)
-            point = yield from _at_rest(settings, step, sign * rate_deg_s, set_v)
+            point = yield from take_driven(settings, step, rate_deg_s=sign * rate_deg_s, v_vc_v=set_v)
             seen.append((set_v, point.output_v - zero.output_v))
         yield from set_v_vc(settings, 0.0)
         away = [abs(got - want) for (_, got), want in zip(seen, wanted, strict=True)]
@@ -147,10 +148,6 @@ def _search(
     plus_v, minus_v = (level_v for _, level_v in nearest)
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
     return plus_v, minus_v
-
-
-def _at_rest(settings: ProcedureSettings, step: int, rate_deg_s: float, v_vc_v: float) -> Routine[Point]:
-    return (yield from take_driven(settings, step, rate_deg_s=rate_deg_s, v_vc_v=v_vc_v, table_deg_s=0.0))
 
 
 def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:

@@ -187,11 +187,6 @@ class Walk(Struct):
             drift_v += _LOOP_DRIFT * (max(outputs) - min(outputs))
         return max(sigmas(self.dof) * math.sqrt(variance) + drift_v, 2.0 * self.settings.meter_resolution_v)
 
-    @property
-    def measured(self) -> bool:
-        """True if somebody measured; a plan that is only looked at has no scatter at all."""
-        return any(each.point.std_v for each in self.windows)
-
 
 def require_answer(settings: ProcedureSettings, points: Sequence[Point]) -> None:
     """See that the means at rest and at a rate (or V_Vc) of both signs are farther apart than noise puts them.
