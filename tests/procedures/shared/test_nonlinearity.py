@@ -46,7 +46,7 @@ def test_levels_move_residuals_by_their_own_errors_and_by_those_of_their_range()
 def test_where_no_range_is_known_those_that_are_worst_for_the_largest_residual_count_as_its_own() -> None:
     known = of()
     moved = CurvedLine.of("it", LINE).with_errors(known, VOLTS, THROUGH)
-    largest = int(np.abs(moved.residuals.ppm).argmax())
+    largest = int(np.abs(moved.ppm).argmax())
     for kind in ("gain", "offset"):
         ranges = known.shared(VOLTS, THROUGH, largest)
         columns = [error.u * effect for of_kind, _, effect, error in ranges if of_kind == kind]
@@ -69,9 +69,9 @@ def test_the_largest_residual_goes_with_the_errors_as_its_sign_says(monkeypatch:
     table = next(iter(sources))
     sources[table] = Source.within(table, 0.0, 2.0)
     found = WorstResidual.of(curved, sources, noise)
-    k = int(np.abs(curved.residuals.ppm).argmax())
-    sign, own = float(np.sign(curved.residuals.ppm[k])), curved.own["generator resolution"]
-    assert found.size_ppm == abs(curved.residuals.ppm[k])
+    k = int(np.abs(curved.ppm).argmax())
+    sign, own = float(np.sign(curved.ppm[k])), curved.own["generator resolution"]
+    assert found.size_ppm == abs(curved.ppm[k])
     assert found.sum.weights == pytest.approx(sign * curved.weights[k])
     assert [(each.name, each.u, each.unit) for each in found.own] == [
         ("generator resolution: it", pytest.approx(np.linalg.norm(own[k])), "ppm")
@@ -82,7 +82,7 @@ def test_the_largest_residual_goes_with_the_errors_as_its_sign_says(monkeypatch:
     of_levels = math.fsum(size * q[name] for name, size in effects.items()) + q["generator resolution: it"]
     assert found.value(q) == pytest.approx(found.size_ppm - q["readings: it"] - q["flicker: it"] - of_levels)
     ((ppm, scattered, dof, normal, common, rectangular),) = spreads
-    assert (ppm is curved.residuals.ppm, scattered is readings, dof) == (True, True, 8.0)
+    assert (ppm is curved.ppm, scattered is readings, dof) == (True, True, 8.0)
     assert normal == pytest.approx(flicker + own @ own.T)
     assert common == pytest.approx(np.array([curved.effects[name] * each.u for name, each in sources.items()]))
     assert rectangular.tolist() == [True, False, False, False]

@@ -13,7 +13,7 @@ from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, REA
 from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
 from vcfbench.procedures.shared.budget.line import Line
-from vcfbench.procedures.shared.budget.nonlinearity import Residuals, ResidualSpread
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ResidualSpread
 from vcfbench.procedures.turntable import turntable_statement
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -67,11 +67,11 @@ def test_gain_offset_and_rate_of_the_table_cancel() -> None:
 
 def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
     true, step = curved(5e-3, 4e-3), 1e-6
-    of_outputs = Residuals.of(line_of(RATES, true))
+    of_outputs = CurvedLine.of("it", line_of(RATES, true))
     for place in (0, 5, 16):
         moved = true.copy()
         moved[place] += step
-        found = (Residuals.of(line_of(RATES, moved)).ppm - of_outputs.ppm) / step
+        found = (CurvedLine.of("it", line_of(RATES, moved)).ppm - of_outputs.ppm) / step
         assert found == pytest.approx(of_outputs.of_outputs[:, place], rel=1e-4, abs=1.0)
 
 
@@ -229,7 +229,7 @@ def of_generators() -> ResidualSpread:
     level = np.array(RATES) / K_VC
     own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
     span = np.ptp(RATES)
-    residuals = Residuals.of(line_of(RATES, K * (np.array(RATES) - 1e-6 * span * np.array(MODULATOR_PPM))))
+    residuals = CurvedLine.of("it", line_of(RATES, K * (np.array(RATES) - 1e-6 * span * np.array(MODULATOR_PPM))))
     through = residuals.of_outputs * K * K_VC
     moved = [
         (through * effect)[:, own == place].sum(axis=1)

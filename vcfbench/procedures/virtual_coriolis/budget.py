@@ -131,7 +131,7 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
         return k_vc * rate / level / matched, slope / gain / rate * level * matched, bias / gain
 
     curve = CurvedLine.of("virtual.nonlinearity", line)  # the error of the one match scales all rates and cancels
-    curve = curve.with_errors(known, level_v, curve.residuals.of_outputs * line.derivative * k_vc)
+    curve = curve.with_errors(known, level_v, curve.of_outputs * line.derivative * k_vc)
     return levels, [OutputSum("match", np.array(weights), "V")], found, curve
 
 
@@ -172,8 +172,8 @@ def _by_nulls(level_v: Floats, line: lines.Line, matching: NullMatching, known: 
 
     # The virtual line with errors of V_Vc, in itself and in the matches, and noise of the matches
     curve = CurvedLine.of("virtual.nonlinearity", line)
-    moved = curve.residuals.of_rates @ powers
-    through_v = np.hstack([moved @ of_match, curve.residuals.of_outputs * line.derivative * grows])
+    moved = curve.of_rates @ powers
+    through_v = np.hstack([moved @ of_match, curve.of_outputs * line.derivative * grows])
     through = curve.with_errors(known, every_v, through_v, u_pair.tolist())
     set_by_curve = matching.curve is not None and known.reading_v is None
     only_bound = _RANGES_ARE_LEFT if set_by_curve else through.only_bound

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self, TypeAlias
 
 import numpy as np
-from msgspec import Struct, structs
+from msgspec import Struct, field, structs
 from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -30,41 +30,6 @@ _ROUNDING = 1e-12
 """Share of the largest variance up to which one is left by rounding."""
 _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
-
-
-class Residuals(Struct, frozen=True):
-    """The residuals of a line over its span, ppm, and the effects of errors of its n windows on each of them.
-
-    Windows at one rate have one residual, that of their mean: the largest of many windows would grow with their number.
-    """
-
-    rate_deg_s: Floats
-    """(m,): each rate once, in the order of the windows."""
-    ppm: Floats
-    """(m,)."""
-    of_outputs: Floats
-    """(m, n): change of each residual by a volt at each output, ppm/V; the span moves with the slope."""
-    of_rates: Floats
-    """(m, n): change of each residual by 1 deg/s of each rate, outputs as they were, ppm/(deg/s)."""
-
-    @classmethod
-    def of(cls, line: Line) -> Self:
-        """Return those of a line."""
-        rate, slope = line.rate_deg_s, line.scale_factor
-        to_ppm = 1e6 / (abs(slope) * float(np.ptp(rate)))
-        left = np.eye(rate.size) - np.outer(rate, line.slope_weights) - line.bias_weights
-        residual_v = line.output_v - slope * rate - line.bias_v
-        of_span = np.outer(residual_v / slope, line.slope_weights)
-        # The weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one
-        steps = np.round(rate / (_ONE_RATE * float(np.ptp(rate))))
-        members = (steps == np.array(list(dict.fromkeys(steps.tolist())))[:, None]).astype(np.float64)
-        mean = np.asarray(members / members.sum(axis=1, keepdims=True))
-        return cls(
-            mean @ rate,
-            to_ppm * (mean @ residual_v),
-            to_ppm * (mean @ (left - of_span)),
-            -to_ppm * slope * (mean @ left),
-        )
 
 
 class LargestResidual(Struct, frozen=True):
@@ -131,24 +96,43 @@ _RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps st
 
 
 class CurvedLine(Struct, frozen=True):
-    """The non-linearity of one line: its residuals, and the effects of outputs and V_Vc on each of them."""
+    """The non-linearity of a line: its residuals over its span, ppm, and the effects of errors on each of them.
+
+    Windows at one rate have one residual, that of their mean: the largest of many windows would grow with their number.
+    """
 
     name: str
-    residuals: Residuals
+    rate_deg_s: Floats
+    """(m,): each rate once, in the order of the windows."""
+    ppm: Floats
+    """(m,)."""
+    of_outputs: Floats
+    """(m, n): change of each residual by a volt at the output of each window of the line, ppm/V."""
+    of_rates: Floats
+    """(m, n): change of each residual by 1 deg/s of each rate, outputs as they were, ppm/(deg/s)."""
     weights: Floats
-    """(n, N): change of each residual by a volt at the output of each of all windows, ppm/V."""
-    effects: Mapping[str, Floats]
+    """(m, N): change of each residual by a volt at the output of each of all windows, ppm/V."""
+    effects: Mapping[str, Floats] = field(default_factory=dict)
     """Change of each residual by one unit of each source shared with others, ppm."""
-    own: Mapping[str, Floats]
-    """Change of each residual by each level's own standard uncertainty: (n, m), ppm."""
+    own: Mapping[str, Floats] = field(default_factory=dict)
+    """Change of each residual by each level's own standard uncertainty: (m, levels), ppm."""
     only_bound: str = ""
     """Reason for having a bound only, whatever is found; empty where there may be a value."""
 
     @classmethod
     def of(cls, name: str, line: Line) -> Self:
         """Return that of a line whose rates are known but for a common factor, which cancels."""
-        residuals = Residuals.of(line)
-        return cls(name, residuals, residuals.of_outputs @ line.mixing, {}, {})
+        rate, slope = line.rate_deg_s, line.scale_factor
+        to_ppm = 1e6 / (abs(slope) * float(np.ptp(rate)))
+        left = np.eye(rate.size) - np.outer(rate, line.slope_weights) - line.bias_weights
+        residual_v = line.output_v - slope * rate - line.bias_v
+        of_span = np.outer(residual_v / slope, line.slope_weights)  # it moves with the slope
+        # The weights (m, n) of the windows in the means at each rate; rates that differ by a hair are one
+        steps = np.round(rate / (_ONE_RATE * float(np.ptp(rate))))
+        members = (steps == np.array(list(dict.fromkeys(steps.tolist())))[:, None]).astype(np.float64)
+        mean = np.asarray(members / members.sum(axis=1, keepdims=True))
+        ppm, of_outputs = to_ppm * (mean @ residual_v), to_ppm * (mean @ (left - of_span))
+        return cls(name, mean @ rate, ppm, of_outputs, -to_ppm * slope * (mean @ left), of_outputs @ line.mixing)
 
     def with_errors(self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> Self:
         """Return it with errors of the levels `volts`, which move the residuals by `through`, ppm/V.
@@ -157,7 +141,7 @@ class CurvedLine(Struct, frozen=True):
         """
         u_v = np.array([*u_before, *(known.u_besides_v(each) for each in volts[len(u_before) :])])
         own = {f"{known.by} {known.besides}": through * u_v}
-        shared = list(known.shared(volts, through, int(np.abs(self.residuals.ppm).argmax())))
+        shared = list(known.shared(volts, through, int(np.abs(self.ppm).argmax())))
         if known.ranges_v:
             return structs.replace(self, effects={error.name: effect for _, _, effect, error in shared}, own=own)
         for kind in ("gain", "offset"):
@@ -191,7 +175,7 @@ def line_statement(
         levels_by=levels_by,
         flicker=noise.flicker,
     )
-    curved = [each for each in curved if each.residuals.ppm.size > 2]  # two points lie on any line
+    curved = [each for each in curved if each.ppm.size > 2]  # two points lie on any line
     around, known = Circumstances.of(settings), {source.name: source for source in sources}
     worst = [WorstResidual.of(each, known, noise) for each in curved]
     windows, correlations = noise.sources([*sums, *(each.sum for each in worst)])
@@ -245,20 +229,20 @@ class WorstResidual(Struct, frozen=True):
         common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
         rectangular = np.array([each.rectangular for each in shared], dtype=bool)
         white = noise.by_readings(curved.weights)
-        spread = ResidualSpread(curved.residuals.ppm, white, noise.dof, normal, common, rectangular)
-        places, k = spread.near_largest(), int(np.abs(curved.residuals.ppm).argmax())
-        sign = float(np.sign(curved.residuals.ppm[k]))
+        spread = ResidualSpread(curved.ppm, white, noise.dof, normal, common, rectangular)
+        places, k = spread.near_largest(), int(np.abs(curved.ppm).argmax())
+        sign = float(np.sign(curved.ppm[k]))
         own = [
             Source(f"{name}: {curved.name}", 0.0, float(np.linalg.norm(by_level[k])), "ppm")
             for name, by_level in curved.own.items()
         ]
         effects = {name: sign * float(effect[k]) for name, effect in curved.effects.items()}
         return cls(
-            float(np.abs(curved.residuals.ppm[k])),
+            float(np.abs(curved.ppm[k])),
             OutputSum(curved.name, sign * curved.weights[k], "ppm"),
             tuple(own),
             effects | {source.name: 1.0 for source in own},
-            tuple(curved.residuals.rate_deg_s[places].tolist()),
+            tuple(curved.rate_deg_s[places].tolist()),
             spread.largest() if places.size > 1 else None,
             curved.only_bound,
         )
