@@ -20,11 +20,13 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
-from vcfbench.procedures.shared.known.device import level_for
-from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, SelfCalibration
+from vcfbench.procedures.shared.known.certificate import drift_of
+from vcfbench.procedures.shared.known.device import KnownDevice, Reference, level_for
+from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, KvcCurve, Measured, SelfCalibration
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits
-from vcfbench.station.settings import PlacedInstrument
+from vcfbench.station.settings import Limit, PlacedInstrument
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
@@ -308,6 +310,21 @@ def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]
     assert [each.key for each in found.limits] == ["drift_ppm", "failed_before"]
     assert found.verdict == "pass"
     assert run(where, still(LAB), {**settings, "max_drift_ppm": 1.0}).drift.verdict == "marginal"
+
+
+def test_a_limit_of_a_drift_says_what_its_u95_lacks() -> None:
+    then = Reference(
+        name="0001", kind="certificate", done="2026-05-04", scale_factor_v_per_deg_s=Measured(value=-0.0125, u=1e-6)
+    )
+    curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 0.0)), v_vc_min_v=-1.0, v_vc_max_v=1.0)
+    known = KnownDevice(k_vc=curve, source="certificate 0001", certificate="0001", reference=then)
+    now = measurand(-0.0125, "V/(deg/s)", [UncertaintyPart("readings", 1e-6)], ["temperature"])
+    limits = [Limit("drift_ppm", -500.0, 500.0, guarded=True), Limit("bias_v", 0.0, 1.0), Limit("cusum", 0.0, 5.0)]
+    drift = drift_of(now, known, limits)
+    assert drift is not None
+    seen = [(each.key, each.u95, each.missing) for each in drift.limits]
+    assert seen == [("drift_ppm", drift.change_ppm.expanded_u, ("temperature",)), ("cusum", None, ())]
+    assert drift.verdict == "pass"
 
 
 def fresh_store(where: Path, name: str) -> DeviceStore:
