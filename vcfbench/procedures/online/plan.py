@@ -14,7 +14,6 @@ from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import ready_v_vc_meter
-from vcfbench.steps.step import Routine
 
 
 def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
@@ -30,18 +29,23 @@ def online(settings: OnlineSettings) -> steps.Plan:
     if table_deg_s:  # the table turns all the while
         yield from routines.go_to_rate(settings, table_deg_s, previous_deg_s=0.0)
     of: Literal["both", "output"] = "both" if settings.v_vc_role == "v_vc_meter" else "output"
+    still, moving = (_sample(settings, peak_v, of, table_deg_s) for peak_v in (0.0, settings.amplitude_v))
+    rails = steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)  # no reading knows that they fell
     yield steps.Note("V_Vc at rest: what the true rate reads without modulation")
     yield from routines.v_vc_on(settings.settle_s)
-    yield from _sampled(settings, 0.0, of, table_deg_s)
+    yield still
+    yield rails
     yield steps.Note(f"The modulation, {settings.bursts} times {settings.burst_readings * settings.aperture_s:g} s")
     yield steps.SetSine(settings.modulation_hz, settings.amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the sine came on")
     for _ in range(settings.bursts):
-        yield from _sampled(settings, settings.amplitude_v, of, table_deg_s)
+        yield moving
+        yield rails
     yield steps.Note("V_Vc at rest again")
     yield steps.ConfigureGenerator(0.0)
     yield steps.Settle(settings.settle_s, "gyro settles after the sine went off")
-    yield from _sampled(settings, 0.0, of, table_deg_s)
+    yield still
+    yield rails
     if settings.v_vc_role == "multimeter":
         # Have V_Vc measured by the one meter, whose leads a person moves there and back: at rest and the sine
         yield steps.Note("V_Vc by the one multimeter")
@@ -51,14 +55,6 @@ def online(settings: OnlineSettings) -> steps.Plan:
         yield steps.Settle(settings.settle_s, "the generator settles")
         yield _sample(settings, settings.amplitude_v, "v_vc", None)
         yield steps.move_leads("multimeter", "output")
-
-
-def _sampled(
-    settings: OnlineSettings, amplitude_v: float, of: Literal["both", "output"], table_deg_s: float | None
-) -> Routine[None]:
-    """Take a record of the output, and read the rails back: the meter would not know that they fell."""
-    yield _sample(settings, amplitude_v, of, table_deg_s)
-    yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
 
 
 def _sample(
