@@ -6,9 +6,11 @@ import struct
 import sys
 import threading
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
+from serial.tools import list_ports
 
 from vcfbench.bench.check import check_bench
 from vcfbench.errors import BenchError
@@ -133,7 +135,7 @@ def test_nothing_is_sent_to_serial_ports_unless_asked_for(monkeypatch: pytest.Mo
 
     names = ["GPIB0::5::INSTR", "ASRL/dev/ttyS0::INSTR", "PRLGX-ASRL::/dev/ttyS0::INTFC", "GPIB0::INTFC"]
     monkeypatch.setattr(discovery, "_listed", lambda _library: names)
-    monkeypatch.setattr(discovery, "_serial_ports", lambda: [("/dev/ttyS0", "a port")])
+    monkeypatch.setattr(list_ports, "comports", lambda: [SimpleNamespace(device="/dev/ttyS0", description="a port")])
     monkeypatch.setattr(discovery, "_ask", ask)
     monkeypatch.setattr(discovery, "_ask_port", ask)
     found = discover("@py")
@@ -227,7 +229,7 @@ def test_what_discover_prints_is_pasted_and_runs(
     """Found on real wires, ports by their bare names; the template filled in so is a bench that can be opened."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path / "locks"))
-    monkeypatch.setattr(discovery, "_serial_ports", list)
+    monkeypatch.setattr(list_ports, "comports", list)
     roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
     with serve_simulated("ideal") as served:
         resources = [served.resource(role, wire) for role, wire in zip(roles, wires, strict=True)]

@@ -21,8 +21,7 @@ from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
-from vcfbench.reports.names import Named, in_words, named
-from vcfbench.station.acceptance import Verdict
+from vcfbench.reports.names import in_words, named
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
@@ -137,7 +136,8 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
             drift = difference(then, scale)
             found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
             found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
-    judged = () if run.verdict is None else tuple(each for each in run.verdict.limits if each.measured)
+    judged = [] if run.verdict is None else [each for each in run.verdict.limits if each.measured]
+    limits = [(named(LIMITED.get(each.key, each.key), in_words(each.key)[1]), each) for each in judged]
     lacks = [each.missing for each in (scale, bias, bend, *judged) if each is not None]
     return SheetRow(
         device=str(summary.dut),
@@ -148,22 +148,15 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         simulated=bool(run.simulated),
         status=summary.status,
         verdict=summary.verdict,
-        limits=tuple(map(_limit, judged)),
-        not_kept=tuple(f"{_limited(each).words}: {each.word}" for each in judged if each.word != "pass"),
+        limits=tuple(
+            f"{of.words} {of.factor * each.low:g} to {of.factor * each.high:g} {of.unit}".strip() for of, each in limits
+        ),
+        not_kept=tuple(f"{of.words}: {each.word}" for of, each in limits if each.word != "pass"),
         missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
         nonlinearity_ppm=None if bend is None else bend.value,
         why_none=None if values else str(run.error or run.no_results),
         **found,
     )
-
-
-def _limited(limit: Verdict) -> Named:
-    return named(LIMITED.get(limit.key, limit.key), in_words(limit.key)[1])
-
-
-def _limit(limit: Verdict) -> str:
-    of = _limited(limit)
-    return f"{of.words} {of.factor * limit.low:g} to {of.factor * limit.high:g} {of.unit}".strip()
 
 
 def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:

@@ -319,8 +319,8 @@ class ByHand:
             "power": lambda it: f"on, {self._power_read()}" if it.outputs_enabled() else "off",
             "rate_source": _switched,
             "vibration_source": _switched,
-            "chamber": lambda it: f"{'air on' if it.flow_enabled() else 'air off'}, {self._chamber_read()}",
-            "rate_table": lambda _: self._table_read(),
+            "chamber": lambda it: f"{'air on' if it.flow_enabled() else 'air off'}, {self.perform('chamber.read', [])}",
+            "rate_table": lambda _: self.perform("table.read", []),
         }
         lines = [f"bench time {self.bench.clock.now():.1f} s"]
         for role, instrument in self.bench.instruments.items():

@@ -152,7 +152,7 @@ def _perform(under_way: _UnderWay, signals: StopSignals) -> None:
     for words in overdue_words(equipment_on(utc_now().date(), description, opened_roles, {})):
         request.warn(words)
     under_way.observers = {
-        f"{number} ({type(each).__name__})": Shielded(partial(_as_context, each))
+        f"{number} ({type(each).__name__})": Shielded(partial[AbstractContextManager[Observer]](nullcontext, each))
         for number, each in enumerate(request.observers, start=1)
     }
     under_way.begin_record()
@@ -182,10 +182,6 @@ def _perform(under_way: _UnderWay, signals: StopSignals) -> None:
     finally:
         signals.close()
         under_way.close(display.lost)
-
-
-def _as_context(observer: Observer) -> AbstractContextManager[Observer]:
-    return nullcontext(observer)
 
 
 def _as_bench_error(error: BaseException) -> BenchError:

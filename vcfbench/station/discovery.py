@@ -90,7 +90,11 @@ def discover(
         BenchError: the library cannot be loaded.
     """
     names = _listed(library)
-    ports = [] if _simulated(library) else _serial_ports()
+    ports = []
+    if not _simulated(library):
+        from serial.tools import list_ports  # noqa: PLC0415  # loaded when first needed
+
+        ports = [(port.device, port.description or "") for port in sorted(list_ports.comports())]
     # a resource on a serial port, an adapter on such a port included, is asked only by name
     safe = [each for each in names if each.upper().endswith(("::INSTR", "::SOCKET")) and "ASRL" not in each.upper()]
     asked = names if _simulated(library) else safe
@@ -121,12 +125,6 @@ def _listed(library: str) -> list[str]:
         return _within(_LISTING_S, names)
     except Exception as error:  # a VISA library is anyone's code
         raise BenchError(f"VISA library {library} cannot be used: {_words(error)}") from error
-
-
-def _serial_ports() -> list[tuple[str, str]]:
-    from serial.tools import list_ports  # noqa: PLC0415  # loaded when first needed
-
-    return [(port.device, port.description or "") for port in sorted(list_ports.comports())]
 
 
 def _within(seconds: float, act: Callable[[], _T]) -> _T:

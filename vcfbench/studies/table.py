@@ -63,11 +63,6 @@ def write_table(path: Path, columns: Columns) -> None:
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows(zip(*([_cell(value) for value in values] for values in columns.values()), strict=True))
+    cells = ([str(each).lower() if isinstance(each, bool) else each for each in values] for values in columns.values())
+    writer.writerows(zip(*cells, strict=True))
     write_text(path, text.getvalue())
-
-
-def _cell(value: Any) -> str:
-    if value is None or isinstance(value, str):
-        return value or ""
-    return str(value).lower() if isinstance(value, bool) else repr(value)
