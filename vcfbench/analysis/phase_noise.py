@@ -131,11 +131,8 @@ def _shifts(first: int, second: int) -> dict[int, int]:
     return shifts
 
 
-@cache  # it is asked for with each of thousands of covariances
-def _rule() -> tuple[Floats, Floats]:
-    """Return nodes and weights of Gauss and Legendre."""
-    nodes, shares = np.polynomial.legendre.leggauss(_NODES)
-    return nodes, shares
+_rule = cache(np.polynomial.legendre.leggauss)
+"""Nodes and weights of Gauss and Legendre, asked for with each of thousands of covariances."""
 
 
 def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
@@ -152,7 +149,7 @@ def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     short, long = widths <= _SHORT, widths > _SHORT
     counts = widths[short].astype(np.intp)
     singly = np.repeat(begins[short], counts) + np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    nodes, shares = _rule()
+    nodes, shares = _rule(_NODES)
     middle = begins[long] + (widths[long] - 1.0) / 2.0
     spread = (middle[:, None] + widths[long][:, None] / 2.0 * nodes).ravel()
     weights = (widths[long][:, None] / 2.0 * shares).ravel()

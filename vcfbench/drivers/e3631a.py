@@ -109,11 +109,14 @@ class E3631A(ScpiInstrument):
         """Switch all outputs on; those that were not configured are first set to 0 V."""
         if not self._configured:
             raise self._error(PlanError, "no output has a voltage and a current limit yet, nothing was switched on")
+        self._switch_on()
+        self._verify_switch("on")
+
+    def _switch_on(self) -> None:
         for output in self.outputs:
             if output not in self._configured:
                 self._session.write(f"INST:SEL {output};:VOLT 0")
         self._session.write("OUTP ON")
-        self._verify_switch("on")
 
     def disable_outputs(self) -> None:
         """Switch all outputs off."""
