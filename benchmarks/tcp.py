@@ -218,7 +218,7 @@ def figures_of(servers: list[Asked]) -> list[Figure]:
             report(Figure(f"TCP, raw, p99: {each.name}", 1e6 * times[len(times) * 99 // 100], "us")),
         ]
     ours = by_name.pop("vcfbench")
-    bars = {"bare": (0.75, 0.4), **dict.fromkeys(PEER_NAMES, (1.0, 0.8))}
+    bars = {"bare": (0.85, 0.4), **dict.fromkeys(PEER_NAMES, (1.0, 0.8))}
     for other in by_name.values():
         bar, gross = bars[other.name]
         for what in ("raw", "pyvisa"):

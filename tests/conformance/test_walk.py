@@ -235,3 +235,28 @@ def test_power_on_state_is_the_reset_state(model: str) -> None:
             answer = bench.ask(command.question or "")
             assert matches(answer, command.reset), f"{name}: {answer!r}"
     assert bench.error() == 0
+
+
+@pytest.mark.parametrize(
+    ("model", "under_way"),
+    [
+        ("agilent33220a", "SWE:STAT ON"),
+        ("dso7104b", ":RUN"),
+        ("e3631a", "OUTP ON"),
+        *((meter, state) for meter in ("hp34401a", "keysight34461a") for state in ("*CLS", "SAMP:COUN 3;:INIT")),
+    ],
+)
+def test_question_that_is_answered_at_once_begins_nothing(model: str, under_way: str) -> None:
+    """So a server need not look for what comes next after one."""
+    bench, answered = instrument(model), 0
+    engine = bench.device.engine  # type: ignore[attr-defined]
+    for name, command in walk.commands(model):
+        begun(model, command)
+        bench.write(under_way)
+        for question in {command.question, *(f"{command.plain}? {asked}" for asked, _ in command.asks)} - {None}:
+            bench.ask(str(question))
+            before = engine.wake_at()
+            if engine.answer(f"{question}\n".encode()):
+                answered += 1
+                assert engine.wake_at() == before, name
+    assert answered > 20
