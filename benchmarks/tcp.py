@@ -1,7 +1,8 @@
 """Questions a second over TCP, and how long the answers take, beside a bare server and the peers that there are.
 
 Client and server share one processor: across two, a wake-up costs more than the question. All servers run at the same
-time, stopped (SIGSTOP) while another is asked, and take turns; read the ratios, for the machine is shared.
+time, stopped (SIGSTOP) while another is asked, and take many short turns, for the machine is shared; and all of that
+several times with new processes, of which one may be a tenth slower than the next by nothing but its place in memory.
 Peers are found in the environments that peers.sh has made.
 """
 
@@ -61,7 +62,7 @@ class Asked:
             self.process.send_signal(signal.SIGCONT)
         with raw_asker(self.port, self.question) as ask:
             self.raw.append(rate(ask, seconds))
-            self.times_s += latencies_s(ask, 2000)
+            self.times_s += latencies_s(ask, 200)
         with pyvisa_asker(self.port, self.question) as ask:
             self.pyvisa.append(rate(ask, seconds))
         self.sleep()
@@ -195,20 +196,27 @@ def everybody() -> Iterator[list[Asked]]:
         yield found
 
 
-def figures(rounds: int = 5, seconds: float = 0.4) -> list[Figure]:
+def figures(starts: int = 7, turns: int = 10, seconds: float = 0.05) -> list[Figure]:
     pin()
-    with everybody() as servers:
-        for each in servers:
-            each.sleep()
-        for _ in range(rounds):
+    by_name: dict[str, Asked] = {}
+    for _ in range(starts):
+        with everybody() as servers:
             for each in servers:
-                each.measure(seconds)
-        return figures_of(servers)
+                each.sleep()
+            for _ in range(turns):
+                for each in servers:
+                    each.measure(seconds)
+        for each in servers:
+            before = by_name.setdefault(each.name, each)
+            if before is not each:
+                before.raw += each.raw
+                before.pyvisa += each.pyvisa
+                before.times_s += each.times_s
+    return figures_of(by_name)
 
 
-def figures_of(servers: list[Asked]) -> list[Figure]:
-    by_name = {each.name: each for each in servers}
-    found = []
+def figures_of(by_name: dict[str, Asked]) -> list[Figure]:
+    servers, found = [*by_name.values()], []
     for each in servers:
         times = sorted(each.times_s)
         found += [
