@@ -108,23 +108,56 @@ def test_old_numpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (found.verdict, found.came) == ("FAIL", "numpy>=1.26: 1.20.3 is installed")
 
 
-def test_changed_file_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    class Installed:
-        hash = type("Hash", (), {"mode": "sha256", "value": "47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU"})
-        suffix = ".py"
+def installed(folder: Path, name: str, *files: str, version: str = "1.0", origin: str = "{}") -> None:
+    """Put a distribution into a folder, as pip leaves it."""
+    about = folder / f"{name}-{version}.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.3\nName: {name}\nVersion: {version}\n")
+    (about / "direct_url.json").write_text(origin)
+    for file in files:
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text("")
+    empty = "sha256=47DEQpj8HBSa-_TImW-5JCeuQeRkm5NMpJWZG3hSuFU,0"
+    (about / "RECORD").write_text("".join(f"{file},{empty}\n" for file in files) + f"{about.name}/RECORD,,\n")
 
-        def locate(self) -> Path:
-            return tmp_path / "changed.py"
 
-        def __str__(self) -> str:
-            return "vcfbench/changed.py"
-
-    monkeypatch.setattr(installation, "distribution", lambda _: type("D", (), {"files": [Installed()]}))
-    (tmp_path / "changed.py").write_text("")
-    assert made("", installation.CHECKS[1]).verdict == "PASS"
-    (tmp_path / "changed.py").write_text("K = 2\n")
+@pytest.mark.parametrize("changed", ["vcfbench/a.py", "vcfbench_tables/profiles/a.toml", "simrack/manuals/a.txt"])
+def test_changed_file_is_named(changed: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    cache, command = "vcfbench/__pycache__/a.cpython-311.pyc", "../bin/vcfbench"
+    lib = tmp_path / "lib"
+    lib.mkdir()
+    installed(lib, "vcfbench", "vcfbench/a.py", "vcfbench_tables/profiles/a.toml", cache, command)
+    installed(lib, "simrack", "simrack/manuals/a.txt")
+    monkeypatch.syspath_prepend(lib)
+    for file in (cache, command):  # the interpreter's and the installer's
+        (lib / file).write_text("else")
+    sound = made("", installation.CHECKS[1])
+    assert (sound.verdict, sound.came) == ("PASS", "3 files unchanged")
+    (lib / changed).write_text("K = 2\n")
     found = made("", installation.CHECKS[1])
-    assert (found.verdict, found.came) == ("FAIL", "changed: vcfbench/changed.py, vcfbench/changed.py")
+    assert (found.verdict, found.came) == ("FAIL", f"changed: {changed}")
+
+
+def test_working_tree_has_no_sums(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    for name in ("vcfbench", "simrack"):
+        installed(tmp_path, name, f"_{name}.pth", origin='{"dir_info": {"editable": true}, "url": "file:///home/a"}')
+    monkeypatch.syspath_prepend(tmp_path)
+    assert made("", installation.CHECKS[1]).verdict == "NOT CHECKED"
+
+
+def test_every_package_has_its_sum_whatever_its_files_are(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    packages = ("vcfbench", "vcfbench_tables", "pyvisa_vcfbench", "simrack", "pyvisa_simrack")
+    assert {f"{each}, SHA-256 of its files" for each in packages} <= set(installation.versions())
+    package = tmp_path / "some_tables"
+    package.mkdir()
+    (package / "__init__.py").touch()
+    (package / "profile.toml").write_text("a = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    before = installation.fingerprint("some_tables")
+    (package / "a.pyc").touch()
+    assert installation.fingerprint("some_tables") == before
+    (package / "profile.toml").write_text("a = 2\n")
+    assert installation.fingerprint("some_tables") != before
 
 
 def test_seals_that_are_not_checked_are_named(monkeypatch: pytest.MonkeyPatch) -> None:

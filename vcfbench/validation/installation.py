@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import platform
 from importlib.metadata import PackageNotFoundError, distribution, version
 from importlib.util import find_spec
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _OURS = ("vcfbench", "simrack")
+_BESIDE = ("vcfbench_tables", "pyvisa_vcfbench", "pyvisa_simrack")  # Further packages that both distributions bring
 
 
 def requirements() -> Iterator[Requirement]:
@@ -32,17 +34,23 @@ def requirements() -> Iterator[Requirement]:
 def versions() -> dict[str, str]:
     """Return the versions that the program works with here, by name."""
     needed = sorted({each.name for each in requirements()} | set(_OURS))
-    sums = {f"{name}, SHA-256 of its files": fingerprint(name) for name in _OURS}
+    sums = {f"{name}, SHA-256 of its files": fingerprint(name) for name in _OURS + _BESIDE}
     return {"Python": platform.python_version(), **{name: version(name) for name in needed}, **sums}
 
 
 def fingerprint(name: str) -> str:
-    """Return the SHA-256 over the names and contents of all Python files of a package, as they are on this machine."""
+    """Return the SHA-256 over the names and contents of a package's files as they are on this machine, but ``.pyc``."""
     spec, total = find_spec(name), hashlib.sha256()
     root = Path(spec.origin).parent if spec is not None and spec.origin else Path()
-    for path in sorted(root.rglob("*.py")):
+    for path in sorted(each for each in root.rglob("*") if each.is_file() and each.suffix != ".pyc"):
         total.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return total.hexdigest()
+
+
+def _from_working_tree(name: str) -> bool:
+    """Return whether a distribution is editable: what runs is not what was installed (PEP 610)."""
+    origin = json.loads(distribution(name).read_text("direct_url.json") or "{}")
+    return bool(origin.get("dir_info", {}).get("editable"))
 
 
 @check("packages", "Are the packages that it needs installed, none too old?", "metadata of the package")
@@ -64,8 +72,8 @@ def _files() -> Found:
     expected = "each file with the SHA-256 that it was installed with"
     wrong, count = [], 0
     for name in _OURS:
-        for file in distribution(name).files or ():
-            if file.hash is None or file.suffix != ".py":
+        for file in () if _from_working_tree(name) else distribution(name).files or ():
+            if file.hash is None or file.suffix == ".pyc" or file.parts[0] == "..":  # commands: the installer's
                 continue
             count += 1
             path = Path(str(file.locate()))
