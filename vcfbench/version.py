@@ -5,12 +5,12 @@ from functools import cache
 from typing import Any
 
 
-def installed_version() -> str:
-    """Return the version, ``0+unknown`` of a source tree that was only put on the path."""
+def installed_version(package: str = "vcfbench") -> str:
+    """Return the version of a package, ``0+unknown`` of a source tree that was only put on the path."""
     from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  # it takes longer than all the rest
 
     try:
-        return version("vcfbench")
+        return version(package)
     except PackageNotFoundError:
         return "0+unknown"
 
@@ -26,10 +26,8 @@ def other_versions(header: Mapping[str, Any]) -> str:
 
 @cache  # what is installed stays as it is, and asking opens a file of each package
 def installed_versions() -> Mapping[str, str]:
-    """Return the versions of Python, this package and the libraries that readings and results come through."""
+    """Return the versions of Python, this package, simrack and the libraries that readings and results come through."""
     import platform  # noqa: PLC0415
-    from importlib.metadata import version  # noqa: PLC0415
 
-    packages = ("numpy", "pyvisa", "pyvisa-py", "pyserial")
-    others = {package: version(package) for package in packages}
-    return {"python": platform.python_version(), "vcfbench": installed_version(), **others}
+    packages = ("vcfbench", "simrack", "numpy", "scipy", "pyvisa", "pyvisa-py", "pyserial")
+    return {"python": platform.python_version(), **{package: installed_version(package) for package in packages}}

@@ -337,7 +337,7 @@ def test_the_journal_has_everything(station: Station, tmp_path: Path) -> None:
         "settings": {},
         "metadata": {},
     }
-    assert {"vcfbench", "python", "numpy", "pyvisa"} <= set(header["versions"])
+    assert {"vcfbench", "simrack", "python", "numpy", "scipy", "pyvisa"} <= set(header["versions"])
     assert footer["status"] == "complete"
     assert [report["safe"] for report in footer["safe"]] == [True]
     assert footer["bench_seconds"] <= 1.05 * footer["physical_minimum_s"]
