@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
 import threading
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
@@ -11,11 +14,13 @@ import pytest
 
 from vcfbench.cli import left_live, watchdog
 from vcfbench.cli.watchdog import SILENT_TURNS, Watch, main
+from vcfbench.safety.watchdog import _MAIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
 BENCH = b"bench {}"
+MAIN = [sys.executable, "-S", "-P", "-c", _MAIN]
 
 
 class Turns:
@@ -149,6 +154,16 @@ def test_it_says_that_it_is_ready_when_it_knows_the_bench(
     watched(monkeypatch, BENCH, b"beat ", b"left safe")
     assert capfd.readouterr().out == "ready\n"
     assert ended == []
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
+def test_a_program_that_leaves_at_once_and_no_longer_waits_for_it_is_not_dead() -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    said = b'bench {"owner": 0, "mark": null, "bench": {}}\nbeat \nleft safe\n'
+    done = subprocess.run([*MAIN, *sys.path], input=said, stdout=writer, stderr=subprocess.PIPE, check=False)  # noqa: S603
+    os.close(writer)
+    assert (done.returncode, done.stderr) == (0, b"")
 
 
 @pytest.mark.parametrize(
