@@ -14,6 +14,7 @@ import vcfbench
 from vcfbench.analysis.csv_table import decode, parse_table
 from vcfbench.cli.analyze import analyze
 from vcfbench.errors import ConfigError
+from vcfbench.reports.text import text_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -120,6 +121,7 @@ def test_a_script_gets_what_the_command_prints(
     assert found.comparison is not None
     assert found.comparison.scale_factor_error_percent == pytest.approx(100.0)
     assert found.as_json() == analysed(capsys, table)
+    assert "E_n of the fits' scatter alone, no verdict" in text_of(found.report())
 
 
 def test_points_of_a_record(written: Callable[[bytes], Path], capsys: pytest.CaptureFixture[str]) -> None:

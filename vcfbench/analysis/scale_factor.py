@@ -151,8 +151,9 @@ class Comparison(Struct, frozen=True):
     u_fit_scale_factor_error_percent: float
     """Standard uncertainty of the error from both fits, lack of fit included, percentage points."""
     e_n: float | None
-    """Difference of the scale factors over the root of the sum of their squared 95 % uncertainties; above 1 they
-    disagree. None when both fits are exact."""
+    """Difference of the scale factors over the root of the sum of their squared 95 % uncertainties of the fits' scatter
+    alone, lack of fit included. It lacks the systematic parts: above 1 is no verdict that they disagree, which
+    `results.uncertainty.e_n` of a run gives. None when both fits are exact."""
     bias_difference_v: float
     zero_difference_v: float | None
     """Difference of the outputs at zero, V: the same physical state, reached in two ways."""

@@ -75,7 +75,7 @@ class TableAnalysis(Struct, frozen=True):
             ("scale factor error, %", Cell(found.scale_factor_error_percent, ".3f")),
             ("  u_fit, percentage points", Cell(found.u_fit_scale_factor_error_percent, ".3f")),
             ("  from slopes rounded to five decimals, %", Cell(found.scale_factor_error_percent_rounded, ".3f")),
-            ("E_n (above 1: they disagree)", Cell(found.e_n, ".2f")),
+            ("E_n of the fits' scatter alone, no verdict", Cell(found.e_n, ".2f")),
             ("bias difference, mV", Cell(1e3 * found.bias_difference_v, ".3f")),
         ]
         yield Table([*texts(""), Column("")], rows, f"{self.compared[1]} against {self.compared[0]}")

@@ -15,6 +15,7 @@ class Named(NamedTuple):
 
 _KNOWN: Final = {
     ("scale_factor", "V/(deg/s)"): Named("scale factor", "Skalenfaktor", 1e3, "mV/(deg/s)"),
+    ("comparison.e_n", ""): Named("E_n of the fits' scatter alone, no verdict"),
     ("bias", "V"): Named("bias (output)", "Nullpunkt (Ausgang)", 1e3, "mV"),
     ("bias_deg_s", "deg/s"): Named("bias", "Nullpunkt", 1.0, "deg/s"),
     ("bias_difference_v", "V"): Named("difference of the biases", "Differenz der Nullpunkte", 1e3, "mV"),
@@ -58,7 +59,7 @@ _SIGNS: Final = {
 def named(name: str, unit: str = "") -> Named:
     """Return words for a result by its name in programs, such as ``turntable.scale_factor``, and its unit there."""
     column, _, last = name.rpartition(".")
-    found = _KNOWN.get((last, unit))
+    found = _KNOWN.get((name, unit), _KNOWN.get((last, unit)))
     if found is None:
         words, of_name = in_words(last)
         found = Named(words, unit=unit or of_name)
