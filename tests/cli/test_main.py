@@ -13,6 +13,7 @@ from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from tests import warm
+from tests.procedures.test_own_code import GOOD
 from vcfbench import __version__
 from vcfbench.cli import main
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe
@@ -92,6 +93,21 @@ def test_a_keyboard_interrupt_is_an_abort() -> None:
 def test_a_mistake_of_ours_is_not_hidden() -> None:
     done = CliRunner().invoke(failing(ZeroDivisionError("ours")), ["fail"])
     assert isinstance(done.exception, ZeroDivisionError)
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_a_plan_that_leaves_python_is_a_mistake_and_no_verdict(code: int, tmp_path: Path) -> None:
+    leaving = (
+        f"        walks.append(1)\n        if len(walks) > 2:  # the dry run is over\n            sys.exit({code})\n"
+    )
+    step = '        yield Settle(1.0, "for nothing")\n'
+    (tmp_path / "wait.py").write_text(GOOD.replace(step, step + leaving) + "\nimport sys\n\nwalks = []\n", "utf-8")
+    done = warm.run(["vcfbench", "run", "./wait.py", "--quiet"], tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert "wait.py" in done.stderr
+    assert f"SystemExit: {code}\n" in done.stderr
+    (journal,) = (tmp_path / "runs").glob("*/journal.jsonl")
+    assert f"the program has a mistake: SystemExit: {code}" in journal.read_text("utf-8")
 
 
 @pytest.mark.parametrize("arguments", [["run", "sing"], ["run", "sing", "--json"]])

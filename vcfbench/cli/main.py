@@ -83,7 +83,10 @@ class Commands(TyperGroup):
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         with _errors_reported():
-            result = super().invoke(ctx)
+            try:
+                result = super().invoke(ctx)
+            except SystemExit as leaving:  # of anyone's procedure; its code would be taken for a verdict
+                raise RuntimeError("sys.exit was called in mid-command") from leaving
             if sys.stdout is not None:  # it is None when it was closed before the start
                 sys.stdout.flush()
             return result
