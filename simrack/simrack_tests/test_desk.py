@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import pyvisa
+from simrack.__main__ import app
 from simrack.attendance import AttendedClock
 from simrack.clock import VirtualClock
 from simrack.desk import RESOURCES, circuit_in
 from simrack.serve import Control
 from simrack.sources import Drive
 from simrack.wired import WiredWorld
+from typer.testing import CliRunner
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -120,6 +122,10 @@ def test_the_command_serves_them_all() -> None:
             with Control(places["control"]["port"]) as control:
                 assert control.request("set", name="node.input", value=1.0) == pytest.approx(1.0)
                 assert control.request("get", name="node.output") == pytest.approx(1.0)
+            listed = CliRunner().invoke(app, ["ctl", str(places["control"]["port"])])
+            assert "node.output" in listed.stdout
+            refused = CliRunner().invoke(app, ["ctl", str(places["control"]["port"]), "nope"])
+            assert (refused.exit_code, "there is no 'nope'; `ctl` lists all names" in refused.stderr) == (2, True)
         finally:
             server.terminate()
         assert server.wait(30) == 0

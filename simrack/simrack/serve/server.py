@@ -373,7 +373,7 @@ class BenchServer:
         list(self._adjustable())
         assert self._adjustments is not None  # noqa: S101  (for the type checker)
         if name not in self._adjustments:
-            raise Refused(f"there is no {name!r}; `list` shows what there is")
+            raise Refused(f"there is no {name!r}; `ctl` lists all names")
         return self._adjustments[name]
 
 

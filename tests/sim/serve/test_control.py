@@ -105,7 +105,7 @@ def test_rails_and_input_are_put_on_from_outside(control: Control) -> None:
 
 def test_what_cannot_be_done_is_refused_with_words(control: Control) -> None:
     refused: list[tuple[dict[str, Any], str]] = [
-        ({"do": "get", "name": "nonsense"}, "there is no 'nonsense'"),
+        ({"do": "get", "name": "nonsense"}, "there is no 'nonsense'; `ctl` lists all names"),
         ({"do": "set", "name": "angle_deg", "value": 1.0}, "can be read, not changed"),
         ({"do": "set", "name": "applied_rate_deg_s", "value": "fast"}, "expected a number, not 'fast'"),
         ({"do": "set", "name": "ambient_c", "value": True}, "expected a number, not True"),
