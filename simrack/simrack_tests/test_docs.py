@@ -12,7 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import pytest
+from simrack.__main__ import _places
+from simrack.desk import served_desk
 from simrack.faults import Kind
+from simrack.serve import BenchServer, ServedClock, ServerSettings
+from simrack.serve.raw import has_ptys
 
 from simrack_tests.cells import few
 from simrack_tests.ports import free_port
@@ -23,7 +27,7 @@ if TYPE_CHECKING:
 RACK = Path(__file__).parents[1]
 PAGES = sorted((RACK / "docs").glob("*.md"))
 _BLOCK = re.compile(r"^```(\w*)( ci)?\n(.*?)^```", re.MULTILINE | re.DOTALL)
-_PORT = "5900"
+_PORT = re.compile(r"\b59(\d\d)\b")  # the pages' first port is 5900, of the control port
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -48,10 +52,14 @@ def test_a_page_does_what_it_says(
     page: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(RACK)
-    port = str(free_port())
-    commands = [line for block in blocks(page, "sh") for line in block.replace(_PORT, port).splitlines()]
+    first = free_port()
+
+    def moved(text: str) -> str:
+        return _PORT.sub(lambda port: str(first + int(port[1])), text)
+
+    commands = [line for block in blocks(page, "sh") for line in moved(block).splitlines()]
     servers = [command for command in commands if command.startswith("simrack serve ")]
-    script = "\n".join(blocks(page, "python")).replace(_PORT, port)
+    script = moved("\n".join(blocks(page, "python")))
     if not servers:
         assert not commands
         exec(compile(script, page.name, "exec"), {})  # noqa: S102  # our own text
@@ -61,9 +69,17 @@ def test_a_page_does_what_it_says(
             for other in (each for each in commands if each not in servers):
                 done = subprocess.run([sys.executable, "-m", *other.split()], check=True, capture_output=True)  # noqa: S603
                 assert json.loads(done.stdout)
-            meter = int(places["instruments"]["multimeter"]["tcp"].split("::")[2])
-            exec(compile(script, page.name, "exec"), {"MULTIMETER": meter})  # noqa: S102
+            exec(compile(script, page.name, "exec"), {})  # noqa: S102
     assert capsys.readouterr().out == "".join(blocks(page, "text"))
+
+
+@pytest.mark.skipif(not has_ptys(), reason="the page shows serial lines")
+def test_what_serve_prints_is_on_the_page() -> None:
+    clock = ServedClock(1.0)
+    with BenchServer(served_desk(clock, None, None), clock, ServerSettings(base_port=free_port())) as server:
+        printed = [re.sub(r"\d+(?=::|$)", "N", line) for line in _places(server).splitlines()]
+    (shown,) = [block for block in blocks(RACK / "docs" / "wires.md", "") if "control" in block]
+    assert [re.sub(r"\d+(?=::|$)", "N", line) for line in shown.splitlines()] == printed
 
 
 def test_the_circuit_of_the_page_is_the_example() -> None:
