@@ -106,6 +106,7 @@ def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path:
         assert err == ""
     else:
         assert instruments["power"]["found"] is None
+        assert instruments["power"]["detail"].startswith("told to switch off, not proved; ")
         assert "NOT SAFE: power at " in err
 
 
@@ -191,7 +192,9 @@ def test_an_instrument_that_is_not_there_keeps_no_other_from_being_proved(lab: S
     gone = structs.replace(bench.rate_source, resource="TCPIP::127.0.0.1::1::SOCKET", timeout_s=0.3)
     done = safe_bench(structs.replace(bench, rate_source=gone))
     assert [each.safe for each in done.instruments] == [True, False, True]
-    assert "told upon connecting, if it hears at all, but not proved" in str(done.failure())
+    untold = "could not be told to switch off; its state was never read back; "
+    assert f"rate_source at TCPIP::127.0.0.1::1::SOCKET: {untold}nobody answers there" in str(done.failure())
+    assert done.instruments[1].detail.startswith(untold)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a signal to oneself")

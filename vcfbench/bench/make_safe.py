@@ -23,7 +23,7 @@ from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.registry import find_driver
 from vcfbench.drivers.session import Session
 from vcfbench.errors import BenchError, ConnectFailed, NotSafe
-from vcfbench.interfaces import Operator, SafeReport
+from vcfbench.interfaces import Operator, SafeReport, UnprovedCommand
 from vcfbench.safety.lock import InUse, LockUnusable, Owner, owners_of
 from vcfbench.safety.processes import KILL, end
 from vcfbench.safety.roles import STILL_DEG_S, Role, filled_roles, safe_action
@@ -212,8 +212,7 @@ def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
             instrument, _ = open_role(role.name, description, stand)
         except BenchError as error:
             resource = getattr(description, role.name).resource
-            what = f"told upon connecting, if it hears at all, but not proved: {error}"
-            reports[role.name] = SafeReport(role.name, resource, safe=False, detail=what)
+            reports[role.name] = SafeReport(role.name, resource, False, str(error), first[role.name])  # noqa: FBT003
         else:
             safety.register(safe_action(role, instrument, description))
     try:
@@ -223,7 +222,7 @@ def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
     ordered = [reports[role.name] for role in roles]
     safed = (
         Safed(
-            *(each.instrument, each.resource, first[each.instrument], each.safe),
+            *(each.instrument, each.resource, first[each.instrument].last_read, each.safe),
             each.detail if each.unproved is None else f"{each.unproved}; {each.detail}",
         )
         for each in ordered
@@ -235,15 +234,18 @@ class _Commanded(Exception):
     """The instrument was told; that is all that its connection was for."""
 
 
-def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> str | None:
-    """Connect, tell the instrument to stop or to switch off, and return the state before, if it says so."""
+def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> UnprovedCommand:
+    """Connect, tell the instrument to stop or to switch off; return whether it was told, and its state before."""
+    moves = role.stage is Stage.MOTION
+    words = "to stop" if moves else "to switch off"
     if role.name in description.by_hand:
-        return None
+        return UnprovedCommand(words, sent=False)
     hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
     found: list[str] = []
+    told: list[bool] = []
 
     def table_connected(line: TableLine, dialect: TableDialect) -> None:
-        line.say_blind(dialect.stop_words(None), dialect.gap_s)
+        told.append(line.say_blind(dialect.stop_words(None), dialect.gap_s))
         raise _Commanded
 
     def session_connected(session: Session, words: Sequence[str]) -> None:
@@ -253,25 +255,23 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
         with suppress(BenchError):  # it does not say what is on; it may hear all the same
             part = getattr(description, role.name)
             found.append(_look(role, find_driver(part.model, part.like).driver_class, session))
-        session.command_safe()
+        told.append(session.command_safe())
         raise _Commanded
 
-    moves = role.stage is Stage.MOTION
     connected = table_connected if moves else session_connected
     with suppress(_Commanded, BenchError):  # who cannot be connected to is named when it is to be proved
         open_role(role.name, description, stand, timeout_s=hurry_s, upon_connecting=connected)
-    if not moves:
-        return found[0] if found else None
-    table: Any
-    with suppress(BenchError):  # its rate just after it was told to stop: it takes its time to come to rest
-        table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
-        try:
-            rate_deg_s = table.rate_deg_s()
-        finally:
-            table.close()
-        still = abs(rate_deg_s) <= STILL_DEG_S
-        return "at rest" if still else f"turning at {rate_deg_s:.3g} deg/s, already told to stop"
-    return None
+    if moves:
+        table: Any
+        with suppress(BenchError):  # its rate just after it was told to stop: it takes its time to come to rest
+            table, _ = open_role(role.name, description, stand, timeout_s=hurry_s)
+            try:
+                rate_deg_s = table.rate_deg_s()
+            finally:
+                table.close()
+            still = abs(rate_deg_s) <= STILL_DEG_S
+            found.append("at rest" if still else f"turning at {rate_deg_s:.3g} deg/s, already told to stop")
+    return UnprovedCommand(words, any(told), found[0] if found else None)
 
 
 def _look(role: Role, driver: type, session: Session) -> str:
