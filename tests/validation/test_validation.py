@@ -138,9 +138,25 @@ def test_changed_file_is_named(changed: str, monkeypatch: pytest.MonkeyPatch, tm
     assert (found.verdict, found.came) == ("FAIL", f"changed: {changed}")
 
 
+APART = "vcfbench 1.0 beside simrack 1.1: one tag makes both, install them together"
+TREE = '{"dir_info": {"editable": true}, "url": "file:///home/a"}'
+
+
+@pytest.mark.parametrize(("origin", "said"), [("{}", ("FAIL", APART)), (TREE, ("PASS", "0 as required"))])
+def test_simrack_of_another_version_is_named(
+    origin: str, said: tuple[str, str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """A working tree has the version of the day when it was installed, and runs what is there now."""
+    installed(tmp_path, "vcfbench", version="1.0")
+    installed(tmp_path, "simrack", version="1.1", origin=origin)
+    monkeypatch.syspath_prepend(tmp_path)
+    found = made("", installation.CHECKS[0])
+    assert (found.verdict, found.came) == said
+
+
 def test_working_tree_has_no_sums(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     for name in ("vcfbench", "simrack"):
-        installed(tmp_path, name, f"_{name}.pth", origin='{"dir_info": {"editable": true}, "url": "file:///home/a"}')
+        installed(tmp_path, name, f"_{name}.pth", origin=TREE)
     monkeypatch.syspath_prepend(tmp_path)
     assert made("", installation.CHECKS[1]).verdict == "NOT CHECKED"
 

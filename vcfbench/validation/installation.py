@@ -48,12 +48,16 @@ def fingerprint(name: str) -> str:
 
 
 def _from_working_tree(name: str) -> bool:
-    """Return whether a distribution is editable: what runs is not what was installed (PEP 610)."""
+    """Return whether a distribution is editable: its files and version may have moved on since then (PEP 610)."""
     origin = json.loads(distribution(name).read_text("direct_url.json") or "{}")
     return bool(origin.get("dir_info", {}).get("editable"))
 
 
-@check("packages", "Are the packages that it needs installed, none too old?", "metadata of the package")
+@check(
+    "packages",
+    "Are the packages that it needs there, none too old, simrack of its own version?",
+    "metadata of the package",
+)
 def _packages() -> Found:
     asked = {str(each): each for each in requirements() if each.name not in _OURS}
     wrong = []
@@ -64,6 +68,10 @@ def _packages() -> Found:
             there = "nothing"
         if there == "nothing" or not each.specifier.contains(there, prereleases=True):
             wrong.append(f"{words}: {there} is installed")
+    ours = {name: version(name) for name in _OURS if not _from_working_tree(name)}
+    if len(set(ours.values())) > 1:
+        both = " beside ".join(f"{name} {there}" for name, there in ours.items())
+        wrong.append(f"{both}: one tag makes both, install them together")
     return Found(f"{len(asked)} packages as required", "; ".join(wrong) or f"{len(asked)} as required", not wrong)
 
 
