@@ -207,7 +207,7 @@ def test_a_format_without_its_extra_says_which_to_install(
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ConfigError, match=f"needs {module}") as refused:
         export_run(run, tmp_path / f"out.{kind}")
-    assert refused.value.hint == "pip install 'vcfbench[export]'"
+    assert f'"{module}>=' in str(refused.value.hint)
 
 
 @pytest.mark.parametrize(

@@ -17,4 +17,22 @@ def need(module: str, extra: str, what: str) -> Any:
     except ImportError as error:
         package = module.partition(".")[0]
         why = "which is not installed" if error.name == package else f"which cannot be imported: {error}"
-        raise ConfigError(f"{what} needs {package}, {why}", hint=f"pip install 'vcfbench[{extra}]'") from error
+        wanted = " ".join(f'"{each}"' for each in _libraries(extra)) or package
+        raise ConfigError(f"{what} needs {package}, {why}", hint=f"pip install {wanted}") from error
+
+
+def _libraries(extra: str) -> list[str]:
+    """Return what an extra adds, as pip takes it; nothing of a source tree that was only put on the path.
+
+    By its own name an extra would bring simrack along anew, from the clone that vcfbench was installed from.
+    """
+    from importlib.metadata import distributions  # noqa: PLC0415  # 80 ms with the next, where nothing may be missing
+
+    from packaging.requirements import Requirement  # noqa: PLC0415
+
+    found = next(iter(distributions(name="vcfbench")), None)
+    return [
+        f"{each.name}{each.specifier}"
+        for each in map(Requirement, (found and found.requires) or ())
+        if (marker := each.marker) and marker.evaluate({"extra": extra}) and not marker.evaluate({"extra": ""})
+    ]

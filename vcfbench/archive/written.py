@@ -25,7 +25,7 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
     Args:
         run: any run, also one read back: ``vcfbench.load_run("last")``.
         path: its suffix says as what: ``.html``, one file that needs nothing beside itself; ``.pdf``, which needs
-            ``pip install 'vcfbench[pdf]'``; ``.md``, with a file ``NAME-1.svg`` beside it for each figure.
+            ``pip install weasyprint``; ``.md``, with a file ``NAME-1.svg`` beside it for each figure.
         words: what no measurement gives, by the fields of `CertificateWords`; besides ``title``, that of the first
             page, and ``logo``, a file (``.png``, ``.jpg``, ``.svg``) that stands above it in HTML and PDF.
 
