@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -197,7 +198,7 @@ def test_uncertainty_of_half_the_size_is_named() -> None:
     assert calibrations.covered(row).passed
     calibrations.kept = [{f"{row}.z": 2.0 * e * 3.0**0.5, f"{row}.covered": abs(e) < 0.475} for e in errors]
     found = calibrations.covered(row)
-    assert (found.passed, found.came) == (False, "48; mean +0.00, s 2.01")
+    assert (found.passed, found.came) == (False, "48 of 100 within U95; errors over u: mean +0.00, s 2.01")
 
 
 def validation(*checks: Checked) -> Validation:
@@ -229,6 +230,7 @@ def test_command_prints_each_check_and_its_exit_code_says_whether_all_passed(
     good = cli.invoke(app, ["validate", "-o", str(tmp_path / "v.md")])
     assert good.exit_code == 0
     assert "PASS         straight line: 1.00211681802" in good.stdout
+    assert re.search(r"^PASS +packages: \d+ as required$", good.stdout, re.MULTILINE)  # what came
     assert (tmp_path / "v.md").exists()
     broken_fit(monkeypatch)
     bad = cli.invoke(app, ["validate", "--json", "--by", "A. Person"])

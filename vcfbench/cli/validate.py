@@ -33,7 +33,7 @@ def validate(
 
     def shown(each: Checked) -> None:
         if not (json or quiet):
-            typer.echo(f"{each.verdict:11}  {each.name}: {each.came if each.verdict != 'PASS' else each.expected}")
+            typer.echo(f"{each.verdict:11}  {each.name}: {each.came}")
 
     found = validated(bench, by=by, runs=runs, trust=yes, shown=shown)
     written = () if output is None else write_validation(found, output)

@@ -77,7 +77,7 @@ class Calibrations:
         off, wide = 4.0 / math.sqrt(self._runs), 4.0 / math.sqrt(2.0 * self._runs)  # four standard deviations
         return Found(
             f"{low} to {high} of {self._runs} within U95; errors over u: mean 0 +- {off:.2f}, s 1 +- {wide:.2f}",
-            f"{covered}; mean {mean:+.2f}, s {width:.2f}",
+            f"{covered} of {self._runs} within U95; errors over u: mean {mean:+.2f}, s {width:.2f}",
             passed=low <= covered <= high and abs(mean) <= off and abs(width - 1.0) <= wide,
         )
 
