@@ -119,6 +119,20 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
     assert band.plus_3_db_hz[0] == pytest.approx(14.24, abs=0.2)
 
 
+def test_what_the_closed_form_lacks_widens_the_uncertainty() -> None:
+    """Gains that drift by 1 % in the order of the frequencies."""
+    rng = np.random.default_rng(2)
+    f = np.concatenate([np.linspace(5.0, 55.0, 14), 24.8 * np.array([0.9, 0.95, 0.98, 1.0, 1.02, 1.05, 1.1])])
+    true = 0.19 * response(f, 24.8, 1224.0, 0.8, 0.02) / np.sqrt(1.0 + (f / 100.0) ** 8)
+    seen = true * np.linspace(0.995, 1.005, f.size) + 4e-5 * rng.standard_normal(f.size)
+    tones = [Tone(at, each, 4e-5, 0.0, 5e-3, 28) for at, each in zip(f.tolist(), seen.tolist(), strict=True)]
+    blind, told = (fit_rate_band(tones, 0.1, Known(3488.9, off_form=share)) for share in (0.0, 1e-2))
+    assert blind.chi_square > 9.0 * blind.dof
+    assert abs(blind.q[0] - 1224.0) > 4.0 * blind.q[1]
+    assert told.chi_square < 2.0 * told.dof
+    assert abs(told.q[0] - 1224.0) < 2.0 * told.q[1]
+
+
 def test_the_split_is_guessed_from_a_few_gains() -> None:
     f = np.array([1.0, 4.0, 9.0, 16.0, 31.0, 48.0])
     assert split_guess_hz(f, response(f, 24.8, 1224.0, 0.0, 0.0)) == pytest.approx(24.8, rel=0.02)

@@ -11,7 +11,7 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from vcfbench.errors import LimitError
+from vcfbench.errors import LimitError, MeasurementError
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import Limits
 from vcfbench.steps import CaptureSines, SetSine
@@ -143,3 +143,10 @@ def test_a_sine_beyond_the_limit_of_v_vc_is_refused_before_anything_is_opened() 
     tight = structs.replace(paper, limits=structs.replace(paper.limits, max_v_vc_v=2.0))
     with pytest.raises(LimitError, match="peak voltage 3 V"):
         vcfbench.dry_run("bandwidth", tight, settings={"sine_amplitude_v": 3.0})
+
+
+def test_an_output_at_its_limit_gives_no_result(tmp_path: Path) -> None:
+    """The fit would give Q 943 for 1224, with an uncertainty of 0.6."""
+    bench = simulated(overrides={**COLD, "output_stage": {"headroom_v": 9.4}})
+    with pytest.raises(MeasurementError, match="times as far from the closed form as their u explains"):
+        vcfbench.run("bandwidth", bench, settings=QUICK, runs=tmp_path)

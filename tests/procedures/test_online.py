@@ -273,3 +273,45 @@ def test_a_record_at_rest_that_was_disturbed_gives_no_result(chosen: OnlineSetti
     records.pairs[0] = records.pairs[0][0], records.record(0.0, noise_v=2e-3)
     with pytest.raises(MeasurementError, match=r"record 1 of 2 at rest scatters by 0\.0\d+ V, those with the sine"):
         online_results(chosen, records)  # type: ignore[arg-type]
+
+
+def spoilt(records: Records, output: Any = None, v_vc: Any = None) -> Any:
+    """Return `records` with what a meter that is wrong from first to last makes of all its readings."""
+    kept = [(step, each, np.array(each.output_v), np.array(each.v_vc_v)) for step, each in records.pairs]
+    records.pairs = [
+        (
+            step,
+            structs.replace(
+                each,
+                output_v=tuple((output_v if output is None else output(output_v)).tolist()),
+                v_vc_v=tuple((v_vc_v if v_vc is None else v_vc(v_vc_v)).tolist()),
+            ),
+        )
+        for step, each, output_v, v_vc_v in kept
+    ]
+    return records
+
+
+def stands_still(readings_v: Any) -> Any:
+    return np.concatenate((readings_v[:100], np.full(50, readings_v[99]), readings_v[150:]))
+
+
+@pytest.mark.parametrize("output", [lambda v: np.clip(v, -0.5, 0.5), stands_still], ids=["at its limit", "frozen"])
+def test_bursts_that_are_all_no_sine_give_no_result(output: Any, chosen: OnlineSettings) -> None:
+    with pytest.raises(MeasurementError, match=r"scatters by 0\.\d+ V about its sine, at rest by 0\.0001 V"):
+        online_results(chosen, spoilt(Records(), output))
+
+
+@pytest.mark.parametrize("v_vc", [lambda v: 1e-3 * v, lambda v: v + 0.05], ids=["millivolts", "offset"])
+def test_a_sine_on_v_vc_that_is_not_as_set_gives_no_result(v_vc: Any, chosen: OnlineSettings) -> None:
+    with pytest.raises(MeasurementError, match=r"in burst 1 of 5 V_Vc reads .*, set to 0\.333333 V about 0") as caught:
+        online_results(chosen, spoilt(Records(), v_vc=v_vc))
+    assert caught.value.instrument == "v_vc_meter"
+
+
+def test_a_sign_that_the_gyroscope_has_not_gives_no_result(chosen: OnlineSettings) -> None:
+    assert online_results(chosen, spoilt(Records(), v_vc=np.negative)).scale_factor.value > 0.0
+    expected = structs.replace(chosen.station.expected, scale_factor_v_per_deg_s=(-0.013, -0.012))
+    told = structs.replace(chosen, station=structs.replace(chosen.station, expected=expected))
+    with pytest.raises(MeasurementError, match=r"of the other sign than -0\.0125 V/\(deg/s\)"):
+        online_results(told, spoilt(Records(), v_vc=np.negative))

@@ -90,10 +90,11 @@ def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats
 def not_negative(design: Floats, values: Floats) -> Floats:
     """Return the least-squares solution that has no part below zero (Lawson and Hanson 1974, chapter 23)."""
     found, free = np.zeros(design.shape[1]), np.zeros(design.shape[1], dtype=bool)
+    no_gain = _DETERMINED * float(np.linalg.norm(values)) * np.linalg.norm(design, axis=0)
     while True:
         gain = design.T @ (values - design @ found)
-        gain[free] = -np.inf
-        if free.all() or not gain.max() > _DETERMINED * float(np.linalg.norm(values)):
+        gain[free | (gain <= no_gain)] = -np.inf  # rounding is no gain: a column would come and go for ever
+        if not (gain > 0.0).any():
             return found
         free[int(gain.argmax())] = True
         while True:

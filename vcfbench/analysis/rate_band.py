@@ -62,6 +62,8 @@ class Known(Struct, frozen=True):
     low_pass_hz: float = 100.0
     low_pass_order: int = 4
     """Order of the Butterworth filter behind the demodulator; it is divided out."""
+    off_form: float = 0.0
+    """Standard uncertainty of each gain, over it, for what the closed form lacks of the chain."""
 
 
 class RateBand(Struct, frozen=True):
@@ -270,11 +272,11 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
     start = np.array([f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
     u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
-    u = np.maximum(u, float(np.median(u / gain)) * gain)
+    u = np.hypot(np.maximum(u, float(np.median(u / gain)) * gain), known.off_form * gain)
     for _ in range(2):
         fit = fit_model(lambda p, u=u: _residuals(p, f, gain, u, known), start, "bandwidth")  # type: ignore[misc]
         start = fit.parameters
-        u = _smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude
+        u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
     fit = fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")
     return _band(fit, known.drive_hz, f, gain, u, noise_dof=sum(tone.noise_dof for tone in ordered))
 

@@ -10,10 +10,12 @@ from collections.abc import Callable, Iterable, Sequence
 from statistics import fmean, stdev
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta, Struct
 
 from vcfbench import steps
 from vcfbench.analysis import rate_band
+from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
@@ -33,6 +35,8 @@ _PERIODS = 4.0
 """A record, at least."""
 _DIVISIONS_WIDE = 10.0
 _ROOM = 1.1
+_SCATTER = 3.0
+"""Times by which the gains may be farther from the closed form than their u explains."""
 
 
 class PhasePoint(Struct, frozen=True):
@@ -141,14 +145,18 @@ class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
     in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
     low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
+    closed_form_ppm: Annotated[
+        float, ranged(0.0, 1e5, "u of each gain for what the closed form lacks of this chain, say a Q that drifts")
+    ] = 0.0
 
 
 class Bandwidth(Struct, frozen=True):
     """Result of `bandwidth`; frequencies of the response without the low-pass filter, which is divided out.
 
     `q` is that of the anti-phase sense mode; `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the
-    generator's setting and has no uncertainty. `chi_square` over `dof` tells how well the closed form fits; lack of
-    fit is in no uncertainty. `gain_v_per_v` and `u_gain_v_per_v` are what was measured, `residual` what the fit leaves.
+    generator's setting and has no uncertainty. `chi_square` over `dof` tells how well the closed form fits; what it
+    lacks is in the uncertainty as far as `closed_form_ppm` says. `gain_v_per_v` and `u_gain_v_per_v` are what was
+    measured, `residual` what the fit leaves.
     """
 
     split_hz: Measurand
@@ -241,7 +249,11 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
         seen = oscilloscope.frequency_of([each.frequency_hz for each in of_drive[-1].records])
         drive_hz, u_drive_hz = seen.value, seen.u
     known = rate_band.Known(
-        drive_hz, settings.in_phase_split_hz, low_pass_hz=settings.low_pass_hz, low_pass_order=settings.low_pass_order
+        drive_hz,
+        settings.in_phase_split_hz,
+        low_pass_hz=settings.low_pass_hz,
+        low_pass_order=settings.low_pass_order,
+        off_form=1e-6 * settings.closed_form_ppm,
     )
     if isinstance(measured, Foreseen):
         # What the paper's gyroscope will show, with the noise that its modes pass and that is folded
@@ -257,21 +269,36 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     else:
         tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
     band = rate_band.fit_rate_band(tones, settings.sine_amplitude_v, known)
+    _require_closed_form(band)
     shape = band.parameters[[0, 1, 3, 4, 5]]
     phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
-    return _bandwidth(band, drive_hz, u_drive_hz, phase)
+    return _bandwidth(band, drive_hz, u_drive_hz, phase, lacking=settings.closed_form_ppm > 0.0)
+
+
+def _require_closed_form(band: rate_band.RateBand) -> None:
+    """Raise MeasurementError when the gains are not those of the closed form: what is read off it would be untrue."""
+    times = math.sqrt(band.chi_square / band.dof)
+    if times > _SCATTER:
+        worst = int(np.argmax(np.abs(band.residual) * band.gain / band.u_gain))
+        raise MeasurementError(
+            f"the gains are {times:.2g} times as far from the closed form as their u explains, the gain at "
+            f"{band.frequency_hz[worst]:.4g} Hz by {100.0 * band.residual[worst]:+.2g} %",
+            instrument="multimeter",
+            hint="does the output reach a limit (sine_amplitude_v), or did its gain change in the sweep? "
+            "closed_form_ppm widens u by what the closed form lacks",
+        )
 
 
 _QUANTITIES = ("split_hz", "q", "plus_3_db_hz", "peak_hz", "peak_gain", "minus_3_db_hz")
 
 
 def _bandwidth(
-    band: rate_band.RateBand, drive_hz: float, u_drive_hz: float, phase: tuple[PhasePoint, ...]
+    band: rate_band.RateBand, drive_hz: float, u_drive_hz: float, phase: tuple[PhasePoint, ...], *, lacking: bool
 ) -> Bandwidth:
     def quantity(name: str) -> Measurand:
         """Combine independent parts; only that of the noise has finite degrees of freedom."""
         value, u_noise = getattr(band, name)
-        parts = [UncertaintyPart("noise", u_noise, band.noise_dof)]
+        parts = [UncertaintyPart("noise, and closed_form_ppm" if lacking else "noise", u_noise, band.noise_dof)]
         if name != "peak_gain":
             parts.append(UncertaintyPart("time base", _TIME_BASE / math.sqrt(3.0) * value))
         if name == "q":

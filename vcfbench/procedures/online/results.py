@@ -141,15 +141,41 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
         except (ConfigError, MeasurementError) as error:  # the sine is not in it: a lead may be off
             said = f"burst {number} of {len(modulated)}: {error.what}"
             raise MeasurementError(said, instrument="multimeter", hint=error.hint) from error
+    _require_sines(output, rest, settings.meter_resolution_v)
     _require_alike(output, rest, settings.meter_resolution_v)
     by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
     sines = [each for each in modulated if each.v_vc_v] or by_hand
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
+    _require_as_set(settings, v_vc)
     at_rest = [each.v_vc_v for step, each in sampled if not step.amplitude_v and each.v_vc_v]
     means = [math.fsum(each) / len(each) for each in at_rest]
     rest_v_vc_v = math.fsum(means) / len(means) if means else 0.0
     sign = _sign(settings, modulated, output, v_vc if not by_hand else [])
     return _Run(modulated, output, v_vc * len(output) if by_hand else v_vc, rest, rest_v_vc_v, sign)
+
+
+def _require_sines(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
+    """See that what the bursts leave of their sine is noise, as at rest: an output at its limit is no sine."""
+    scatter_v = median(each.residual_rms for each in output)
+    rest_v = median(float(np.std(each.output_v)) for each in rest)
+    if scatter_v > _SCATTER * max(rest_v, resolution_v):
+        said = f"the output scatters by {scatter_v:.2g} V about its sine, at rest by {rest_v:.2g} V: it is no sine"
+        hint = "does it reach a limit (virtual_rate_deg_s), or stand still in between? Look at it on the oscilloscope"
+        raise MeasurementError(said, instrument="multimeter", hint=hint)
+
+
+def _require_as_set(settings: OnlineSettings, sines: Sequence[Demodulated]) -> None:
+    """See that each sine on V_Vc, as measured, has the amplitude and the mean that were set."""
+    within_v = v_vc.v_vc_tolerance_v(settings, settings.amplitude_v)
+    for number, each in enumerate(sines, 1):
+        amplitude_v = each.phasors[0].real
+        if max(abs(amplitude_v - settings.amplitude_v), abs(each.mean)) > within_v:
+            raise MeasurementError(
+                f"in burst {number} of {len(sines)} V_Vc reads {amplitude_v:.6g} V about {each.mean:+.2g} V, set to "
+                f"{settings.amplitude_v:.6g} V about 0, within {within_v:.2g} V",
+                instrument=settings.v_vc_role,
+                hint="are its leads on the V_Vc input, and does it read volts?",
+            )
 
 
 def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
@@ -176,10 +202,11 @@ def _sign(
     output: Sequence[Demodulated],
     v_vc: Sequence[Demodulated],
 ) -> float:
-    """Return the sign of the output per V of V_Vc: by the phase, or as expected where V_Vc was not sampled beside."""
-    gyro = settings.expected_gyro()
+    """Return the sign of the output per V of V_Vc: by the phase, or as known where V_Vc was not sampled beside."""
+    reference, slope = settings.known.reference, settings.known.k_vc.coefficients[1]
+    stated = settings.expected_gyro().scale_factor if reference is None else reference.scale_factor_v_per_deg_s.value
     if not v_vc:
-        return math.copysign(1.0, gyro.scale_factor * settings.known.k_vc.coefficients[1])
+        return math.copysign(1.0, stated * slope)
     speed = 2.0 * math.pi * settings.modulation_hz
     turned = [
         cmath.exp(1j * (out.phase_rad - into.phase_rad - speed * (record.output_t_s - record.v_vc_t_s)))
@@ -195,6 +222,11 @@ def _sign(
                 "opposed, in all",
                 instrument="multimeter",
             )
+    known = reference is not None or settings.expected.scale_factor_v_per_deg_s is not None
+    if known and sign * stated * slope < 0.0:
+        said = f"the scale factor is of the other sign than {stated:.4g} V/(deg/s), which the gyroscope has"
+        hint = "are the leads of one of the meters the wrong way round?"
+        raise MeasurementError(said, instrument="multimeter", hint=hint)
     return sign
 
 
