@@ -242,10 +242,10 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
         return UnprovedCommand(words, sent=False)
     hurry_s = min(_HURRY_S, getattr(description, role.name).timeout_s)
     found: list[str] = []
-    told: list[bool] = []
+    sent: list[bool] = []
 
     def table_connected(line: TableLine, dialect: TableDialect) -> None:
-        told.append(line.say_blind(dialect.stop_words(None), dialect.gap_s))
+        sent.append(line.say_blind(dialect.stop_words(None), dialect.gap_s))
         raise _Commanded
 
     def session_connected(session: Session, words: Sequence[str]) -> None:
@@ -255,7 +255,7 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
         with suppress(BenchError):  # it does not say what is on; it may hear all the same
             part = getattr(description, role.name)
             found.append(_look(role, find_driver(part.model, part.like).driver_class, session))
-        told.append(session.command_safe())
+        sent.append(session.command_safe())
         raise _Commanded
 
     connected = table_connected if moves else session_connected
@@ -271,7 +271,7 @@ def _command_first(role: Role, description: BenchDescription, stand: UnopenedBen
                 table.close()
             still = abs(rate_deg_s) <= STILL_DEG_S
             found.append("at rest" if still else f"turning at {rate_deg_s:.3g} deg/s, already told to stop")
-    return UnprovedCommand(words, any(told), found[0] if found else None)
+    return UnprovedCommand(words, any(sent), found[0] if found else None)
 
 
 def _look(role: Role, driver: type, session: Session) -> str:
