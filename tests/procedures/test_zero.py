@@ -19,7 +19,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
 from vcfbench.procedures.zero.noise import with_what_is_let_through
 from vcfbench.procedures.zero.plan import ZERO
-from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zero_results
+from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zero_report, zero_results
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.station.parts import Limits
@@ -170,6 +170,15 @@ def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
     assert (figure.x.scale, figure.y.scale) == ("log", "log")
     written = json.loads((hour.directory / "result.json").read_text())["results"]
     assert written["noise"][0]["unit"] == "deg/sqrt(h)"
+
+
+def test_a_trend_that_shows_is_said_of_the_mean(hour: Run) -> None:
+    trend = hour.results.trend
+    assert trend is not None
+    for value, is_said in ((0.5 * trend.expanded_u, False), (-2.0 * trend.expanded_u, True)):
+        results = structs.replace(hour.results, trend=structs.replace(trend, value=value))
+        text = vcfbench.text_of(zero_report(ZeroSettings(), None, results))
+        assert ("This record has a trend: over another time the mean is another" in text) is is_said
 
 
 def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None:

@@ -318,6 +318,10 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
     """Report a static record: its sampling, its results, the Allan table and its figure."""
     flicker = results.flicker  # as the key of the bench file
     said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
+    if results.trend is not None and abs(results.trend.value) > results.trend.expanded_u:
+        said.append(
+            "This record has a trend: over another time the mean is another by what it makes, in no u of the bias."
+        )
     columns = heads("< | value:.6g | u:.2g | dof:.3g | U95:.2g | <unit")
     rows: list[Any] = [
         ("output, mean", results.bias_v, None, None, None, "V"),
