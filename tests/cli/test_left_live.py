@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import sys
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -66,7 +67,11 @@ def made_safe(
 
     asked = left
     monkeypatch.setattr("vcfbench.bench.abandoned.safe_abandoned", safe)
-    words = {b"bench": json.dumps(CHARGE).encode(), **{kind.encode(): value for kind, value in said.items()}}
+    words = {
+        b"bench": json.dumps(CHARGE).encode(),
+        b"owner": b'4711 "power at COM1"',
+        **{kind.encode(): value for kind, value in said.items()},
+    }
     if journal is not None:
         words[b"journal"] = json.dumps(str(journal)).encode()
     return left_live.make_safe(words, "it died"), left
@@ -105,11 +110,36 @@ def test_a_bench_that_was_made_safe_is_said_to_be(
     }
 
 
+@pytest.mark.parametrize("made", [SAFE, LIVE, OSError("no memory")])
+def test_it_is_said_before_anything_else_and_whatever_else_cannot_be_loaded(
+    made: MadeSafe | Exception,
+    journal: Path,
+    told: list[Any],
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("vcfbench.records.journal.append_line", lambda *_: told.append("written"))
+    code, _ = made_safe(monkeypatch, made, journal)
+    (said, _), written, notified = told[-3:]
+    assert (written, notified["exit_code"]) == ("written", code or None)
+    for module in ("vcfbench.cli.ending", "vcfbench.records.journal", "vcfbench.runs.notified"):
+        monkeypatch.setitem(sys.modules, module, None)  # an import raises ImportError
+    assert made_safe(monkeypatch, made, journal)[0] == code
+    words = capfd.readouterr().err
+    assert words.startswith("vcfbench watchdog: it died; ")
+    assert ("NOT SAFE: power at COM1: " in words) == (code == 5)
+    assert words == f"{said}\n"
+
+
 @pytest.mark.parametrize(
     ("made", "words"),
     [
         (LIVE, "NOT SAFE: power at COM1: nobody answers; make it safe by hand before anything else"),
-        (OSError("no memory"), "NOT SAFE: no memory"),
+        (
+            OSError("no\n\nmemory"),
+            "NOT SAFE: power at COM1: OSError: no memory; make it safe by hand before anything else",
+        ),
+        (MemoryError(), "NOT SAFE: power at COM1: MemoryError; make it safe by hand before anything else"),
     ],
 )
 def test_one_that_is_not_is_said_not_to_be(
@@ -118,7 +148,8 @@ def test_one_that_is_not_is_said_not_to_be(
     code, _ = made_safe(monkeypatch, made, journal)
     assert code == 5
     line = line_of(journal)
-    assert (line["safe"], line.get("error")) == ((False, None) if made is LIVE else (None, "OSError: no memory"))
+    raised = f"{type(made).__name__}: {made}"
+    assert (line["safe"], line.get("error")) == ((False, None) if made is LIVE else (None, raised))
     assert told[-2:] == [
         (f"vcfbench watchdog: it died; {words}", True),
         {

@@ -143,7 +143,35 @@ def test_what_acts_is_loaded_once_as_soon_as_it_may_be_needed(
     """It takes as long as an instrument to be told; while all is well nothing is loaded."""
     assert ended == []
     _, turns = watched(monkeypatch, BENCH, *said)
-    assert turns.started[1:] == [watchdog.loaded] * prepared
+    assert turns.started[1:] == [watchdog._prepare] * prepared
+
+
+def test_a_program_that_hangs_is_ended_where_nothing_can_be_loaded(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """And only if it is the one that started the watchdog: another may have its number."""
+
+    def gone() -> None:
+        raise MemoryError
+
+    def no_thread(_turns: Turns, act: Callable[[], object], _none: tuple[()]) -> None:
+        threads.append(act)
+        if len(threads) > 1:
+            raise RuntimeError("can't start new thread")
+
+    killed: list[tuple[int, int]] = []
+    monkeypatch.setattr(watchdog, "loaded", gone)
+    monkeypatch.setattr(Turns, "start_new_thread", no_thread)
+    monkeypatch.setattr("os.kill", lambda pid, number: killed.append((pid, number)))
+    for parent in (1, 4711):
+        threads: list[Callable[[], object]] = []
+        monkeypatch.setattr("os.getppid", lambda: parent)  # noqa: B023
+        why, _ = watched(monkeypatch, b'owner 4711 "power at COM1"', BENCH, *[b""] * SILENT_TURNS)
+        assert why == "the program gave no sign of life for 2 s and was ended"
+        assert killed == ([] if parent == 1 else [(4711, 9)])
+        assert threads[1:] == [watchdog._prepare]
+        threads[1]()  # a thread that raises would write a traceback
+    assert capfd.readouterr().err == ""
 
 
 def test_it_says_that_it_is_ready_when_it_knows_the_bench(
@@ -190,24 +218,45 @@ def test_whole_lines_are_heard_until_the_program_leaves_or_a_call_is_overdue(
     ("said", "code", "done"),
     [
         ((BENCH, b"left safe"), 0, []),
-        ((BENCH, b"beat "), 5, ["{} safe: the program died", "what was said is written"]),
+        ((BENCH, b"beat "), 5, ["{} safe: the program died"]),
         ((b"",), 0, []),  # it died before it had a bench
     ],
 )
 def test_its_code_is_that_of_the_bench(
     said: tuple[bytes, ...], code: int, done: list[str], ended: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stderr = SimpleNamespace(flush=lambda: ended.append("what was said is written")) if code else None
-    monkeypatch.setattr("sys.stderr", stderr)  # there may be none
+    assert code_of(monkeypatch, *said) == code
+    assert ended == done
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_a_bench_that_nothing_can_make_safe_is_said_not_to_be(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *, closed: bool
+) -> None:
+    def gone() -> None:
+        raise ModuleNotFoundError("No module named 'vcfbench.cli.left_live'")
+
+    monkeypatch.setattr(watchdog, "loaded", gone)
+    monkeypatch.setattr("sys.stderr", None if closed else sys.stderr)
+    assert code_of(monkeypatch, b'owner 4711 "rate_table at COM3, power at COM1"', BENCH) == 5
+    assert capfd.readouterr().err == (
+        ""
+        if closed
+        else "vcfbench watchdog: the program died; NOT SAFE: rate_table at COM3, power at COM1: ModuleNotFoundError: "
+        "No module named 'vcfbench.cli.left_live'; make it safe by hand before anything else\n"
+    )
+
+
+def code_of(monkeypatch: pytest.MonkeyPatch, *said: bytes) -> int:
     turns = Turns(*said)
     monkeypatch.setattr(watchdog, "_thread", turns)
     made = Watch()
     turns.watch = made
     monkeypatch.setattr(watchdog, "Watch", lambda: made)
     monkeypatch.setattr("os._exit", lambda code: pytest.exit(f"{code}"))
-    with pytest.raises(pytest.exit.Exception, match=f"^{code}$"):
+    with pytest.raises(pytest.exit.Exception) as caught:
         main()
-    assert ended == done
+    return int(caught.value.msg)
 
 
 def test_what_makes_safe_is_loaded_by_one_thread_at_a_time() -> None:

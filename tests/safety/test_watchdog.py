@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import shutil
 import signal as signals
 import subprocess
 import sys
@@ -55,6 +56,42 @@ def test_a_bench_whose_program_died_or_hangs_is_made_safe(signal: str, tmp_path:
         with left_live(path, f"os.kill(os.getpid(), signal.{signal})") as process:
             assert safe_after_s(lab) < GENEROUS_S
             assert process.wait(GENEROUS_S) == -9  # one that hangs is ended: it might switch things on again
+
+
+WITHOUT = """
+import os, signal, sys
+from pathlib import Path
+from vcfbench.drivers.calls import Calls
+from vcfbench.safety.watchdog import Watchdog
+from vcfbench import load_bench
+
+without = sys.argv[1]
+sys.path.insert(0, without)
+dog = Watchdog(load_bench("paper"), print, Calls())
+dog.require_ready()
+"""
+"""A program whose watchdog finds of the package no more than what it has loaded."""
+
+
+@pytest.mark.parametrize(
+    ("end", "why"),
+    [
+        ("os.kill(os.getpid(), signal.SIGKILL)", "the program died"),
+        ("os.kill(os.getpid(), signal.SIGSTOP)", "the program gave no sign of life for 2 s and was ended"),
+    ],
+)
+def test_a_package_that_was_moved_away_is_told_and_a_hanging_program_ended(end: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "vcfbench" / "cli").mkdir(parents=True)
+    for part in ("__init__.py", "cli/__init__.py", "cli/last_words.py", "cli/watchdog.py"):
+        shutil.copy(Path(str(vcfbench.__file__)).parent / part, tmp_path / "vcfbench" / part)
+    command = [sys.executable, "-c", WITHOUT + end, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=GENEROUS_S)  # noqa: S603
+    assert done.returncode == -9
+    assert done.stderr == (
+        f"vcfbench watchdog: {why}; NOT SAFE: rate_table at sim://paper, rate_source at "
+        "USB0::0x0957::0x0407::MY44021876::INSTR, power at GPIB0::5::INSTR: ModuleNotFoundError: No module named "
+        "'vcfbench.cli.left_live'; make it safe by hand before anything else\n"
+    )
 
 
 @pytest.mark.exhaustive
@@ -238,7 +275,8 @@ def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[...
     dog.step("ramp", 2.5)
     dog.step("wait", None)
     dog.making_safe(9.0)
-    bench, *others = said()
+    owner, bench, *others = said()
+    assert owner.startswith(f'owner {os.getpid()} "rate_table at sim://paper, rate_source at ')
     kind, _, words = bench.partition(" ")
     charge = json.loads(words)
     assert (kind, charge["owner"], charge["mark"]) == ("bench", os.getpid(), mark_of(os.getpid()))

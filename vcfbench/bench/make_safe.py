@@ -8,7 +8,6 @@ import signal
 import socket
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
-from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -26,7 +25,7 @@ from vcfbench.errors import BenchError, ConnectFailed, NotSafe
 from vcfbench.interfaces import Operator, SafeReport, UnprovedCommand
 from vcfbench.safety.lock import InUse, LockUnusable, Owner, owners_of
 from vcfbench.safety.processes import KILL, end
-from vcfbench.safety.roles import STILL_DEG_S, Role, filled_roles, safe_action
+from vcfbench.safety.roles import STILL_DEG_S, Role, driving_roles, safe_action
 from vcfbench.safety.signals import LeaveNow, StopSignals
 from vcfbench.safety.stack import SafetyStack, Stage, not_safe
 from vcfbench.station.description import BenchDescription
@@ -129,20 +128,13 @@ class _Held(Struct, frozen=True):
     unlocked: str | None = None
 
 
-def _driving(description: BenchDescription) -> tuple[Role, ...]:
-    """Return the roles that drive something, in the order of making safe; the owner of a meter is in nobody's way."""
-    return tuple(
-        sorted((role for role in filled_roles(description) if role.stage is not Stage.REST), key=attrgetter("stage"))
-    )
-
-
 def _held(description: BenchDescription, stack: ExitStack, *, force: bool, patience_s: float) -> _Held:
     """Take the free instruments that drive something: the wires of nobody else, and all of nobody's.
 
     An owner is waited for until `patience_s`, for it or its watchdog may be making the bench safe, and at least for as
     long as one that is just dying may take.
     """
-    clock, driving = WallClock(), _driving(description)
+    clock, driving = WallClock(), driving_roles(description)
     left_to: dict[str, InUse] = {}
     while True:
         roles = tuple(role for role in driving if role.name not in left_to)
@@ -181,7 +173,7 @@ def _end_owners(description: BenchDescription) -> tuple[str, ...]:
     Raises:
         BenchError: one belongs to another user, or runs on another computer.
     """
-    resources = [getattr(description, role.name).resource for role in _driving(description)]
+    resources = [getattr(description, role.name).resource for role in driving_roles(description)]
     found = owners_of(resources)
     for owner in found.values():
         _signal(owner, signal.SIGTERM)

@@ -162,9 +162,11 @@ def _put(number: int, data: bytes) -> bool:
     """Write `data`; tell whether it was taken, within a time short enough to wait for an exit code."""
     from vcfbench.clock import within  # noqa: PLC0415  # there where a bench was opened; else msgspec comes with it
 
+    begun: list[bool] = []
     taken: list[bool] = []
 
     def write() -> None:
+        begun.append(True)
         if hasattr(signal, "SIGTTOU"):  # in the background, a terminal may be set to stop who writes to it
             signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTTOU})
         rest = data
@@ -174,6 +176,8 @@ def _put(number: int, data: bytes) -> bool:
             taken.append(True)
 
     within(_SAYING_S, write)
+    if not begun:  # the thread for it had no memory to begin with
+        write()
     return bool(taken)
 
 

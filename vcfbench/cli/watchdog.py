@@ -1,8 +1,9 @@
 """The watchdog process: it watches a program that has a bench, and makes that safe when the program died or hangs.
 
-Its standard input is a pipe from that program, `vcfbench.safety.watchdog`: first the bench, then steps and signs of
-life, a line each. While all is well it exchanges nothing with any instrument and loads nothing that could. A run waits
-for it to be ready: queues, signals, JSON and paths of Python's library would take as long as all the rest of it.
+Its standard input is a pipe from that program, `vcfbench.safety.watchdog`: first its number and what it drives, then
+the bench, then steps and signs of life, a line each. While all is well it exchanges nothing with any instrument and
+loads nothing that could. A run waits for it to be ready: queues, signals, JSON and paths of Python's library would take
+as long as all the rest of it.
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from __future__ import annotations
 import _thread
 import os
 import sys
+
+from vcfbench.cli.last_words import not_safe, say, write
 
 TYPE_CHECKING = False  # as in vcfbench/__init__.py
 if TYPE_CHECKING:
@@ -24,13 +27,15 @@ SILENT_TURNS = 20
 def main() -> None:
     """Watch until the program has left its bench; else make that safe. Ends with 0 when all is safe, 5 when not."""
     watch = Watch()
-    why = watch.until_it_ends()
-    code = 0
-    if why is not None and b"bench" in watch.said:
-        code = loaded().make_safe(watch.said, why)
-    if sys.stderr is not None:
-        sys.stderr.flush()
-    os._exit(code)  # the thread that listens has standard input, which an orderly end would want
+    why: str | None = "its watching failed"
+    code = 5
+    try:
+        why = watch.until_it_ends()
+        code = 0 if why is None or b"bench" not in watch.said else loaded().make_safe(watch.said, why)
+    except BaseException as error:  # noqa: BLE001  # a package that was moved away, files or memory that are used up
+        say(f"{why}; {not_safe(watch.said, error)}")
+    finally:
+        os._exit(code)  # the thread that listens has standard input, which an orderly end would want
 
 
 def loaded() -> ModuleType:
@@ -47,12 +52,20 @@ def loaded() -> ModuleType:
             try:
                 import vcfbench.bench.abandoned  # noqa: PLC0415
                 import vcfbench.drivers.visa_wire  # noqa: F401, PLC0415
-            except ImportError:  # whoever needs it will say so
+            except Exception:  # noqa: BLE001, S110  # whoever needs it will say so
                 pass
             del sys.modules["numpy"]
         import vcfbench.cli.left_live as acting  # noqa: PLC0415
 
         return acting
+
+
+def _prepare() -> None:
+    """Load what makes safe before it is needed; where that fails, whoever needs it will say so."""
+    try:  # noqa: SIM105  # as in `write`
+        loaded()
+    except Exception:  # noqa: BLE001, S110
+        pass
 
 
 class Watch:
@@ -74,7 +87,10 @@ class Watch:
             silent = self._turn - self._heard_turn
             if (silent == SILENT_TURNS // 2 or b"late" in self.said) and not self._prepared:
                 self._prepared = True
-                _thread.start_new_thread(loaded, ())  # it may be needed in a second
+                try:  # noqa: SIM105  # as in `write`
+                    _thread.start_new_thread(_prepare, ())  # it may be needed in a second
+                except RuntimeError:  # no thread is left: then it is loaded when it is needed
+                    pass
             if silent >= SILENT_TURNS:
                 return self._ended(f"the program gave no sign of life for {SILENT_TURNS * TURN_S:g} s")
             if self._turn > self._last_turn:
@@ -103,17 +119,13 @@ class Watch:
             self._last_turn = self._turn + float(longest_s) / TURN_S
         self.said[kind] = words
         if kind == b"bench":
-            _write(1, b"ready\n")
+            write(1, b"ready\n")
 
     def _ended(self, why: str) -> str:
         """End the program that hangs: nobody else can have its wires before."""
-        loaded().end_owner(self.said)
+        try:
+            loaded().end_owner(self.said)
+        except Exception:  # noqa: BLE001  # who makes safe will say so; the program would hold the wires for ever
+            if (owner := int(self.said[b"owner"].partition(b" ")[0])) == os.getppid():  # it is still the one
+                os.kill(owner, 9)
         return f"{why} and was ended"
-
-
-def _write(number: int, data: bytes) -> None:
-    """Write to a stream that may have no reader: a program that is stopped as it begins waits no longer for this."""
-    try:  # noqa: SIM105  # contextlib takes as long to load as all else here
-        os.write(number, data)
-    except OSError:
-        pass

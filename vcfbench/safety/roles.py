@@ -32,6 +32,12 @@ def filled_roles(description: BenchDescription) -> list[Role]:
     return [role for role in ROLES if getattr(description, role.name) is not None]
 
 
+def driving_roles(description: BenchDescription) -> tuple[Role, ...]:
+    """Return the roles that drive something, in the order of making safe."""
+    driving = (role for role in filled_roles(description) if role.stage is not Stage.REST)
+    return tuple(sorted(driving, key=lambda role: role.stage))
+
+
 def needed_roles(description: BenchDescription, needs: Collection[str] | None) -> list[Role]:
     """Return the roles to be opened, in that order, where the instruments of `needs` are needed; None is all.
 

@@ -23,6 +23,7 @@ from vcfbench.clock import start_thread
 from vcfbench.errors import BenchError
 from vcfbench.files import kept_from_forks
 from vcfbench.safety.processes import mark_of
+from vcfbench.safety.roles import driving_roles
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -68,6 +69,8 @@ class Watchdog:
         self._alone = ExitStack()  # a forked process that has the pipe would seem to live on
         self._alone.enter_context(kept_from_forks(self._pipe.fileno()))
         owner = os.getpid()
+        drives = [f"{role.name} at {getattr(description, role.name).resource}" for role in driving_roles(description)]
+        self._tell(f"owner {owner}", ", ".join(drives))  # for words where not even JSON can be loaded
         self._tell("bench", {"owner": owner, "mark": mark_of(owner), "bench": to_builtins(description)})
         threading.Thread(target=self._beat, name="watchdog beat", daemon=True).start()
 
