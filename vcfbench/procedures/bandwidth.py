@@ -269,16 +269,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     else:
         tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
     band = rate_band.fit_rate_band(tones, settings.sine_amplitude_v, known)
-    _require_closed_form(band)
-    shape = band.parameters[[0, 1, 3, 4, 5]]
-    phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
-    return _bandwidth(band, drive_hz, u_drive_hz, phase, lacking=settings.closed_form_ppm > 0.0)
-
-
-def _require_closed_form(band: rate_band.RateBand) -> None:
-    """Raise MeasurementError when the gains are not those of the closed form: what is read off it would be untrue."""
-    times = math.sqrt(band.chi_square / band.dof)
-    if times > _SCATTER:
+    if (times := math.sqrt(band.chi_square / band.dof)) > _SCATTER:  # what is read off the form would be untrue
         worst = int(np.argmax(np.abs(band.residual) * band.gain / band.u_gain))
         raise MeasurementError(
             f"the gains are {times:.2g} times as far from the closed form as their u explains, the gain at "
@@ -287,6 +278,9 @@ def _require_closed_form(band: rate_band.RateBand) -> None:
             hint="does the output reach a limit (sine_amplitude_v), or did its gain change in the sweep? "
             "closed_form_ppm widens u by what the closed form lacks",
         )
+    shape = band.parameters[[0, 1, 3, 4, 5]]
+    phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
+    return _bandwidth(band, drive_hz, u_drive_hz, phase, lacking=settings.closed_form_ppm > 0.0)
 
 
 _QUANTITIES = ("split_hz", "q", "plus_3_db_hz", "peak_hz", "peak_gain", "minus_3_db_hz")

@@ -25,6 +25,7 @@ from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
+from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, made_of, measurand, said_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
@@ -141,12 +142,20 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
         except (ConfigError, MeasurementError) as error:  # the sine is not in it: a lead may be off
             said = f"burst {number} of {len(modulated)}: {error.what}"
             raise MeasurementError(said, instrument="multimeter", hint=error.hint) from error
-    _require_sines(output, rest, settings.meter_resolution_v)
     _require_alike(output, rest, settings.meter_resolution_v)
     by_hand = [record for step, record in sampled if step.of == "v_vc" and step.amplitude_v]
     sines = [each for each in modulated if each.v_vc_v] or by_hand
     v_vc = [demodulated(each.v_vc_v, each.aperture_s, frequency_hz, 1) for each in sines]
-    _require_as_set(settings, v_vc)
+    within_v = v_vc_tolerance_v(settings, settings.amplitude_v)
+    for number, sine in enumerate(v_vc, 1):
+        amplitude_v = sine.phasors[0].real
+        if max(abs(amplitude_v - settings.amplitude_v), abs(sine.mean)) > within_v:
+            raise MeasurementError(
+                f"in burst {number} of {len(v_vc)} V_Vc reads {amplitude_v:.6g} V about {sine.mean:+.2g} V, set to "
+                f"{settings.amplitude_v:.6g} V about 0, within {within_v:.2g} V",
+                instrument=settings.v_vc_role,
+                hint="are its leads on the V_Vc input, and does it read volts?",
+            )
     at_rest = [each.v_vc_v for step, each in sampled if not step.amplitude_v and each.v_vc_v]
     means = [math.fsum(each) / len(each) for each in at_rest]
     rest_v_vc_v = math.fsum(means) / len(means) if means else 0.0
@@ -154,32 +163,12 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
     return _Run(modulated, output, v_vc * len(output) if by_hand else v_vc, rest, rest_v_vc_v, sign)
 
 
-def _require_sines(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
-    """See that what the bursts leave of their sine is noise, as at rest: an output at its limit is no sine."""
-    scatter_v = median(each.residual_rms for each in output)
-    rest_v = median(float(np.std(each.output_v)) for each in rest)
-    if scatter_v > _SCATTER * max(rest_v, resolution_v):
-        said = f"the output scatters by {scatter_v:.2g} V about its sine, at rest by {rest_v:.2g} V: it is no sine"
-        hint = "does it reach a limit (virtual_rate_deg_s), or stand still in between? Look at it on the oscilloscope"
-        raise MeasurementError(said, instrument="multimeter", hint=hint)
-
-
-def _require_as_set(settings: OnlineSettings, sines: Sequence[Demodulated]) -> None:
-    """See that each sine on V_Vc, as measured, has the amplitude and the mean that were set."""
-    within_v = v_vc.v_vc_tolerance_v(settings, settings.amplitude_v)
-    for number, each in enumerate(sines, 1):
-        amplitude_v = each.phasors[0].real
-        if max(abs(amplitude_v - settings.amplitude_v), abs(each.mean)) > within_v:
-            raise MeasurementError(
-                f"in burst {number} of {len(sines)} V_Vc reads {amplitude_v:.6g} V about {each.mean:+.2g} V, set to "
-                f"{settings.amplitude_v:.6g} V about 0, within {within_v:.2g} V",
-                instrument=settings.v_vc_role,
-                hint="are its leads on the V_Vc input, and does it read volts?",
-            )
-
-
 def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord], resolution_v: float) -> None:
-    """See that no burst scatters, or swings, unlike the others, and no record at rest: a lead that came off."""
+    """See that no burst scatters, or swings, unlike the others, and no record at rest: a lead that came off.
+
+    Nor all of them unlike the records at rest: an output at its limit is no sine.
+    """
+    rest_v = median(float(np.std(each.output_v)) for each in rest)
     scatter_v, swing_v = median(each.residual_rms for each in output), median(each.phasors[0].real for each in output)
     for number, each in enumerate(output, 1):
         if each.residual_rms > _SCATTER * max(scatter_v, resolution_v):
@@ -189,6 +178,10 @@ def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord
         else:
             continue
         raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
+    if scatter_v > _SCATTER * max(rest_v, resolution_v):
+        said = f"the output scatters by {scatter_v:.2g} V about its sine, at rest by {rest_v:.2g} V: it is no sine"
+        hint = "does it reach a limit (virtual_rate_deg_s), or stand still in between? Look at it on the oscilloscope"
+        raise MeasurementError(said, instrument="multimeter", hint=hint)
     for number, record in enumerate(rest, 1):
         rms_v = float(np.std(record.output_v))
         if rms_v > _SCATTER * max(scatter_v, resolution_v):
