@@ -145,6 +145,7 @@ def test_a_sine_beyond_the_limit_of_v_vc_is_refused_before_anything_is_opened() 
         vcfbench.dry_run("bandwidth", tight, settings={"sine_amplitude_v": 3.0})
 
 
+@pytest.mark.exhaustive
 def test_an_output_at_its_limit_gives_no_result(tmp_path: Path) -> None:
     """The fit would give Q 943 for 1224, with an uncertainty of 0.6."""
     bench = simulated(overrides={**COLD, "output_stage": {"headroom_v": 9.4}})
