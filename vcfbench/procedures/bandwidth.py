@@ -37,6 +37,8 @@ _DIVISIONS_WIDE = 10.0
 _ROOM = 1.1
 _SCATTER = 3.0
 """Times by which the gains may be farther from the closed form than their u explains."""
+_CLOSE = 1e-5
+"""As close as gains without noise need to be to it."""
 
 
 class PhasePoint(Struct, frozen=True):
@@ -269,8 +271,9 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     else:
         tones = tones_of(settings, [(step.frequency_hz, each) for step, each in sampled])
     band = rate_band.fit_rate_band(tones, settings.sine_amplitude_v, known)
-    if (times := math.sqrt(band.chi_square / band.dof)) > _SCATTER:  # what is read off the form would be untrue
-        worst = int(np.argmax(np.abs(band.residual) * band.gain / band.u_gain))
+    off = band.residual / np.hypot(band.u_gain / band.gain, _CLOSE)
+    if (times := math.sqrt(off @ off / band.dof)) > _SCATTER:  # what is read off the form would be untrue
+        worst = int(np.argmax(np.abs(off)))
         raise MeasurementError(
             f"the gains are {times:.2g} times as far from the closed form as their u explains, the gain at "
             f"{band.frequency_hz[worst]:.4g} Hz by {100.0 * band.residual[worst]:+.2g} %",
