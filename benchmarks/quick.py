@@ -19,7 +19,7 @@ def main() -> int:
         *physics.figures(),
         *reads.figures(),
         *whole_runs.figures(runs=1),
-        *tcp.figures(starts=5),  # last: it keeps to one processor
+        *tcp.figures(starts=3),  # last: it keeps to one processor
     ]
     broken = [figure.figure for figure in found if not figure.holds]
     if broken:

@@ -1,5 +1,6 @@
 """Versions of this package and of those that a record names."""
 
+import re
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -7,12 +8,15 @@ from typing import Any
 
 def installed_version(package: str = "vcfbench") -> str:
     """Return the version of a package, ``0+unknown`` of a source tree that was only put on the path."""
-    from importlib.metadata import PackageNotFoundError, version  # noqa: PLC0415  # it takes longer than all the rest
+    from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  # longer than all the rest
 
     try:
-        return version(package)
+        found = distribution(package)
     except PackageNotFoundError:
         return "0+unknown"
+    # `found.version` reads what stands behind as well: 10 ms for the licences of numpy or SciPy
+    stated = re.search(r"^Version: (.+)$", found.read_text("METADATA") or "", re.MULTILINE)
+    return stated[1] if stated else found.version
 
 
 def other_versions(header: Mapping[str, Any]) -> str:

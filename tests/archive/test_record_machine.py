@@ -174,4 +174,4 @@ class TestRecords(Records.TestCase):
 class TestManyRecords(Records.TestCase):
     """Many."""
 
-    settings = settings(max_examples=20, stateful_step_count=12, suppress_health_check=list(HealthCheck))
+    settings = settings(max_examples=10, stateful_step_count=12, suppress_health_check=list(HealthCheck))
