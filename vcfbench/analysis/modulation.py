@@ -145,4 +145,4 @@ def flicker_share(begin_s: Sequence[float], length_s: float, weights: Sequence[f
     begin, weight = np.asarray(begin_s, dtype=np.float64), np.asarray(weights, dtype=np.float64)
     times = np.concatenate([begin + length_s, begin])
     shares = np.concatenate([weight, -weight]) / length_s
-    return float(shares @ PhaseNoise(flicker=1.0).among(times) @ shares)
+    return max(0.0, float(shares @ PhaseNoise(flicker=1.0).among(times) @ shares))  # rounding may make 0 less
