@@ -1,11 +1,13 @@
 """The operator's panel: a batch whose devices a person starts in a browser, one after another."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from threading import Lock
-from typing import Any
+from typing import Any, Final
 
 from vcfbench.archive.batch_sheet import SheetRow, batch_sheet
 from vcfbench.errors import ConfigError
@@ -15,6 +17,9 @@ from vcfbench.page.view import View
 from vcfbench.records.schema import Status
 from vcfbench.runs.batch import Batch
 from vcfbench.safety.signals import StopSignals
+
+_LOOKS_S: Final = 0.5
+"""A signal that comes just before a wait does not end it: so often it is looked for, wall time."""
 
 
 class PanelState(StrEnum):
@@ -94,7 +99,7 @@ class Panel:
 
     def next_device(self) -> str:
         """Wait until somebody has started a device, and return its serial number."""
-        return self._started.get()
+        return _taken(self._started)
 
     def person(self, signals: StopSignals) -> Callable[[Request], str]:
         """Return the person at the panel, as a run asks for one; `signals` end the waiting."""
@@ -103,7 +108,7 @@ class Panel:
             with self._lock:
                 self._answers = SimpleQueue()  # what was asked before may have been broken off
                 self._state, self._asked = PanelState.ASKING, request.words
-            return signals.attend(self._answers.get) or ("" if request.types else "done")
+            return signals.attend(partial(_taken, self._answers)) or ("" if request.types else "done")
 
         return ask
 
@@ -153,3 +158,9 @@ class Panel:
             progress = {"t_s": view.t_s - begun_s, "planned_s": view.planned_s, "doing": doing, "control": view.control}
             state["run"] = {**run, **progress}
         return state
+
+
+def _taken(words: SimpleQueue[str]) -> str:
+    while True:
+        with suppress(Empty):
+            return words.get(timeout=_LOOKS_S)
