@@ -18,6 +18,7 @@ import tempfile
 from contextlib import contextmanager, suppress
 from functools import cache
 from subprocess import CompletedProcess, TimeoutExpired
+from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 import vcfbench
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 FORKS = hasattr(os, "fork")
 """Windows does not fork: there every command is a fresh interpreter."""
+GENEROUS_S = 120.0
 THIRD_PARTIES = (
     *("matplotlib.figure", "matplotlib.backends.backend_svg", "numpy.random", "pydantic", "pytest", "pyvisa"),
     *("rich.live", "scipy.linalg", "scipy.special", "serial"),
@@ -134,8 +136,11 @@ class Program:
                 os.kill(self.pid, number)
 
     def communicate(self, timeout: float | None = None) -> tuple[str, str]:
+        ended = Timer(GENEROUS_S if timeout is None else timeout, self.kill)  # else reading has no bound
+        ended.start()
         said = self.stdout.read(), "" if self.stderr is None else self.stderr.read()
-        self.wait(timeout)
+        self.wait(GENEROUS_S)
+        ended.cancel()
         return said
 
 

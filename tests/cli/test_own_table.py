@@ -34,8 +34,10 @@ def standing_in(*control: str) -> Iterator[str]:
     command = [sys.executable, EXAMPLE / "stand_in.py", "0", *control]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:  # noqa: S603
         assert process.stdout is not None
-        yield process.stdout.readline().rpartition(" ")[2].strip()
-        process.kill()
+        try:
+            yield process.stdout.readline().rpartition(" ")[2].strip()
+        finally:
+            process.kill()
 
 
 def shown(name: str, folder: Path, address: str = "") -> Path:
@@ -49,8 +51,8 @@ def shown(name: str, folder: Path, address: str = "") -> Path:
 
 def at_leisure(profile: Path, span_s: float) -> None:
     """Let the rate be taken from angles `span_s` apart, and less exactly: a busy machine asks late."""
-    slowly = f'group = "deg" }}\nrate = {{ differentiate = "position", span_s = {span_s} }}\n[at_rate]\ntolerance_deg_s = 2'
-    profile.write_text(profile.read_text("utf-8").replace('group = "deg" }', slowly), "utf-8")
+    slowly = f'rate = {{ differentiate = "position", span_s = {span_s} }}\n[at_rate]\ntolerance_deg_s = 2'
+    profile.write_text(profile.read_text("utf-8").replace('group = "deg" }', f'group = "deg" }}\n{slowly}'), "utf-8")
 
 
 def done(command: str, **paths: Path) -> Result:

@@ -48,7 +48,9 @@ class Wire:
         self.connection.settimeout(timeout_s)
         data = b""
         while not data.endswith(b"\n"):
-            data += self.connection.recv(1)
+            part = self.connection.recv(1)
+            assert part, "the server has gone"
+            data += part
         return data.decode().rstrip("\r\n")
 
     def error(self) -> int:
