@@ -34,6 +34,7 @@ class StartedRun(RunControl):
                 self._run = conduct(control=self)
             except BaseException as error:  # noqa: BLE001  # raised for whoever waits
                 self._error = error
+            self.end()
 
         self._thread = Thread(target=work, name="vcfbench run")
         self._thread.start()

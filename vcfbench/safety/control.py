@@ -99,7 +99,12 @@ class RunControl:
         try:
             yield
         finally:
-            with self._changed:
+            self.end()
+
+    def end(self) -> None:
+        """Say that the run is over, or never began."""
+        with self._changed:
+            if self._state is not RunState.OVER:
                 self._signals, self.pause_by = None, ""
                 self._set(RunState.OVER, "")
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from itertools import chain, count
+from threading import Lock
 from typing import Any, cast
 
 from msgspec import Struct
@@ -195,14 +196,16 @@ def _integer(sequence: SeedSequence) -> int:
 
 
 _HANDLES: set[str] = set()  # PyVISA and pyserial find a bench by name alone, so names in use must be known here
+_RESERVING = Lock()
 
 
 @contextmanager
 def _own_handle(name: str) -> Iterator[str]:
     """Reserve `name`, or the first of ``name-2``, ``name-3``... that is free."""
     numbered = chain([name], (f"{name}-{number}" for number in count(2)))
-    handle = next(free for free in numbered if free.lower() not in _HANDLES)
-    _HANDLES.add(handle.lower())
+    with _RESERVING:
+        handle = next(free for free in numbered if free.lower() not in _HANDLES)
+        _HANDLES.add(handle.lower())
     try:
         yield handle
     finally:
