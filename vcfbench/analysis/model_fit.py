@@ -91,11 +91,11 @@ def not_negative(design: Floats, values: Floats) -> Floats:
     """Return the least-squares solution that has no part below zero (Lawson and Hanson 1974, chapter 23)."""
     found, free = np.zeros(design.shape[1]), np.zeros(design.shape[1], dtype=bool)
     no_gain = _DETERMINED * float(np.linalg.norm(values)) * np.linalg.norm(design, axis=0)
-    while True:
+    for _ in range(3 * found.size):  # columns that nearly depend on each other may come and go for ever
         gain = design.T @ (values - design @ found)
-        gain[free | (gain <= no_gain)] = -np.inf  # rounding is no gain: a column would come and go for ever
+        gain[free | (gain <= no_gain)] = -np.inf  # rounding is no gain
         if not (gain > 0.0).any():
-            return found
+            break
         free[int(gain.argmax())] = True
         while True:
             tried = np.zeros_like(found)
@@ -108,6 +108,7 @@ def not_negative(design: Floats, values: Floats) -> Floats:
             free &= found > _DETERMINED * float(np.abs(found).max())
             found[~free] = 0.0
         found = tried
+    return found
 
 
 def propagated(values: Callable[[Floats], Floats], fit: ModelFit) -> Floats:
