@@ -296,3 +296,10 @@ def test_keys_on_the_terminal_have_it_pause_and_go_on(tmp_path: Path) -> None:
         process.kill()
         process.wait()
         os.close(main)
+
+
+def test_a_run_that_fails_while_it_is_prepared_is_over() -> None:
+    started = vcfbench.start("nothing", runs=None)
+    with pytest.raises(PlanError, match="nothing"):
+        started.result()
+    assert started.state == "over"

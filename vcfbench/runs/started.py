@@ -11,7 +11,7 @@ from vcfbench.interfaces import Operator
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.runs.conduct import run
-from vcfbench.safety.control import RunControl
+from vcfbench.safety.control import RunControl, RunState
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription
 from vcfbench.steps.executor import Observer
@@ -34,7 +34,9 @@ class StartedRun(RunControl):
                 self._run = conduct(control=self)
             except BaseException as error:  # noqa: BLE001  # raised for whoever waits
                 self._error = error
-            self.end()
+            with self._changed:
+                if self._state is not RunState.OVER:  # it failed while it was prepared
+                    self._set(RunState.OVER, "")
 
         self._thread = Thread(target=work, name="vcfbench run")
         self._thread.start()

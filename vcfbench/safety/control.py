@@ -99,12 +99,7 @@ class RunControl:
         try:
             yield
         finally:
-            self.end()
-
-    def end(self) -> None:
-        """Say that the run is over, or never began."""
-        with self._changed:
-            if self._state is not RunState.OVER:
+            with self._changed:
                 self._signals, self.pause_by = None, ""
                 self._set(RunState.OVER, "")
 
