@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 FORKS = hasattr(os, "fork")
 """Windows does not fork: there every command is a fresh interpreter."""
-GENEROUS_S = 120.0
 THIRD_PARTIES = (
     *("matplotlib.figure", "matplotlib.backends.backend_svg", "numpy.random", "pydantic", "pytest", "pyvisa"),
     *("rich.live", "scipy.linalg", "scipy.special", "serial"),
@@ -135,12 +134,14 @@ class Program:
             with suppress(ProcessLookupError):
                 os.kill(self.pid, number)
 
-    def communicate(self, timeout: float | None = None) -> tuple[str, str]:
-        ended = Timer(GENEROUS_S if timeout is None else timeout, self.kill)  # else reading has no bound
+    def communicate(self, timeout: float = 120.0) -> tuple[str, str]:
+        ended = Timer(timeout, self.kill)  # else reading has no bound
         ended.start()
-        said = self.stdout.read(), "" if self.stderr is None else self.stderr.read()
-        self.wait(GENEROUS_S)
-        ended.cancel()
+        try:
+            said = self.stdout.read(), "" if self.stderr is None else self.stderr.read()
+            self.wait()
+        finally:
+            ended.cancel()
         return said
 
 

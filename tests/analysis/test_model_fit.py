@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vcfbench.analysis.model_fit import fit_model, propagated
+from vcfbench.analysis.model_fit import fit_model, not_negative, propagated
 from vcfbench.errors import ConfigError
 
 X = np.linspace(-1.0, 2.0, 12)
@@ -30,3 +30,12 @@ def test_what_the_points_do_not_determine_is_refused() -> None:
         fit_model(lambda p: p[:2], np.ones(3), "comb")
     with pytest.raises(ConfigError, match="comb: the points do not determine"):
         fit_model(lambda p: DESIGN[:, 1] * (p[0] + p[1] - 1.0), np.array([1.0, 2.0]), "comb")
+
+
+def test_columns_that_nearly_depend_on_each_other_do_not_come_and_go_for_ever() -> None:
+    random = np.random.default_rng(2)
+    for _ in range(200):
+        signs, apart = random.choice([1.0, -1.0], 6), 10.0 ** random.uniform(-16.0, -6.0)
+        design = random.standard_normal((12, 1)) * signs + apart * random.standard_normal((12, 6))
+        found = not_negative(design / np.linalg.norm(design, axis=0), 1e-6 * random.standard_normal(12))
+        assert (found >= 0.0).all()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import sys
+import threading
 from threading import Thread
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +103,28 @@ def test_what_only_hands_can_do_is_asked_for_on_the_page(panel: Panel) -> None:
         thread.join()
     assert said == ["24.1", "", "done"]
     assert (panel.shown()["state"], panel.shown()["asked"]) == ("measuring", "")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signal to a thread")
+def test_a_signal_that_does_not_wake_the_panel_is_heard_all_the_same(panel: Panel) -> None:
+    """As one that comes just before the waiting: here another thread takes it."""
+
+    def stopped(*_: object) -> None:
+        raise Stopped("SIGUSR1")
+
+    before = signal.signal(signal.SIGUSR1, stopped)
+    signalling = threading.Timer(0.2, lambda: signal.pthread_kill(threading.get_ident(), signal.SIGUSR1))
+    too_late = threading.Timer(20.0, panel._started.put, ["too late"])
+    try:
+        too_late.start()
+        signalling.start()
+        with pytest.raises(Stopped):
+            panel.next_device()
+        assert too_late.is_alive()
+    finally:
+        too_late.cancel()
+        signalling.join()
+        signal.signal(signal.SIGUSR1, before)
 
 
 def test_after_a_bench_that_is_not_safe_nothing_is_started(
