@@ -15,6 +15,11 @@ from vcfbench.interfaces import SafeReport
 MAX_V = 10.0
 """Into an open circuit |offset| + amplitude / 2 may be 10 V (guide p. 60)."""
 
+FREQUENCY_STEP_HZ = 1e-6
+"""Resolution of frequencies."""
+LEAST_OFFSET_STEP_V = 1e-3
+"""Offsets are held to four digits, and to no less than this (unverified)."""
+
 OPEN_OHM = replies.OVERLOAD * (1.0 - 1e-9)
 """Answer of OUTPut:LOAD? for infinity, its last digit apart: no double holds 9.9E37 to fifteen decimals."""
 
@@ -45,8 +50,9 @@ class Agilent33220A(ScpiInstrument):
         """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
         self._require_voltage(voltage_v)
         self._select_open_circuit()
-        self._write_source("FUNC DC", f"VOLT:OFFS {decimal(voltage_v)}")
-        found_v = self._level_v(voltage_v)
+        level = decimal(voltage_v)
+        self._write_source("FUNC DC", f"VOLT:OFFS {level}")
+        found_v = self._level_v(level)
         self._configured = True
         return found_v
 
@@ -54,8 +60,9 @@ class Agilent33220A(ScpiInstrument):
         """Change the DC level; return the setting read back, V."""
         self._require_voltage(voltage_v)
         self._require_configured("no DC level was configured")
-        self._write_source(f"VOLT:OFFS {decimal(voltage_v)}")
-        return self._level_v(voltage_v)
+        level = decimal(voltage_v)
+        self._write_source(f"VOLT:OFFS {level}")
+        return self._level_v(level)
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
@@ -63,19 +70,20 @@ class Agilent33220A(ScpiInstrument):
         require_within(self, "amplitude", amplitude_vpp, (self.least_vpp, 2.0 * MAX_V), "Vpp")
         require_within(self, "peak voltage", abs(offset_v) + amplitude_vpp / 2.0, (0.0, MAX_V), "V")
         self._select_open_circuit()
+        frequency, amplitude, offset = decimal(frequency_hz), decimal(amplitude_vpp), decimal(offset_v)
         # Offset to zero first: an amplitude that does not fit beside it would move it, and be reported as -221.
         self._write_source(
             "VOLT:OFFS 0",
             "FUNC SIN",
             "VOLT:UNIT VPP",
-            f"FREQ {decimal(frequency_hz)}",
-            f"VOLT {decimal(amplitude_vpp)}",
-            f"VOLT:OFFS {decimal(offset_v)}",
+            f"FREQ {frequency}",
+            f"VOLT {amplitude}",
+            f"VOLT:OFFS {offset}",
         )
         form = self.number_form
-        self._read_back(f"{self.source}FREQ?", frequency_hz, 1e-6 + frequency_hz * 1e-9, "Hz", form=form)
-        self._read_back(f"{self.source}VOLT?", amplitude_vpp, _step(amplitude_vpp), "Vpp", form=form)
-        self._offset_v(offset_v)
+        self._read_back(f"{self.source}FREQ?", frequency, FREQUENCY_STEP_HZ, "Hz", form=form)
+        self._read_back(f"{self.source}VOLT?", amplitude, _fourth_digit(amplitude_vpp), "Vpp", form=form)
+        self._offset_v(offset)
         self._configured = True
 
     def _write_source(self, *commands: str) -> None:
@@ -94,9 +102,9 @@ class Agilent33220A(ScpiInstrument):
         if load_ohm < OPEN_OHM:
             raise self._disagreement(f"{self.output}:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
 
-    def _level_v(self, wanted_v: float) -> float:
+    def _level_v(self, sent: str) -> float:
         """Return the level that is set, V. It counts as measured, so it is asked for twice: no digit may be wrong."""
-        first_v, again_v = self._offset_v(wanted_v), self._offset_v(wanted_v)
+        first_v, again_v = self._offset_v(sent), self._offset_v(sent)
         if first_v != again_v:
             raise self._error(
                 FramingError,
@@ -105,8 +113,9 @@ class Agilent33220A(ScpiInstrument):
             )
         return first_v
 
-    def _offset_v(self, wanted_v: float) -> float:
-        return self._read_back(f"{self.source}VOLT:OFFS?", wanted_v, _step(wanted_v), "V", form=self.number_form)
+    def _offset_v(self, sent: str) -> float:
+        step_v = max(_fourth_digit(float(sent)), LEAST_OFFSET_STEP_V)
+        return self._read_back(f"{self.source}VOLT:OFFS?", sent, step_v, "V", form=self.number_form)
 
     def enable_output(self) -> None:
         """Close the output relay."""
@@ -141,7 +150,6 @@ class Agilent33220A(ScpiInstrument):
         return "output relay open"
 
 
-def _step(value: float) -> float:
-    """Return one unit of the fourth digit of `value`: settings hold four digits (1 mV floor, unverified)."""
-    magnitude = max(abs(value), 1.0)
-    return float(10.0 ** (math.floor(math.log10(magnitude)) - 3)) * (1.0 + 1e-9)
+def _fourth_digit(value: float) -> float:
+    """Return one unit of the fourth digit of `value`: levels hold four (general knowledge of the data sheet)."""
+    return float(10.0 ** (math.floor(math.log10(abs(value))) - 3)) if value else 0.0

@@ -57,18 +57,20 @@ class TemptronicATS545(ScpiInstrument):
         ramp = f"{ramp_k_min:.1f}" if ramp_k_min < 100.0 else f"{ramp_k_min:.0f}"
         self._session.write(f"SETN {number}")
         self._session.write(f"RAMP {ramp}")
-        self._session.write(f"SETP {temperature_c:.1f}")
-        self._read_back("RAMP?", float(ramp), 0.05, "K/min")
-        return self._read_back("SETP?", temperature_c, 0.051, "degC")
+        setpoint = f"{temperature_c:.1f}"
+        self._session.write(f"SETP {setpoint}")
+        self._read_back("RAMP?", ramp, 0.05, "K/min")
+        return self._read_back("SETP?", setpoint, 0.05, "degC")
 
     def set_settled(self, window_k: float, soak_s: float) -> None:
         """Say when it counts as at temperature: for `soak_s` within `window_k` of the setting chosen last."""
         require_within(self, "window", window_k, (0.1, 9.9), "K")
         require_within(self, "soak time", soak_s, (0.0, 9999.0), "s")
-        self._session.write(f"WNDW {window_k:.1f}")
-        self._session.write(f"SOAK {soak_s:.0f}")
-        self._read_back("WNDW?", window_k, 0.051, "K")
-        self._read_back("SOAK?", soak_s, 0.51, "s")
+        window, soak = f"{window_k:.1f}", f"{soak_s:.0f}"
+        self._session.write(f"WNDW {window}")
+        self._session.write(f"SOAK {soak}")
+        self._read_back("WNDW?", window, 0.05, "K")
+        self._read_back("SOAK?", soak, 0.5, "s")
 
     def at_temperature(self) -> bool:
         """Tell whether the temperature is reached and has been held for the soak time."""

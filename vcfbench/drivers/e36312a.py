@@ -33,7 +33,7 @@ class E36312A(E3631A):
     )
     outputs: ClassVar[Mapping[str, Output]] = MappingProxyType(
         {
-            # Programming ranges of users' drivers; read-backs to the steps that they name, unverified.
+            # Programming ranges and steps of users' drivers, unverified.
             "P6V": Output(1, 0.0, 6.18, 5.15, 1.0e-3, 1.0e-3),
             "P25V": Output(2, 0.0, 25.75, 1.03, 3.0e-3, 4.0e-4),
             "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 4.0e-4),

@@ -14,22 +14,21 @@ from vcfbench.interfaces import Regulation, SafeReport
 
 
 class Output(Struct, frozen=True):
-    """One of the three outputs: its number and programmable ranges, V and A (guide p. 91)."""
+    """One of the three outputs: its number, programmable ranges (guide p. 91) and resolution (p. 186), V and A."""
 
     number: int
     low_v: float
     high_v: float
     high_a: float
-    tolerance_v: float
-    tolerance_a: float
+    step_v: float
+    step_a: float
 
 
 OUTPUTS: Final[Mapping[str, Output]] = MappingProxyType(
     {
-        # Tolerances of the settings' read-back: two steps of the programming resolution (guide p. 186).
-        "P6V": Output(1, 0.0, 6.18, 5.15, 1.0e-3, 1.0e-3),
-        "P25V": Output(2, 0.0, 25.75, 1.03, 3.0e-3, 2.0e-4),
-        "N25V": Output(3, -25.75, 0.0, 1.03, 3.0e-3, 2.0e-4),
+        "P6V": Output(1, 0.0, 6.18, 5.15, 0.5e-3, 0.5e-3),
+        "P25V": Output(2, 0.0, 25.75, 1.03, 1.5e-3, 0.1e-3),
+        "N25V": Output(3, -25.75, 0.0, 1.03, 1.5e-3, 0.1e-3),
     }
 )
 
@@ -79,8 +78,8 @@ class E3631A(ScpiInstrument):
         require_within(self, f"current limit of {output}", current_limit_a, (0.0, ratings.high_a), "A")
         volts, amps = decimal(self._signed(output, voltage_v)), decimal(current_limit_a)
         self._session.write(self._said(self.setting_words, output, volts=volts, amps=amps))
-        self._verify_setting(output, "VOLT", voltage_v, ratings.tolerance_v, "V")
-        self._verify_setting(output, "CURR", current_limit_a, ratings.tolerance_a, "A")
+        self._read_back(self._said(self.setting_question, output, header="VOLT"), volts, ratings.step_v, "V")
+        self._read_back(self._said(self.setting_question, output, header="CURR"), amps, ratings.step_a, "A")
         self._configured |= {output}
 
     def _said(self, words: str, output: str, **values: str) -> str:
@@ -95,15 +94,6 @@ class E3631A(ScpiInstrument):
             return self.outputs[output]
         except KeyError:
             raise self._error(LimitError, f"there is no output {output!r}, only {', '.join(self.outputs)}") from None
-
-    def _verify_setting(self, output: str, header: str, wanted: float, tolerance: float, unit: str) -> None:
-        query = self._said(self.setting_question, output, header=header)
-        found = self._session.query_reading(query)
-        found = self._signed(output, found) if unit == "V" else found
-        if abs(found - wanted) > tolerance:
-            raise self._error(
-                InstrumentError, f"{output} was set to {wanted:g} {unit} but reads back {found:g} {unit}", command=query
-            )
 
     def enable_outputs(self) -> None:
         """Switch all outputs on; those that were not configured are first set to 0 V."""

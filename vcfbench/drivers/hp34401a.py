@@ -114,7 +114,7 @@ class Hp34401A(ScpiInstrument):
         said = (each.format(**values) for each in self.function_words)
         self._session.write(*filter(None, said), deadline=self._reading_deadline())
         for question, wanted in ((f"{header}:RANG?", end), (f"{header}:NPLC?", nplc)):
-            self._read_back(question, wanted, 1e-6 * wanted)
+            self._read_back(question, decimal(wanted), 1e-6 * wanted)
         self._nplc = nplc
 
     def _reading_deadline(self) -> Deadline:

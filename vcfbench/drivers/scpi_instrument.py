@@ -17,6 +17,8 @@ from vcfbench.models import HP_MAKERS, bare_model
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
 _BETWEEN_S = 0.2
+_ROUND_OFF = 1.0 + 1e-9
+"""Of doubles, when a step of a resolution is held against it."""
 
 
 class VisaSettings(Struct, frozen=True):
@@ -88,12 +90,16 @@ class ScpiInstrument(OverWire):
         return self._error(InstrumentError, f"was set to {wanted} but reads back {found}", query)
 
     def _read_back(
-        self, query: str, wanted: float, tolerance: float, unit: str = "", form: NumberForm = ANY_NUMBER
+        self, query: str, sent: str, resolution: float, unit: str = "", form: NumberForm = ANY_NUMBER
     ) -> float:
-        """Return a setting as it is read back; raises InstrumentError where it is not the one `wanted`."""
+        """Return a setting as it is read back; raises InstrumentError where it is not the number that was `sent`.
+
+        What was wanted may have more digits than were sent: the instrument can answer for these only, to its own
+        `resolution`.
+        """
         found = self._session.query_number(query, form=form)
-        if not abs(found - wanted) <= tolerance:
-            raise self._disagreement(query, f"{wanted:g} {unit}".rstrip(), f"{found:g} {unit}".rstrip())
+        if not abs(found - float(sent)) <= resolution * _ROUND_OFF:
+            raise self._disagreement(query, f"{sent} {unit}".rstrip(), f"{found:.12g} {unit}".rstrip())
         return found
 
     @property
