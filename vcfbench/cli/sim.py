@@ -23,16 +23,18 @@ _FIGURES: Final = {
     "bias_deg_s": ("bias", "Bias, deg/s", 0.0),
     "drive_hz": ("drive_frequency", "Drive frequency, Hz", 3488.9),
     "q_drive": ("q_drive", "Quality factor of the drive mode", 1395.0),
-    "split_hz": ("split", "Mode split, drive less sense frequency, Hz", 24.8),
+    "split_hz": ("split", "Mode split, drive less sense frequency, Hz, signed", 24.8),
     "q_sense": ("q_sense", "Quality factor of the sense mode", 1224.0),
+    "quadrature_deg_s": ("quadrature", "Quadrature, deg/s, as the rate that moves the sense mode as much", 0.0),
     "angle_random_walk_deg_sqrt_h": ("noise", "Angle random walk, deg/sqrt(h)", 0.0),
     "bias_instability_deg_h": ("bias_instability", "Bias instability (Allan minimum), deg/h", 0.0),
     "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, at most half the split", None),
-    "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V: rate that one volt of V_Vc stands for", None),
+    "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V, signed: rate that one volt of V_Vc stands for", None),
+    "rail_v": ("rail", "Rails, V, either polarity", 10.0),
 }
 """Keys of a data sheet: the option, its help, and the figure without it."""
 _MILLI = 1e-3
-_PAPERS: Final = {"angle_random_walk_deg_sqrt_h": 0.21, "bias_instability_deg_h": 3.7}
+_PAPERS: Final = {"quadrature_deg_s": 20.0, "angle_random_walk_deg_sqrt_h": 0.21, "bias_instability_deg_h": 3.7}
 """Figures instead where the imperfections are the paper's."""
 _OPTIONS: Final[dict[str, Any]] = {
     name: Annotated[float | None, option("X", f"{words}.{'' if usual is None else f' [default: {usual:.15g}]'}")]

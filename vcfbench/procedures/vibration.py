@@ -54,12 +54,12 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     )
     static_v_vc_v: Annotated[float, ranged(1e-3, 10.0, "direct V_Vc of both signs, for the response at rest")] = 0.05
     record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
-    split_hz: Annotated[float, ranged(5.0, 1000.0, "drive less anti-phase sense frequency")] = 24.8
+    split_hz: Annotated[float, ranged(1.0, 1000.0, "drive less anti-phase sense frequency")] = 24.8
     u_split_hz: Annotated[float, ranged(0.0, 100.0, "its standard uncertainty")] = 0.02
     q: Annotated[float, ranged(1.0, 1e6, "quality factor of the anti-phase sense mode")] = 1224.0
     u_q: Annotated[float, ranged(0.0, 1e5, "its standard uncertainty")] = 10.0
-    in_phase_split_hz: Annotated[float, ranged(10.0, 2000.0, "drive less in-phase sense frequency, roughly")] = 147.0
-    in_phase_share: Annotated[float, ranged(0.0, 0.9, "of the in-phase mode in the response at rest")] = 0.147
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
+    in_phase_share: Annotated[float, ranged(-0.9, 0.9, "of the in-phase mode in the response at rest")] = 0.147
     u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "its standard uncertainty")] = 0.01
     low_pass_hz: Annotated[float, ranged(10.0, 1e5, "filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4

@@ -6,7 +6,17 @@ from typing import Any
 from msgspec import structs, to_builtins
 
 from vcfbench.errors import ConfigError
-from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, peak_response, settling_s
+from vcfbench.sim.gyro.data_sheet import (
+    FLICKER_MINIMUM,
+    OUTPUT_SHARE,
+    DataSheet,
+    change_per_k,
+    in_phase_share,
+    noise_bandwidth_hz,
+    own_gyro,
+    peak_response,
+    settling_s,
+)
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.simulation import named_parameters
 from vcfbench.station.description import Simulation
@@ -16,19 +26,32 @@ from vcfbench.station.writing import table_text, value_text
 
 _HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
-_USUAL_SPLIT_HZ = 24.8
-_AT_THE_PEAK_V = 5.0
+_USUAL_RANGE_DEG_S, _USUAL_SPLIT_HZ, _USUAL_K_VC = 200.0, 24.8, 150.0
+"""Those of the gyroscope for which the settings of procedures have their defaults."""
+_AT_THE_PEAK = 0.5
+"""Share of the rails that the output takes at the peak of the response."""
 _TABLE_DEG_S = 900.0
 """The simulated table turns at 1000 deg/s, its own trip above the limit included."""
+_LEAST_SINE_V = 0.01
+_MOST_V_VC_V = 10.0
+_LEAST_DEG_H = 1e-3
+_READING_S = 0.2
+_HIGHEST_HZ = 75.0
+"""Sines on V_Vc that a meter samples."""
 _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
-"""Frequencies of `bandwidth` at the paper's split."""
+"""Frequencies of `bandwidth` at the usual split."""
+_VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
+_MATCH_RATES_DEG_S = (10.0, 20.0, 50.0, 100.0, 200.0)
+_THRESHOLD_STEPS_DEG_S = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
+_PARTS = ("warmup", "polarity", "power", "virtual-coriolis", "kvc", "bandwidth", "resonance", "phase", "vibration")
+"""Parts of `characterize` that have settings of their own here; `zero` and `temperature` beside them."""
 
 
 def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) -> str:
     """Return the bench file of a simulated bench with the gyroscope of `sheet`.
 
-    Without `imperfections` gyroscope, PCB and instruments are perfect, but for the noise of the sheet; with them they
-    are as imperfect as those of the paper.
+    Without `imperfections` gyroscope, PCB and instruments are perfect, but for noise and quadrature of the sheet; with
+    them they are as imperfect as those of the paper.
 
     Raises:
         ConfigError: it would be no bench, or `name` is no name.
@@ -38,14 +61,18 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
     latitude_deg = _LATITUDE_DEG if imperfections else 0.0
     simulation = Simulation(parameters="paper" if imperfections else "ideal")
     slope = sheet.scale_factor_v_per_deg_s
-    roles = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table")
-    errors = {} if imperfections else dict.fromkeys((*roles, "vibration_source", "v_vc_meter", "chamber"), "none")
+    station = _station(name, sheet)
+    errors = (
+        {} if imperfections else dict.fromkeys((role for role in station if isinstance(station[role], dict)), "none")
+    )
+    errors.pop("limits", None)
     own = own_gyro(sheet, imperfections=imperfections, latitude_deg=latitude_deg)
     tables = {
-        **_station(name, sheet),
+        **station,
         "site": {"latitude_deg": latitude_deg},
-        "procedure": _procedure(sheet),
+        "procedure": {**_shared(sheet), **_procedures(sheet)},
         "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in (0.95, 1.05))},
+        "uncertainty": _uncertainty(sheet, own),
         "simulation": {"parameters": simulation.parameters, "errors": errors},
     }
     figures = [
@@ -59,58 +86,133 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
 
 
 def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
-    """Return the instruments of the paper's rack, with limits for the range of the gyroscope."""
-    wider = sheet.range_deg_s / 200.0
+    """Return the instruments of the bench `lab`, with limits for range and rails of the gyroscope."""
     return {
         "name": name,
         "title": f"{name}: a simulated gyroscope of its own",
         "power": {"model": "E3631A", "resource": "GPIB0::5::INSTR"},
         "rate_source": {"model": "33220A", "resource": "USB0::0x0957::0x0407::MY44021876::INSTR"},
         "multimeter": {"model": "34401A", "resource": "GPIB0::22::INSTR"},
+        "v_vc_meter": {"model": "34401A", "resource": "GPIB0::23::INSTR"},
+        "vibration_source": {"model": "33220A", "resource": "USB0::0x0957::0x0407::MY44021877::INSTR"},
         "oscilloscope": {"model": "DSO7104B", "resource": "USB0::0x0957::0x175D::MY49520121::INSTR"},
         "rate_table": {"dialect": "acl", "resource": f"sim://{name}"},
+        "chamber": {"model": "ATS-545", "resource": "GPIB0::18::INSTR"},
         "limits": {
             "max_rate_deg_s": min(1.5 * sheet.range_deg_s, _TABLE_DEG_S),
-            "max_acceleration_deg_s2": max(200.0, 200.0 * wider),
-            "max_v_vc_v": 10.0,
-            "min_rail_v": 9.5,
-            "max_rail_v": 10.5,
+            "max_acceleration_deg_s2": max(200.0, sheet.range_deg_s),
+            "max_v_vc_v": _MOST_V_VC_V,
+            "min_rail_v": _round(0.95 * sheet.rail_v),
+            "max_rail_v": _round(1.05 * sheet.rail_v),
             "max_rail_current_a": 0.2,
+            "min_temperature_c": -40.0,
+            "max_temperature_c": 85.0,
+            "max_ramp_k_min": 60.0,
         },
     }
 
 
-def _procedure(sheet: DataSheet) -> dict[str, Any]:
-    """Return settings with which this gyroscope can be measured: rates, drive signal, times, frequencies."""
-    wider, finer = sheet.range_deg_s / 200.0, abs(sheet.split_hz) / _USUAL_SPLIT_HZ
+def _shared(sheet: DataSheet) -> dict[str, Any]:
+    """Return the settings of all procedures: rails, rates, times, the drive signal."""
+    wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
     drive_s, sense_s = settling_s(sheet)
-    # A sine on V_Vc that drives the output well, and at the peak of the response not against its rail
-    slope_v_per_v = abs(sheet.scale_factor_v_per_deg_s) * sheet.k_vc_deg_s_per_v
-    sine_v = min(10.0, max(0.01, _AT_THE_PEAK_V / (slope_v_per_v * max(1.0, peak_response(sheet)))))
-    rates = [_round(rate * wider) for rate in PAPER_RATES_DEG_S]
-    match = min(10.0 * wider, 5.0 * sheet.k_vc_deg_s_per_v)
     return {
-        "rates_deg_s": rates,
-        "acceleration_deg_s2": max(100.0, 100.0 * wider),
+        "positive_rail_v": sheet.rail_v,
+        "negative_rail_v": -sheet.rail_v,
+        "rates_deg_s": [_round(rate * wider) for rate in PAPER_RATES_DEG_S],
+        "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
+        "rate_tolerance_deg_s": _round(max(0.05, 1e-4 * sheet.range_deg_s)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,
         "settle_s": _round(max(2.0, sense_s)),
+        "meter_range_v": 100 if OUTPUT_SHARE * sheet.rail_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
         "drive": {
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
             "amplitude_v": [0.8, 1.2],
             "phase_deg": [80.0, 100.0],
-            "start_up_s": _round(min(600.0, max(5.0, drive_s))),
+            "start_up_s": _round(max(5.0, drive_s)),
         },
-        "virtual-coriolis": {
-            "match_rate_deg_s": _round(match),
-            "match_rates_deg_s": [_round(rate * wider) for rate in (10.0, 20.0, 50.0, 100.0, 200.0)],
+    }
+
+
+def _procedures(sheet: DataSheet) -> dict[str, Any]:
+    """Return the settings of each procedure that follow from the gyroscope: rates, levels, frequencies, modes."""
+    wider, finer = sheet.range_deg_s / _USUAL_RANGE_DEG_S, abs(sheet.split_hz) / _USUAL_SPLIT_HZ
+    volts = wider * _USUAL_K_VC / abs(sheet.k_vc_deg_s_per_v)  # on V_Vc, by volts of the usual gyroscope
+    slope_v_per_v = abs(sheet.scale_factor_v_per_deg_s * sheet.k_vc_deg_s_per_v)
+    peak_v = _AT_THE_PEAK * sheet.rail_v / (slope_v_per_v * max(1.0, peak_response(sheet)))
+    instability_deg_h = _round(max(_LEAST_DEG_H, sheet.bias_instability_deg_h / FLICKER_MINIMUM))
+
+    def rates(usual: tuple[float, ...]) -> list[float]:
+        return [_round(each * wider) for each in usual]
+
+    level = {"level_deg_s": _round(200.0 * wider)}
+    filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
+    sines = {
+        "sine_amplitude_v": _round(min(_MOST_V_VC_V, max(_LEAST_SINE_V, peak_v))),
+        "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
+        "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
+        **filters,
+    }
+    modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
+    own: dict[str, dict[str, Any]] = {
+        "virtual-coriolis": {"match_rate_deg_s": _round(10.0 * wider), "match_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
+        "kvc": {"match_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
+        "self-calibration": {"virtual_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
+        "zero": _noise_bandwidth(sheet),
+        "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
+        "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
+        "repeatability": level,
+        "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(0.5 * wider)},
+        "polarity": {"polarity_rate_deg_s": _round(10.0 * wider), "polarity_v_vc_v": _round(0.1 * volts)},
+        "threshold": {"steps_deg_s": rates(_THRESHOLD_STEPS_DEG_S), "at_rate_deg_s": _round(10.0 * wider)},
+        "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
+        "bandwidth": sines,
+        "resonance": {**sines, "ring_down_v_vc_v": _round(0.7 * volts)},
+        "phase": {
+            "rate_deg_s": _round(100.0 * wider),
+            "v_vc_v": _round(0.7 * volts),
+            "sine_amplitude_v": _round(1.4 * volts),
+            "difference_hz": _round(8.0 * finer),
         },
-        "bandwidth": {
-            "sine_amplitude_v": _round(sine_v),
-            "split_guess_hz": _round(abs(sheet.split_hz)),
-            "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if each * finer <= 75.0],
-            "in_phase_split_hz": _round(sheet.in_phase_split_hz),
-            "low_pass_hz": _round(sheet.low_pass_hz),
+        "vibration": {
+            "vibration_hz": [_round(each * finer) for each in _VIBRATION_HZ if 0.3 <= each * finer <= _HIGHEST_HZ],
+            "vibration_amplitude_v": _round(0.04 * volts),
+            "static_v_vc_v": _round(0.05 * volts),
+            "q": sheet.q_sense,
+            **modes,
+            **filters,
         },
+        "online": {
+            "virtual_rate_deg_s": _round(50.0 * wider),
+            **modes,
+            "in_phase_split_hz": filters["in_phase_split_hz"],
+        },
+    }
+    parts = {part: own[part] for part in (*_PARTS, "zero", "temperature")}
+    return {**own, "characterize": parts}
+
+
+def _noise_bandwidth(sheet: DataSheet) -> dict[str, float]:
+    """Return that of a reading, known as for a Q within 10 %; none where a narrow filter takes part of it."""
+    found_hz = noise_bandwidth_hz(sheet, _READING_S)
+    if found_hz < 0.5 / _READING_S:
+        return {}
+    return {"noise_bandwidth_hz": _round(found_hz), "u_noise_bandwidth_hz": _round(0.015 * found_hz)}
+
+
+def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
+    """Return what is known of a simulated bench, as that of the bench `paper` has it; values are those of the run."""
+    return {
+        "table_rate_error": 2.0 * own.table.rate_error,
+        "bias_instability_deg_h": _round(sheet.bias_instability_deg_h / FLICKER_MINIMUM),
+        "scale_factor_ppm_k": _round(1e6 * abs(change_per_k(own))),
+        "bias_deg_h_k": _round(1.2 * 3600.0 * abs(own.thermal.bias_coefficient_deg_s_k)),
+        "warm_up_k": own.thermal.self_heating_k,
+        "warm_up_time_s": own.thermal.time_constant_s,
+        "temperature_k": 0.0,
+        "carrier_phase_deg": 0.0,
+        "demodulator_phase_deg": 0.0,
+        "misalignment_deg": 0.0,
     }
 
 

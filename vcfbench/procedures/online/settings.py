@@ -30,12 +30,12 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     duration_s: Annotated[float, ranged(10.0, 1e6, "of the modulation, in whole bursts, at least three")] = 1800.0
     rate_deg_s: Annotated[Rate, said("rate of the table meanwhile, where there is one")] = 0.0
     split_hz: Annotated[
-        float, ranged(5.0, 1000.0, "mode split, as `bandwidth` finds it, for the response to the sine")
+        float, ranged(1.0, 1000.0, "mode split, as `bandwidth` finds it, for the response to the sine")
     ] = 24.8
     u_split_hz: Annotated[float, ranged(0.0, 100.0, "standard uncertainty of the split")] = 0.5
-    in_phase_split_hz: Annotated[float, ranged(10.0, 2000.0, "drive less in-phase sense frequency, roughly")] = 147.0
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
     in_phase_share: Annotated[
-        float, ranged(0.0, 0.9, "of the in-phase mode in the response at rest, as `bandwidth` finds it")
+        float, ranged(-0.9, 0.9, "of the in-phase mode in the response at rest, as `bandwidth` finds it")
     ] = 0.147
 
     @property

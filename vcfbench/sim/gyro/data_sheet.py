@@ -5,20 +5,27 @@ factor, the in-phase mode with the drive frequency, but never near the mode that
 """
 
 import math
+from collections.abc import Iterator
 from typing import Annotated
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
-from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, design, imperfect
+from vcfbench.sim.gyro.design import IDEAL_TARGETS, PAPER_TARGETS, PERFECT, demodulated, design, imperfect
 from vcfbench.sim.parameters import BenchParameters, SenseMode
 
 FLICKER_MINIMUM = 0.6642824702679
 """sqrt(2 ln 2 / pi): the lowest point of an Allan curve of flicker noise over its coefficient B."""
-_HEADROOM_V = 8.5
-"""What the output stage gives at rails of 10 V."""
+OUTPUT_SHARE = 0.85
+"""Share of the rails that the output stage gives."""
+_SENSE_SHARE = 0.5
+"""Share of the rails that the sense signal takes at most, quadrature and a rate at the end of the range together."""
 _SECONDS = 3600.0
+_DRIVE_STARTS_S, _OUTPUT_SETTLES_S = 600.0, 20.0
+"""Longest times that a drive loop takes to start and an output to settle."""
+_EITHER_SIGN = "either sign"
 
 
 class DataSheet(Struct, frozen=True, kw_only=True):
@@ -27,39 +34,58 @@ class DataSheet(Struct, frozen=True, kw_only=True):
     Args:
         scale_factor_v_per_deg_s: of the output, signed. bias_deg_s: at rest, as a rate. range_deg_s: either way.
         drive_hz: of the drive mode. split_hz: drive less sense frequency, either sign.
-        q_drive, q_sense: quality factors.
+        q_drive, q_sense: quality factors. quadrature_deg_s: as the rate that moves the sense mode as much.
         angle_random_walk_deg_sqrt_h: white noise. bias_instability_deg_h: lowest point of the Allan curve.
         bandwidth_hz: where the output is 3 dB down, at most half the split; None: the filter is at four splits.
-        k_vc_deg_s_per_v: rate that one volt of V_Vc stands for.
+        k_vc_deg_s_per_v: rate that one volt of V_Vc stands for, signed. rail_v: supply, either polarity.
 
     Raises:
         ConfigError: a figure that no such gyroscope has; its name comes first.
     """
 
-    scale_factor_v_per_deg_s: Annotated[float, 1e-5, 10.0] = IDEAL_TARGETS.scale_factor_v_s_deg
-    bias_deg_s: Annotated[float, 0.0, 1000.0] = 0.0
+    scale_factor_v_per_deg_s: Annotated[float, 1e-5, 10.0, _EITHER_SIGN] = IDEAL_TARGETS.scale_factor_v_s_deg
+    bias_deg_s: Annotated[float, 0.0, 1000.0, _EITHER_SIGN] = 0.0
     range_deg_s: Annotated[float, 1.0, 900.0] = 200.0
-    drive_hz: Annotated[float, 500.0, 50_000.0] = PERFECT.drive_mode.frequency_hz
-    q_drive: Annotated[float, 10.0, 1e6] = PERFECT.drive_mode.quality
-    split_hz: Annotated[float, 1.0, 1000.0] = 24.8
-    q_sense: Annotated[float, 10.0, 1e6] = PERFECT.sense_anti_phase.quality
+    drive_hz: Annotated[float, 1000.0, 50_000.0] = PERFECT.drive_mode.frequency_hz
+    q_drive: Annotated[float, 100.0, 1e5] = PERFECT.drive_mode.quality
+    split_hz: Annotated[float, 3.0, 80.0, _EITHER_SIGN] = 24.8
+    q_sense: Annotated[float, 100.0, 1e5] = PERFECT.sense_anti_phase.quality
+    quadrature_deg_s: Annotated[float, 0.0, 300.0] = 0.0
     angle_random_walk_deg_sqrt_h: Annotated[float, 0.0, 100.0] = 0.0
     bias_instability_deg_h: Annotated[float, 0.0, 10_000.0] = 0.0
-    bandwidth_hz: Annotated[float | None, 0.5, 500.0] = None
-    k_vc_deg_s_per_v: Annotated[float, 0.1, 10_000.0] = 150.0
+    bandwidth_hz: Annotated[float | None, 0.5, 40.0] = None
+    k_vc_deg_s_per_v: Annotated[float, 0.1, 10_000.0, _EITHER_SIGN] = 150.0
+    rail_v: Annotated[float, 5.0, 15.0] = PERFECT.supply.nominal_v
 
     def __post_init__(self) -> None:
         for name, annotated in self.__annotations__.items():
-            value, (low, high) = getattr(self, name), annotated.__metadata__
-            if value is not None and not low <= abs(value) <= high:
-                raise ConfigError(f"{name}: expected a size from {low:g} to {high:g}, came {value:g}")
-        if abs(self.split_hz) > 0.1 * self.drive_hz:
-            raise ConfigError(f"split_hz: expected at most a tenth of drive_hz, came {self.split_hz:g}")
-        if self.bandwidth_hz is not None and self.bandwidth_hz > 0.5 * abs(self.split_hz):
-            raise ConfigError(f"bandwidth_hz: expected at most half the split, came {self.bandwidth_hz:g}")
+            value, (low, high, *either) = getattr(self, name), annotated.__metadata__
+            if value is not None and not low <= (abs(value) if either else value) <= high:
+                said = f"a size from {low:g} to {high:g}, {_EITHER_SIGN}" if either else f"{low:g} to {high:g}"
+                raise ConfigError(f"{name}: expected {said}, came {value:g}")
+        for name, expected, came, holds in self._agreements():
+            if not holds:
+                raise ConfigError(f"{name}: expected {expected}, came {came}")
+
+    def _agreements(self) -> Iterator[tuple[str, str, str, bool]]:
+        """Yield what figures must have in common: the key that is named, what is expected, what came, if it holds."""
+        split_hz, q, drive_hz = abs(self.split_hz), self.q_sense, self.drive_hz
+        yield "split_hz", "at most a tenth of drive_hz", f"{self.split_hz:g}", split_hz <= 0.1 * drive_hz
+        peak = f"at least 2 drive_hz / split_hz, or the response has no peak: {2.0 * drive_hz / split_hz:.4g}"
+        yield "q_sense", peak, f"{q:g}", q * split_hz >= 2.0 * drive_hz
+        if self.bandwidth_hz is not None:
+            came = f"{self.bandwidth_hz:g}"
+            yield "bandwidth_hz", "at most half the split", came, self.bandwidth_hz <= 0.5 * split_hz
+        drive_s, sense_s = settling_s(self)
+        yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{drive_s:.3g} s", drive_s <= _DRIVE_STARTS_S
+        settled = sense_s <= _OUTPUT_SETTLES_S
+        yield "q_sense", f"an output that settles within {_OUTPUT_SETTLES_S:g} s", f"{sense_s:.3g} s", settled
+        most_v = OUTPUT_SHARE * self.rail_v
         largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
-        if largest_v > _HEADROOM_V:
-            raise ConfigError(f"range_deg_s: expected outputs within {_HEADROOM_V:g} V, came {largest_v:.3g} V")
+        yield "range_deg_s", f"outputs within {most_v:g} V", f"{largest_v:.3g} V", largest_v <= most_v
+        leak_deg_s = self.quadrature_deg_s * drive_hz / (2.0 * q * split_hz)
+        within = "a leak into the output, by the phase of the sense mode, within the range"
+        yield "quadrature_deg_s", within, f"{leak_deg_s:.3g} deg/s", leak_deg_s <= self.range_deg_s
 
     @property
     def low_pass_hz(self) -> float:
@@ -79,24 +105,39 @@ class DataSheet(Struct, frozen=True, kw_only=True):
 def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> BenchParameters:
     """Return the parameters of a bench with the gyroscope of `sheet`; else perfect, or as imperfect as the paper's."""
     base = imperfect() if imperfections else PERFECT
-    bench = replace(_modes(base, sheet), site=replace(base.site, latitude_deg=latitude_deg))
+    bench = _modes(base, sheet)
     # The drive loop is as fast, against the time constant of its mode, as that of the shipped sets
-    loop, usual = bench.drive_loop, PERFECT.drive_mode
+    loop, usual, supply, path = base.drive_loop, PERFECT.drive_mode, base.supply, base.sense_path
     slower = (sheet.q_drive / sheet.drive_hz) / (usual.quality / usual.frequency_hz)
     stiffer = (sheet.drive_hz / usual.frequency_hz) ** 2 * usual.quality / sheet.q_drive
+    higher = sheet.rail_v / supply.nominal_v
     bench = replace(
         bench,
+        site=replace(base.site, latitude_deg=latitude_deg),
         drive_loop=replace(
             loop,
             agc_integral_per_s=loop.agc_integral_per_s / slower,
-            force_limit_n_per_v=loop.force_limit_n_per_v * stiffer,
+            force_limit_n_per_v=loop.force_limit_n_per_v * stiffer / higher,
             pll_proportional_per_s=loop.pll_proportional_per_s / slower,
             pll_integral_per_s2=loop.pll_integral_per_s2 / slower**2,
             pll_free_running_offset_hz=loop.pll_free_running_offset_hz / slower,
+            amplitude_supply_coefficient_per_v=loop.amplitude_supply_coefficient_per_v / higher,
         ),
-        sense_path=replace(bench.sense_path, low_pass_hz=sheet.low_pass_hz),
+        sense_path=replace(
+            path,
+            amplifier_gain=path.amplifier_gain * min(1.0, _SENSE_SHARE * sheet.rail_v / _sense_v(bench, sheet)),
+            low_pass_hz=sheet.low_pass_hz,
+        ),
+        output_stage=replace(base.output_stage, headroom_v=(1.0 - OUTPUT_SHARE) * sheet.rail_v),
+        supply=replace(
+            supply,
+            nominal_v=sheet.rail_v,
+            start_v=supply.start_v * higher,
+            brown_out_v=supply.brown_out_v * higher,
+            dead_v=supply.dead_v * higher,
+        ),
         noise=replace(
-            bench.noise,
+            base.noise,
             angle_random_walk_deg_sqrt_s=sheet.angle_random_walk_deg_sqrt_h / math.sqrt(_SECONDS),
             bias_instability_deg_s=sheet.bias_instability_deg_h / FLICKER_MINIMUM / _SECONDS,
         ),
@@ -111,23 +152,46 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
         second_order=shape.second_order * larger * wider,
         third_order=shape.third_order * larger * wider**2,
         virtual_scale_deg_s_v=sheet.k_vc_deg_s_per_v,
-        switch_on_shift_v=shape.switch_on_shift_v * larger,
+        switch_on_shift_v=shape.switch_on_shift_v * larger / wider,
     )
     return design(bench, targets)
 
 
 def _modes(base: BenchParameters, sheet: DataSheet) -> BenchParameters:
-    """Return `base` with the frequencies and quality factors of the sheet."""
+    """Return `base` with frequencies, quality factors and quadrature of the sheet.
 
-    def sense(mode: SenseMode, below_hz: float) -> SenseMode:
-        return replace(mode, frequency_hz=sheet.drive_hz - below_hz, quality=sheet.q_sense)
+    The split changes by the same share with the temperature as that of `base`.
+    """
+    drive = base.drive_mode
+
+    def sense(mode: SenseMode, below_hz: float, quadrature_deg_s: float) -> SenseMode:
+        usual = drive.frequency_hz / mode.frequency_hz - 1.0
+        apart = (mode.frequency_coefficient_per_k - drive.frequency_coefficient_per_k) / usual
+        own_hz = sheet.drive_hz - below_hz
+        return replace(
+            mode,
+            frequency_hz=own_hz,
+            quality=sheet.q_sense,
+            quadrature_rad_s=math.radians(quadrature_deg_s),
+            frequency_coefficient_per_k=drive.frequency_coefficient_per_k + apart * (sheet.drive_hz / own_hz - 1.0),
+        )
 
     return replace(
         base,
-        drive_mode=replace(base.drive_mode, frequency_hz=sheet.drive_hz, quality=sheet.q_drive),
-        sense_in_phase=sense(base.sense_in_phase, sheet.in_phase_split_hz),
-        sense_anti_phase=sense(base.sense_anti_phase, sheet.split_hz),
+        drive_mode=replace(drive, frequency_hz=sheet.drive_hz, quality=sheet.q_drive),
+        sense_in_phase=sense(base.sense_in_phase, sheet.in_phase_split_hz, 0.25 * sheet.quadrature_deg_s),
+        sense_anti_phase=sense(base.sense_anti_phase, sheet.split_hz, sheet.quadrature_deg_s),
     )
+
+
+def _sense_v(bench: BenchParameters, sheet: DataSheet) -> float:
+    """Return the amplitude of the sense signal at the end of the range, quadrature beside it, V."""
+    rate_rad_s = math.radians(math.hypot(sheet.range_deg_s + abs(sheet.bias_deg_s), sheet.quadrature_deg_s))
+    path, drive_rad_s = bench.sense_path, 2.0 * math.pi * sheet.drive_hz
+    force = 2.0 * bench.drive_loop.amplitude_m * drive_rad_s * rate_rad_s
+    own_rad_s = 2.0 * math.pi * bench.sense_anti_phase.frequency_hz
+    moved_m = force / abs(own_rad_s**2 - drive_rad_s**2)
+    return path.preamplifier_gain * path.amplifier_gain * bench.sense_anti_phase.pick_off_v_per_m * moved_m
 
 
 def rate_response(bench: BenchParameters, frequency_hz: float) -> float:
@@ -156,3 +220,32 @@ def settling_s(sheet: DataSheet) -> tuple[float, float]:
     drive_s = 20.0 * sheet.q_drive / (math.pi * sheet.drive_hz)
     sense_s = 12.0 * sheet.q_sense / (math.pi * sheet.drive_hz) + 3.0 / sheet.low_pass_hz
     return drive_s, sense_s
+
+
+def in_phase_share(sheet: DataSheet) -> float:
+    """Return the share of the in-phase mode in the response to a constant rate."""
+    drive_hz = sheet.drive_hz
+    apart = [(drive_hz - below) ** 2 - drive_hz**2 for below in (sheet.split_hz, sheet.in_phase_split_hz)]
+    return apart[0] / (apart[0] + apart[1])
+
+
+def noise_bandwidth_hz(sheet: DataSheet, aperture_s: float) -> float:
+    """Return the noise bandwidth of readings: what white forces of both side bands make of it."""
+    bench = _modes(PERFECT, sheet)
+    half_hz, split_hz, most_hz = 0.5 * sheet.drive_hz / sheet.q_sense, abs(sheet.split_hz), 8.0 * sheet.low_pass_hz
+    near = split_hz + half_hz * np.sinh(np.linspace(-9.0, 9.0, 4001))  # close where the modes are
+    f = np.unique(np.concatenate([np.linspace(0.0, most_hz, 4001), near[(near > 0.0) & (near < most_hz)]]))
+    drive = 2.0 * math.pi * sheet.drive_hz
+    at = np.stack([drive + 2.0 * math.pi * f, drive - 2.0 * math.pi * f])
+    owns = [2.0 * math.pi * mode.frequency_hz for mode in (bench.sense_in_phase, bench.sense_anti_phase)]
+    bands = np.sum([1.0 / (own**2 - at**2 + 1j * own * at / sheet.q_sense) for own in owns], axis=0)
+    passed = np.sinc(f * aperture_s) ** 2 / (1.0 + (f / sheet.low_pass_hz) ** (2 * PERFECT.sense_path.low_pass_order))
+    power = 0.5 * (np.abs(bands) ** 2).sum(axis=0) / bands[0, 0].real ** 2 * passed
+    return float(np.trapezoid(power, f))
+
+
+def change_per_k(bench: BenchParameters) -> float:
+    """Return the relative change of the scale factor by a kelvin."""
+    amplitude_m = bench.drive_loop.amplitude_m
+    warmer, cooler = (demodulated(bench, rise_k, amplitude_m).per_deg_s for rise_k in (0.5, -0.5))
+    return 2.0 * (warmer - cooler) / (warmer + cooler)

@@ -1,0 +1,55 @@
+"""Drawn gyroscopes: all of the kind, each the same for its seed, each with a bench for all procedures."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from msgspec import structs
+
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
+
+SEEDS = range(400)
+
+
+def test_a_seed_is_one_gyroscope() -> None:
+    assert drawn_sheet(7) == drawn_sheet(7) != drawn_sheet(8)
+    assert drawn_bench(7) == drawn_bench(7)
+
+
+def test_the_draws_reach_the_ends_of_their_ranges() -> None:
+    sheets = [drawn_sheet(seed) for seed in SEEDS]
+
+    def reached(key: str) -> tuple[float, float]:
+        sizes = [abs(getattr(sheet, key)) for sheet in sheets]
+        return min(sizes), max(sizes)
+
+    wanted = {
+        "drive_hz": (1500.0, 45_000.0),
+        "split_hz": (6.0, 75.0),
+        "q_drive": (120.0, 8e4),
+        "q_sense": (300.0, 5e4),
+        "quadrature_deg_s": (5.0, 290.0),
+        "angle_random_walk_deg_sqrt_h": (0.012, 1.7),
+        "rail_v": (5.0, 15.0),
+    }
+    for key, (low, high) in wanted.items():
+        least, most = reached(key)
+        assert least <= low, key
+        assert most >= high, key
+    least, most = reached("scale_factor_v_per_deg_s")
+    assert math.log10(most / least) > 2.5
+    for key in ("k_vc_deg_s_per_v", "split_hz", "scale_factor_v_per_deg_s"):
+        assert {math.copysign(1.0, getattr(sheet, key)) for sheet in sheets} == {-1.0, 1.0}, key
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("imperfections", [False, True])
+def test_the_bench_of_a_drawn_gyroscope_is_one_for_all_procedures(seed: int, *, imperfections: bool) -> None:
+    for noise in (False, True):
+        bench = parse_bench(drawn_bench(seed, imperfections=imperfections, noise=noise), f"gyroscope-{seed}")
+        assert bench.simulation is not None
+        drawn = bench.simulation.override["noise"]["angle_random_walk_deg_sqrt_s"] if noise else 0.0
+        assert drawn * 60.0 == pytest.approx(noise * drawn_sheet(seed).angle_random_walk_deg_sqrt_h)
+        assert structs.asdict(bench.limits)["max_rail_v"] == pytest.approx(1.05 * drawn_sheet(seed).rail_v)
