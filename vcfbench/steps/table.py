@@ -13,6 +13,14 @@ from vcfbench.steps.wait import Settle
 
 _POLL_S = 0.05
 """Interval of the queries whether the table is at its rate, s."""
+_ABSOLUTE_TO_DEG_S = 200.0
+"""Rate up to which a tolerance holds as it is told. What a table turns otherwise is a share of its rate beyond it: its
+scale, and the ripple of its encoder (5 arcsec once a turn are 0.005 deg/s at 200 deg/s, 0.022 at 900)."""
+
+
+def allowed_deg_s(rate_deg_s: float, tolerance_deg_s: float) -> float:
+    """Return by how much a read-back may differ from a rate, deg/s: in proportion to the rate above 200 deg/s."""
+    return tolerance_deg_s * max(1.0, abs(rate_deg_s) / _ABSOLUTE_TO_DEG_S)
 
 
 class RateReading(StepResult, Struct, frozen=True):
@@ -72,7 +80,7 @@ class SetRate(Step, Struct, frozen=True):
 
 @does(Effect.WAITS, "table rate", overhead_s=0.1)
 class AwaitRate(Step, Struct, frozen=True):
-    """Wait for the ramp, then until the table says at-rate *and* its read-back is within `tolerance_deg_s`."""
+    """Wait for the ramp, then until the table says at-rate *and* its read-back is within the tolerance of that rate."""
 
     rate_deg_s: float
     ramp_s: float
@@ -80,7 +88,11 @@ class AwaitRate(Step, Struct, frozen=True):
     deadline_s: float
 
     def describe(self) -> str:
-        return f"table at {self.rate_deg_s:+g} deg/s, read-back within {self.tolerance_deg_s:g} deg/s"
+        return f"table at {self.rate_deg_s:+g} deg/s, read-back within {self._allowed_deg_s:g} deg/s"
+
+    @property
+    def _allowed_deg_s(self) -> float:
+        return allowed_deg_s(self.rate_deg_s, self.tolerance_deg_s)
 
     @property
     def physical_s(self) -> float:
@@ -94,13 +106,13 @@ class AwaitRate(Step, Struct, frozen=True):
         while True:
             require_no_fault(table)
             at_rate, reading = table.at_rate(), table.rate_deg_s()
-            if at_rate and abs(reading - self.rate_deg_s) <= self.tolerance_deg_s:
+            if at_rate and abs(reading - self.rate_deg_s) <= self._allowed_deg_s:
                 return RateReading(reading, clock.now())
             if deadline.expired():
                 raise problem(
                     table,
                     f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
-                    f"{self.tolerance_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table tells it",
+                    f"{self._allowed_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table tells it",
                     "rate_tolerance_deg_s allows more; where a profile takes the rate from angles, a longer span_s",
                 )
             sleep(clock, _POLL_S)
@@ -117,7 +129,7 @@ def require_no_fault(table: RateTable) -> None:
 
 
 def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> float:
-    """Read the table's rate back, deg/s; it must have no fault and be within `tolerance_deg_s` of `rate_deg_s`.
+    """Read the table's rate back, deg/s; it must have no fault and be within its tolerance of `rate_deg_s`.
 
     Raises:
         InterlockError: a fault has latched.
@@ -127,7 +139,7 @@ def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> fl
     require_no_fault(table)
 
     def left(reading: float) -> str:
-        if abs(reading - rate_deg_s) <= tolerance_deg_s:
+        if abs(reading - rate_deg_s) <= allowed_deg_s(rate_deg_s, tolerance_deg_s):
             return ""
         return f"left {rate_deg_s:+g} deg/s during the window: reads {reading:+.9g} deg/s"
 
