@@ -1,0 +1,221 @@
+"""Gyroscopes drawn by seed, each with every procedure that applies: how each run ends, and whether its values are true.
+
+    python benchmarks/drawn_gyroscopes.py 0:300 --lines drawn.jsonl              with noise
+    python benchmarks/drawn_gyroscopes.py 0:100 --lines silent.jsonl --no-noise
+    python benchmarks/drawn_gyroscopes.py 7:8 --procedures kvc,phase --keep here keep the records
+    python benchmarks/drawn_gyroscopes.py --summary drawn.jsonl
+
+A line a gyroscope: its data sheet, and of each procedure the end ("complete", "refused" before anything is switched on,
+with the reason, or "ended" without results after that, with the error) and of each value with a closed form its name,
+value, truth, u, U95. The truth is that of the parameters (docs/theory.md), which the simulation does not use. What
+stands in the file of --lines is not run again. The exit code is 1 where a run has ended without results, or where U95
+holds less of the truths than it should.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import multiprocessing
+import os
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from msgspec import structs
+from procedures_truth import MEMORY, Modes, Stated, Truth, stated
+
+import vcfbench
+from vcfbench.errors import BenchError
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.sim.simulation import true_output
+from vcfbench.studies.truth import truth_of
+from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from vcfbench.archive.run import Run
+    from vcfbench.station.description import BenchDescription
+
+    Line = dict[str, Any]
+
+FIRST = ("electrical", "polarity", "turntable", "kvc", "bandwidth", "resonance", "phase")
+"""What others build on; then the rest."""
+ORDER = (*FIRST, *(name for name in BUILT_IN if name not in FIRST))
+WARM = {"warm_up_s": 1800.0}
+"""The truth is that of a warm gyroscope."""
+SETTINGS: Mapping[str, Mapping[str, Any]] = {
+    **dict.fromkeys(("turntable", "virtual-coriolis", "kvc", "self-calibration"), WARM),
+    "repeatability": {"off_s": 600.0},
+}
+DUT = "G"
+SHARE_LOW = 0.93
+
+
+def values(name: str, run: Run, bench: BenchDescription) -> Iterator[Stated]:
+    """Yield the values of a run that have a closed form."""
+    found, true, modes = run.results, Truth.of(bench), Modes.of(bench)
+    if name in {"turntable", "virtual-coriolis"}:
+        truths = truth_of(run, bench)
+        for each in found.uncertainty.values:
+            if each.name in truths:
+                yield from stated(each.name, each, truths[each.name])
+    of_gyro = {"bias": true.bias_v, "scale_factor": true.scale_factor, "k_vc": true.k_vc}
+    if name in {"kvc", "self-calibration", "online"}:
+        for key in of_gyro.keys() & set(getattr(type(found), "__struct_fields__", ())):
+            yield from stated(key, getattr(found, key), of_gyro[key])
+    if name == "zero":
+        yield from stated("output_v", found.output_v, true.bias_v)
+        yield from stated("bias", found.bias, true.bias_v / true.scale_factor)
+    if name == "warmup":
+        yield from stated("bias_end", found.bias_end, true.bias_v / true.scale_factor)
+    if name == "bandwidth":
+        yield from _either_sign("split_hz", found.split_hz, modes.split_hz)
+        yield from stated("q", found.q, modes.sense_q[0])
+        yield from stated("in_phase_share", structs.replace(found.q, value=found.in_phase_share), modes.in_phase_share)
+    if name == "resonance":
+        yield from stated("drive_hz", found.drive_hz, modes.drive_hz)
+        yield from stated("drive_q", found.drive_q, modes.drive_q)
+        yield from stated("sense_hz", found.sense_hz, modes.sense_hz[0])
+        yield from stated("sense_q_ring_down", found.sense_q_ring_down, modes.sense_q[0])
+        yield from stated("sense_q_sweep", found.sense_q_sweep, modes.sense_q[0])
+        yield from _either_sign("split_ring_down_hz", found.split_ring_down_hz, modes.split_hz)
+        yield from _either_sign("split_sweep_hz", found.split_sweep_hz, modes.split_hz)
+    if name == "phase":
+        carrier = math.remainder(math.degrees(modes.carrier_rad), 180.0)
+        yield from stated("carrier_from_velocity_deg", found.carrier_from_velocity_deg, carrier)
+    if name == "vibration":
+        at_v = run.header["settings"]["static_v_vc_v"]
+        output = true_output(bench, at_input=True)
+        yield from stated("static", found.static_v_per_v, (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v))
+        for each in found.responses:
+            yield from stated("response", each.response, modes.filtered(each.frequency_hz))
+
+
+def _either_sign(name: str, found: Any, truth: float) -> Iterator[Stated]:
+    """Yield a split beside its truth; where the size alone is stated, beside that."""
+    if found is not None:
+        yield from stated(name, found, abs(truth) if found.value > 0.0 else truth)
+
+
+def tried(name: str, bench: BenchDescription, seed: int) -> Line:
+    """Return how a run of a procedure ends, and its values."""
+    began, records = time.perf_counter(), Path("runs") / name
+    run = None
+    try:
+        settings = dict(SETTINGS.get(name, {}))
+        run = vcfbench.run(name, bench, seed=seed, settings=settings, metadata={"dut": DUT}, runs=records)
+        why = "" if run.error is None and run.results is not None else str(run.error or run.no_results)
+    except BenchError as error:
+        why = str(error)
+    except Exception as error:  # noqa: BLE001  # a defect, which is told with the others
+        why = f"{type(error).__name__}: {error}"
+    line: Line = {"end": "complete", "took_s": round(time.perf_counter() - began, 2), **({"why": why} if why else {})}
+    if run is None or run.results is None:
+        journals = [each.read_text("utf-8") for each in records.rglob("journal.jsonl")]
+        live = any('"EnableSupply"' in each for each in journals)
+        return {**line, "end": "ended" if live else "refused"}
+    try:
+        line["values"] = [list(each) for each in values(name, run, bench)]
+    except Exception as error:  # noqa: BLE001  # a result that is not as this script knows it
+        line["why"] = f"not compared: {type(error).__name__}: {error}"
+    return line
+
+
+def gyroscope(seed: int, procedures: Sequence[str], keep: Path | None = None, *, noise: bool = True) -> Line:
+    """Return the line of a seed; its records go to a directory that is taken away afterwards, or kept."""
+    with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
+        where = Path(directory) if keep is None else keep / f"{seed}"
+        where.mkdir(parents=True, exist_ok=True)
+        text = drawn_bench(seed, noise=noise)
+        (where / "bench.toml").write_text(text, "utf-8")
+        bench = parse_bench(text, f"gyroscope-{seed}")
+        before = Path.cwd()
+        os.chdir(where)  # what is known of the device is kept here
+        try:
+            runs = {name: tried(name, bench, seed) for name in ORDER if name in procedures}
+        finally:
+            os.chdir(before)
+    return {"seed": seed, "noise": noise, "sheet": structs.asdict(drawn_sheet(seed)), "runs": runs}
+
+
+def summary(lines: Sequence[Line]) -> tuple[list[str], bool]:
+    """Return the tables of ends and of values, and whether there is nothing to be mended."""
+    rows, good = [f"{len(lines)} gyroscopes", f"{'procedure':18} complete refused ended"], True
+    for name in ORDER:
+        ends = [line["runs"][name]["end"] for line in lines if name in line["runs"]]
+        if ends:
+            counts = [ends.count(each) for each in ("complete", "refused", "ended")]
+            good = good and not counts[2]
+            rows.append(f"{name:18} {counts[0]:8d} {counts[1]:7d} {counts[2]:5d}{'  *' if counts[2] else ''}")
+    for line in lines:
+        for name, run in line["runs"].items():
+            if "why" in run:
+                rows.append(f"  {line['seed']} {name}: {run['end']}: {run['why'][:250]}")
+    found: dict[str, list[Any]] = {}
+    for line in lines:
+        for name, run in line["runs"].items():
+            for key, value, truth, u, u95 in run.get("values", ()):
+                found.setdefault(f"{name}: {key}", []).append((value, truth, u, u95))
+    rows.append(f"{'value':48} {'number':>6} {'mean z':>7} {'rms z':>6} {'max |z|':>8} {'in U95':>7}")
+    for key, each in found.items():
+        z = [(value - truth) / u for value, truth, u, _ in each]
+        held = [abs(value - truth) <= (1.96 * u if u95 is None else u95) for value, truth, u, u95 in each]
+        share, rms = sum(held) / len(z), math.sqrt(math.fsum(x * x for x in z) / len(z))
+        low = SHARE_LOW - 2.0 * math.sqrt(0.05 * 0.95 / len(z))
+        good = good and share >= low
+        mark = "" if share >= low else "  *"
+        largest = max(map(abs, z))
+        rows.append(
+            f"{key:48} {len(z):6d} {sum(z) / len(z):+7.2f} {rms:6.2f} {largest:8.2f} {100.0 * share:6.1f}%{mark}"
+        )
+    return rows, good
+
+
+def lines_of(file: Path) -> list[Line]:
+    """Return the lines of a file, but for one that was cut off at its end."""
+    texts = file.read_text("utf-8").splitlines(keepends=True) if file.exists() else []
+    return [json.loads(text) for text in texts if text.endswith("\n")]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("seeds", nargs="?", default="0:10", help="first, and the one after the last: 0:300")
+    parser.add_argument("--procedures", default=",".join(ORDER))
+    parser.add_argument("--no-noise", action="store_true", help="gyroscopes without noise")
+    parser.add_argument("--lines", type=Path, help="file that keeps a line a gyroscope")
+    parser.add_argument("--keep", type=Path, help="directory in which the records stay")
+    parser.add_argument("--processes", type=int, default=1)
+    parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE", help="run nothing, sum up such files")
+    asked = parser.parse_args()
+    if asked.summary:
+        lines = [line for file in asked.summary for line in lines_of(file)]
+    else:
+        first, after = map(int, asked.seeds.split(":"))
+        had = {line["seed"]: line for line in (lines_of(asked.lines) if asked.lines else [])}
+        if asked.lines:
+            asked.lines.write_text("".join(json.dumps(line) + "\n" for line in had.values()), "utf-8")
+        todo = [seed for seed in range(first, after) if seed not in had]
+        of_seed = partial(gyroscope, procedures=asked.procedures.split(","), keep=asked.keep, noise=not asked.no_noise)
+        with multiprocessing.get_context("spawn").Pool(asked.processes) as pool:
+            for line in pool.imap(of_seed, todo) if asked.processes > 1 else map(of_seed, todo):
+                had[line["seed"]] = line
+                if asked.lines:
+                    with asked.lines.open("a", encoding="utf-8") as out:
+                        print(json.dumps(line), file=out)
+        lines = [had[seed] for seed in range(first, after)]
+    rows, good = summary(sorted(lines, key=lambda line: line["seed"]))
+    print("\n".join(rows))
+    return 0 if good else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
