@@ -60,50 +60,54 @@ DUT = "G"
 SHARE_LOW = 0.93
 
 
+def truths(bench: BenchDescription, run: Run) -> Mapping[str, Mapping[str, float]]:
+    """Return what is true of the values of each procedure that have a closed form, by their names."""
+    true, modes = Truth.of(bench), Modes.of(bench)
+    of_gyro = {"bias": true.bias_v, "scale_factor": true.scale_factor, "k_vc": true.k_vc}
+    q, split_hz = modes.sense_q[0], modes.split_hz
+    return {
+        "kvc": of_gyro,
+        "self-calibration": of_gyro,
+        "online": {"scale_factor": true.scale_factor},
+        "zero": {"output_v": true.bias_v, "bias": true.bias_v / true.scale_factor},
+        "warmup": {"bias_end": true.bias_v / true.scale_factor},
+        "bandwidth": {"split_hz": split_hz, "q": q},
+        "resonance": {
+            "drive_hz": modes.drive_hz,
+            "drive_q": modes.drive_q,
+            "sense_hz": modes.sense_hz[0],
+            "sense_q_ring_down": q,
+            "sense_q_sweep": q,
+            "split_ring_down_hz": split_hz,
+            "split_sweep_hz": split_hz,
+            "in_phase_hz": modes.sense_hz[1],
+        },
+        "phase": {"carrier_from_velocity_deg": math.remainder(math.degrees(modes.carrier_rad), 180.0)},
+        "turntable": truth_of(run, bench),
+        "virtual-coriolis": truth_of(run, bench),
+    }
+
+
 def values(name: str, run: Run, bench: BenchDescription) -> Iterator[Stated]:
     """Yield the values of a run that have a closed form."""
-    found, true, modes = run.results, Truth.of(bench), Modes.of(bench)
-    if name in {"turntable", "virtual-coriolis"}:
-        truths = truth_of(run, bench)
-        for each in found.uncertainty.values:
-            if each.name in truths:
-                yield from stated(each.name, each, truths[each.name])
-    of_gyro = {"bias": true.bias_v, "scale_factor": true.scale_factor, "k_vc": true.k_vc}
-    if name in {"kvc", "self-calibration", "online"}:
-        for key in of_gyro.keys() & set(getattr(type(found), "__struct_fields__", ())):
-            yield from stated(key, getattr(found, key), of_gyro[key])
-    if name == "zero":
-        yield from stated("output_v", found.output_v, true.bias_v)
-        yield from stated("bias", found.bias, true.bias_v / true.scale_factor)
-    if name == "warmup":
-        yield from stated("bias_end", found.bias_end, true.bias_v / true.scale_factor)
-    if name == "bandwidth":
-        yield from _either_sign("split_hz", found.split_hz, modes.split_hz)
-        yield from stated("q", found.q, modes.sense_q[0])
-        yield from stated("in_phase_share", structs.replace(found.q, value=found.in_phase_share), modes.in_phase_share)
-    if name == "resonance":
-        yield from stated("drive_hz", found.drive_hz, modes.drive_hz)
-        yield from stated("drive_q", found.drive_q, modes.drive_q)
-        yield from stated("sense_hz", found.sense_hz, modes.sense_hz[0])
-        yield from stated("sense_q_ring_down", found.sense_q_ring_down, modes.sense_q[0])
-        yield from stated("sense_q_sweep", found.sense_q_sweep, modes.sense_q[0])
-        yield from _either_sign("split_ring_down_hz", found.split_ring_down_hz, modes.split_hz)
-        yield from _either_sign("split_sweep_hz", found.split_sweep_hz, modes.split_hz)
-    if name == "phase":
-        carrier = math.remainder(math.degrees(modes.carrier_rad), 180.0)
-        yield from stated("carrier_from_velocity_deg", found.carrier_from_velocity_deg, carrier)
+    found = run.results
+    for key, truth in truths(bench, run).get(name, {}).items():
+        if name in {"turntable", "virtual-coriolis"}:
+            each = next((one for one in found.uncertainty.values if one.name == key), None)
+        else:
+            each = getattr(found, key, None)
+        if each is not None:  # of a split whose sign nobody tells the size is stated
+            yield from stated(key, each, abs(truth) if "split" in key and each.value > 0.0 else truth)
     if name == "vibration":
-        at_v = run.header["settings"]["static_v_vc_v"]
-        output = true_output(bench, at_input=True)
-        yield from stated("static", found.static_v_per_v, (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v))
+        modes, output, at_v = (
+            Modes.of(bench),
+            true_output(bench, at_input=True),
+            run.header["settings"]["static_v_vc_v"],
+        )
+        at_rest = (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v)
+        yield from stated("static", found.static_v_per_v, at_rest)
         for each in found.responses:
             yield from stated("response", each.response, modes.filtered(each.frequency_hz))
-
-
-def _either_sign(name: str, found: Any, truth: float) -> Iterator[Stated]:
-    """Yield a split beside its truth; where the size alone is stated, beside that."""
-    if found is not None:
-        yield from stated(name, found, abs(truth) if found.value > 0.0 else truth)
 
 
 def tried(name: str, bench: BenchDescription, seed: int) -> Line:
