@@ -11,9 +11,13 @@ from msgspec import structs
 
 import vcfbench
 from tests.procedures.fakes import make_settings
+from vcfbench.analysis.budget import Source
+from vcfbench.procedures.shared.budget.nonlinearity import line_statement
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
+from vcfbench.procedures.shared.budget.statement import budget_of
 from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.procedures.turntable import turntable_statement
+from vcfbench.procedures.virtual_coriolis import budget as budget_module
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.plain import plain
@@ -23,6 +27,9 @@ from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.settings import Match, ProcedureSettings, Sources, Station
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
     from vcfbench.procedures.shared.budget.statement import Statement
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
@@ -308,3 +315,31 @@ def test_a_statement_is_written_by_the_names_of_its_fields() -> None:
     assert list(value) == ["name", "value", "unit", "u", "dof", "coverage_factor", "u95", "of", "contributions", *same]
     shares = [sum(each["share"] for each in v["contributions"]) for v in written["values"]]
     assert shares == pytest.approx([1.0] * len(shares))
+
+
+def test_a_source_that_cannot_be_costs_the_values_that_depend_on_it() -> None:
+    sources = [Source("gain", 1.0, 0.1), Source("noise", 0.0, math.nan, "V"), Source("offset", 0.0, 0.2, "V")]
+    budget, cannot_be = budget_of(
+        sources, lambda q: {"slope": q["gain"] + q["noise"], "bias": q["offset"]}, {("gain", "noise"): 0.5}
+    )
+    assert budget.result("bias").u == pytest.approx(0.2)
+    assert cannot_be == {"slope": ("noise, which cannot be (u nan)",), "bias": ()}
+
+
+def test_a_budget_that_cannot_be_had_leaves_k_vc_both_lines_and_biases(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A u below zero, of the levels of V_Vc in the virtual slope."""
+
+    def below_zero(asked: Any, sources: Sequence[Source], *others: Any, **named: Any) -> Statement:
+        turned = [structs.replace(each, u=-each.u) if each.name.endswith(wrong) else each for each in sources]
+        return line_statement(asked, turned, *others, **named)
+
+    wrong = "resolution: virtual slope"
+    monkeypatch.setattr(budget_module, "line_statement", below_zero)
+    stated = four(structs.replace(GENERATOR, generator_bits=14), std_v=NOISE)
+    slope, k_vc = stated.value("virtual.scale_factor"), stated.value("k_vc")
+    assert k_vc.value == pytest.approx(K_VC)
+    assert k_vc.u > 0.0
+    assert not any("cannot be" in each for each in (*k_vc.missing, *stated.value("turntable.bias").missing))
+    assert slope.value == pytest.approx(K)
+    assert any("generator resolution: virtual slope, which cannot be" in each for each in slope.missing)
+    assert not slope.complete

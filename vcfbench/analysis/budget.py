@@ -52,6 +52,11 @@ class Source(Struct, frozen=True):
         """Return a source that lies within `half_width` of its value, as data sheets state it."""
         return cls(name, value, half_width / math.sqrt(3.0), unit, rectangular=True)
 
+    @property
+    def possible(self) -> bool:
+        """Whether there can be such a quantity: finite, its uncertainty too and not below zero."""
+        return math.isfinite(self.value) and 0.0 <= self.u < math.inf and self.dof > 0.0
+
 
 class Contribution(Struct, frozen=True):
     """Contribution of one source to one result."""
@@ -160,7 +165,7 @@ def check_sources(sources: Sequence[Source], correlations: Correlations) -> None
         twice = sorted(name for name in set(names) if names.count(name) > 1)
         raise ConfigError(f"two sources have one name: {', '.join(twice)}")
     for source in sources:
-        if not (math.isfinite(source.value) and 0.0 <= source.u < math.inf and source.dof > 0.0):
+        if not source.possible:
             stated = f"value {source.value}, u {source.u}, {source.dof} degrees of freedom"
             raise ConfigError(f"source {source.name} cannot be: {stated}")
     for (first, second), coefficient in correlations.items():

@@ -113,7 +113,7 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
     u_v = np.array([known.u_besides_v(volts) for volts in level_v])
     zero = 0.0 if absolute else 1.0 / matching.zero_virtual.n
     u_match = known.u_mean_v(matching.v_vc_equal_v, 1.0 / matching.best.n + zero) / abs(matching.level_v)
-    spread = k_vc * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
+    spread = abs(k_vc) * np.array([np.linalg.norm(sloping * u_v), np.linalg.norm(shifting * u_v)])
     own = {
         "virtual slope": (float(spread[0]), "V/(deg/s)"),
         "virtual bias": (float(spread[1]), "V"),

@@ -14,10 +14,17 @@ from msgspec import Struct, field, structs
 from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.budget import Model, Source, evaluate
+from vcfbench.analysis.budget import Model, Source
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels
 from vcfbench.procedures.shared.budget.line import Line, noises_of
-from vcfbench.procedures.shared.budget.statement import Circumstances, StatedValue, Statement, stated_value, statement
+from vcfbench.procedures.shared.budget.statement import (
+    Circumstances,
+    StatedValue,
+    Statement,
+    budget_of,
+    stated_value,
+    statement,
+)
 from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise
 from vcfbench.station.settings import ProcedureSettings
 
@@ -184,10 +191,11 @@ def line_statement(
     def both(q: Mapping[str, Any]) -> Mapping[str, Any]:
         return {**around.applied(model(q), q), **{each.sum.name: each.value(q) for each in worst}}
 
-    every = evaluate([*windows, *sources, *own, *around.sources], both, correlations)
+    every, cannot_be = budget_of([*windows, *sources, *own, *around.sources], both, correlations)
     values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
     for number, each in enumerate(worst, len(stated.values)):
-        value = each.moved(stated_value(every.results[number], every, "ppm", _LARGEST))
+        result = every.results[number]
+        value = each.moved(stated_value(result, every, "ppm", _LARGEST, cannot_be.get(result.name, ())))
         by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
         why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
         if why:  # no truth is further from what is found than the largest error of a residual

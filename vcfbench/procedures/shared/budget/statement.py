@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench.analysis.budget import Budget, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.procedures.shared.budget.line import WARM_UP
@@ -95,13 +95,16 @@ def statement(
     by `levels_by`, where there is any; `flicker` is that which the sources hold.
     """
     around = Circumstances.of(settings)
-    budget = evaluate([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
+    budget, cannot_be = budget_of([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
     # With the Earth's rate added to the table's, none of it is in the bias
     earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
     unit_and_meaning = {name: (unit, words.replace(*earth)) for name, (unit, words) in meanings.items()}
     known = settings.station.sources
     values = tuple(
-        stated_value(result, budget, *unit_and_meaning[result.name], known.missing(result.name.rpartition(".")[2]))
+        stated_value(
+            *(result, budget, *unit_and_meaning[result.name]),
+            (*known.missing(result.name.rpartition(".")[2]), *cannot_be.get(result.name, ())),
+        )
         for result in budget.results
     )
     missing = tuple(dict.fromkeys(name for each in values for name in each.missing))
@@ -124,6 +127,22 @@ def statement(
     apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
     known_from += [words for key, words in known.assumed.items() if key not in apart]
     return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
+
+
+def budget_of(
+    sources: Sequence[Source], model: Model, correlations: Mapping[tuple[str, str], float]
+) -> tuple[Budget, Mapping[str, tuple[str, ...]]]:
+    """Return the budget, and by result the sources that cannot be: they cost those that depend on them, no others."""
+    words = {each.name: f"{each.name}, which cannot be (u {each.u:.3g})" for each in sources if not each.possible}
+    known = [Source(each.name, 0.0, 0.0, each.unit) if each.name in words else each for each in sources]
+    pairs = {pair: each for pair, each in correlations.items() if not words.keys() & {*pair}}
+    budget, cannot_be = evaluate(known, model, pairs), dict[str, tuple[str, ...]]()
+    if words:
+        reached = evaluate([structs.replace(each, u=float(each.name in words)) for each in known], model)
+        cannot_be = {
+            of.name: tuple(words[line.source] for line in of.contributions if line.u) for of in reached.results
+        }
+    return budget, cannot_be
 
 
 class Circumstances(Struct, frozen=True):
