@@ -100,6 +100,10 @@ class Deadline(Struct, frozen=True):
         """Return the seconds left, never negative."""
         return max(0.0, self.expires_s - self.clock.now())
 
+    def within(self, seconds: float) -> "Deadline":
+        """Return the deadline `seconds` from now, or this one if that is earlier."""
+        return Deadline.after(self.clock, min(seconds, self.remaining()))
+
     def elapsed(self) -> float:
         """Return the seconds since the deadline was set."""
         return self.clock.now() - self.started_s

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self, TypeVar
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
 from vcfbench.drivers.trace import BEHIND, Connect
 from vcfbench.drivers.wire import Wire
-from vcfbench.errors import BenchError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import BenchError, FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
 from vcfbench.interfaces import UnprovedCommand
 
 _E = TypeVar("_E", bound=BenchError)
@@ -44,6 +44,8 @@ class Conversation:
         self._reconnect = reconnect
         self._lock = threading.RLock()
         self._received = b""
+        self._said: str | None = None
+        """What was said last."""
         self._closed_because: str | None = None
         self._given_back = False
         self._last_read: tuple[str, float] | None = None
@@ -101,11 +103,12 @@ class Conversation:
             except TransportError as error:
                 raise self.locate(error, command, deadline)  # noqa: B904 - the same error, now knowing where
             except InstrumentError as error:
-                error.command = error.command or command
+                error.instrument, error.resource = error.instrument or self.name, error.resource or self.resource
+                error.command = error.command or command or self._said
                 raise
 
     @contextmanager
-    def resynchronising(self, question: str, deadline: Deadline) -> Iterator[None]:
+    def resynchronising(self, question: str | None, deadline: Deadline) -> Iterator[None]:
         """Find the place again by `question`; where that fails the error is OutOfSync, or LinkLost."""
         try:
             yield
@@ -121,6 +124,8 @@ class Conversation:
         """Tell `error` where it happened; a lost connection is closed."""
         error.instrument = error.instrument or self.name
         error.resource = error.resource or self.resource
+        # An answer that cannot be read is found out after its exchange, where a driver reads it
+        command = command or (self._said if isinstance(error, FramingError) else None)
         error.command = error.command or (None if command is None else shown(command))
         error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
         if isinstance(error, (LinkLost, OutOfSync)):

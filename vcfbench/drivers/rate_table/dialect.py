@@ -39,11 +39,12 @@ class TableSettings(Struct, frozen=True):
 
 
 class TableDialect(Protocol):
-    """One axis of one kind of table, in that table's own sign convention, deg, deg/s, deg/s2.
+    r"""One axis of one kind of table, in that table's own sign convention, deg, deg/s, deg/s2.
 
     Commands (nothing returned) are sent once. Questions may be asked again by the driver. Every method raises a
     TransportError when the line fails and an InstrumentError when the table refuses. What has a body here holds for
-    languages that know no more; they inherit it.
+    languages that know no more; they inherit it. Messages go by ``line.ask(self, b"POS?\r\n", deadline)`` and
+    ``line.command``, which keep questions and answers in step.
     """
 
     typed_line_end: bytes | None = None
@@ -82,7 +83,12 @@ class TableDialect(Protocol):
         """Ask for the identity; also learns the framing where it is not configured."""
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Get answers and questions into step again after a failed exchange, or raise OutOfSync."""
+        """Get answers and questions into step again after a failed exchange: by silence, where nothing is known."""
+        line.drain(deadline)
+
+    def may_come_unasked(self, data: bytes) -> bool:
+        """Tell whether bytes that came between two exchanges leave them in step; empty lines do."""
+        return not data.strip()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
         """Take remote control for this program alone."""

@@ -147,7 +147,8 @@ class RateTableDriver(OverWire):
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._demanded_deg_s = rate_deg_s
         self._fastest_deg_s = max(abs(rate_deg_s), self._fastest_deg_s)
-        self.dialect.demand_rate(self.line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
+        with self.line.exchange(None, deadline):
+            self.dialect.demand_rate(self.line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table is told when it is asked for `rate_deg_s`, for it takes steps only."""
@@ -305,15 +306,17 @@ class RateTableDriver(OverWire):
 
     def _command(self, command: Callable[[TableLine, Deadline], None]) -> None:
         """Give a command once: whether a lost acknowledgement means a lost command cannot be known."""
-        command(self.line, self.line.deadline())
+        deadline = self.line.deadline()
+        with self.line.exchange(None, deadline):
+            command(self.line, deadline)
 
     def _ask(self, question: Callable[[TableLine, Deadline], _T], within: Deadline | None = None) -> _T:
         """Ask, and once more if the answer was late or garbled."""
-        try:
-            return question(self.line, self._limit_of_exchange(within))
-        except (errors.DeadlineExceeded, errors.FramingError):
-            return question(self.line, self._limit_of_exchange(within))
+        with suppress(errors.DeadlineExceeded, errors.FramingError):
+            return self._ask_once(question, within)
+        return self._ask_once(question, within)
 
-    def _limit_of_exchange(self, within: Deadline | None) -> Deadline:
-        left = math.inf if within is None else within.remaining()
-        return self.line.deadline(min(left, self.line.timeout_s))
+    def _ask_once(self, question: Callable[[TableLine, Deadline], _T], within: Deadline | None) -> _T:
+        deadline = self.line.deadline() if within is None else within.within(self.line.timeout_s)
+        with self.line.exchange(None, deadline):
+            return question(self.line, deadline)
