@@ -15,7 +15,7 @@ from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, dec
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import DeadlineExceeded, InstrumentError
 from vcfbench.interfaces import Identity
-from vcfbench_tables.readings import SteadyRate, drain, require_rest, turned_deg_s
+from vcfbench_tables.readings import SteadyRate, require_rest, turned_deg_s
 
 _PROMPT = ">"
 _REFUSAL = "?"
@@ -38,8 +38,6 @@ class AtlDialect(TableDialect):
 
     def __init__(self, _settings: TableSettings) -> None:
         self._servo = False
-        self._owed = False
-        """True while a prompt may still come that belongs to an earlier command."""
         self._tells_rate = True
         self._steady = SteadyRate()
 
@@ -50,12 +48,14 @@ class AtlDialect(TableDialect):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain, send the status question, and drop everything up to the prompt after its data."""
-        with line.resynchronising("STA", deadline):
-            line.take_unasked()
-            line.send(b"\rSTA\r", deadline)
-            self._data_then_prompt(line, "STA", deadline)
-            drain(line, deadline)  # that data may have been a late answer, and the status still to come
-        self._owed = False
+        line.take_unasked()
+        line.send(b"\rSTA\r", deadline)
+        self._data_then_prompt(line, "STA", deadline)
+        line.drain(deadline)  # that data may have been a late answer, and the status still to come
+
+    def may_come_unasked(self, data: bytes) -> bool:
+        """Prompts may, of a motion command that was given up waiting for."""
+        return not data.replace(_PROMPT.encode("ascii"), b"").strip()
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
@@ -72,7 +72,7 @@ class AtlDialect(TableDialect):
     def hold(self, line: TableLine, deadline: Deadline) -> None:
         """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
         self._steady.demand(0.0)
-        self._exchange(line, "STO", b"\rSTO\r", deadline)
+        self._command(line, "STO", deadline, b"\rSTO\r", at_once=True)
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Send ``SRV0`` (one source); refused (InterlockError) while the table turns."""
@@ -90,16 +90,7 @@ class AtlDialect(TableDialect):
                 self.hold(line, deadline)
         if rate_deg_s != 0.0:
             self._steady.demand(rate_deg_s)
-            command = f"JOG{decimal(rate_deg_s, 4)}"
-            patience = Deadline.after(line.clock, min(_PATIENCE_S, deadline.remaining()))
-            with line.exchange(command, deadline):
-                self._find_place(line, deadline)
-                line.send(f"{command}\r".encode("ascii"), deadline)
-                self._owed = True
-                with suppress(DeadlineExceeded):
-                    self._acknowledged(line, command, patience)
-                    self._owed = False
-                line.dirty = False
+            self._command(line, f"JOG{decimal(rate_deg_s, 4)}", deadline, patience_s=_PATIENCE_S)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Return the state last set: no question for it is known."""
@@ -127,39 +118,38 @@ class AtlDialect(TableDialect):
     # Exchanges
 
     def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
-        with line.exchange(question, deadline):
-            if line.dirty:
-                self.resync(line, deadline)
-            line.dirty = True  # until the exchange is whole, whatever ends it
-            line.send(f"{question}\r".encode("ascii"), deadline)
-            answer = self._data_then_prompt(line, question, deadline)
-            line.dirty = self._owed = False
-        self._require_accepted(line, question, answer)
-        return replies.number(answer)
+        def take(limit: Deadline) -> float:
+            answer = self._data_then_prompt(line, question, limit)
+            self._require_accepted(line, answer)
+            return replies.number(answer)
 
-    def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
-        self._find_place(line, deadline)
-        self._exchange(line, command, f"{command}\r".encode("ascii"), deadline)
+        return line.exchanged(self, f"{question}\r".encode("ascii"), deadline, take)
 
-    def _find_place(self, line: TableLine, deadline: Deadline) -> None:
-        """See that the next prompt will be the next command's."""
-        if line.dirty or self._owed:
-            self.resync(line, deadline)
+    def _command(
+        self,
+        line: TableLine,
+        command: str,
+        deadline: Deadline,
+        message: bytes = b"",
+        *,
+        at_once: bool = False,
+        patience_s: float | None = None,
+    ) -> None:
+        def take(limit: Deadline) -> None:
+            if patience_s is None:
+                self._acknowledged(line, command, limit)
+                return
+            with suppress(DeadlineExceeded):
+                self._acknowledged(line, command, limit.within(patience_s))
 
-    def _exchange(self, line: TableLine, command: str, message: bytes, deadline: Deadline) -> None:
-        with line.exchange(command, deadline):
-            owed, line.dirty = self._owed, True
-            line.take_unasked()
-            line.send(message, deadline)
-            self._acknowledged(line, command, deadline)
-            line.dirty = owed  # the prompt may have been an earlier command's
+        line.exchanged(self, message or f"{command}\r".encode("ascii"), deadline, take, at_once=at_once)
 
     def _acknowledged(self, line: TableLine, command: str, deadline: Deadline) -> None:
         """Wait for the prompt; raises InstrumentError if a refusal precedes it."""
         refused = ""
         while (text := self._line(line, command, deadline)) != _PROMPT:
             refused = text if _REFUSAL in text else refused
-        self._require_accepted(line, command, refused)
+        self._require_accepted(line, refused)
 
     def _data_then_prompt(self, line: TableLine, command: str, deadline: Deadline) -> str:
         """Return the first data, which a prompt must follow; prompts before it are an earlier command's."""
@@ -174,6 +164,6 @@ class AtlDialect(TableDialect):
         """Return the next line, without the echo that precedes or is it."""
         return replies.text(line.take_line(deadline)).strip().removeprefix(command).strip()
 
-    def _require_accepted(self, line: TableLine, command: str, answer: str) -> None:
+    def _require_accepted(self, line: TableLine, answer: str) -> None:
         if _REFUSAL in answer:
-            raise InstrumentError(f"refused ({answer})", words=answer, command=command, **line.where)
+            raise InstrumentError(f"refused ({answer})", words=answer, **line.where)

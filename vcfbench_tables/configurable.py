@@ -18,7 +18,7 @@ from vcfbench.interfaces import Identity
 from vcfbench_tables import messages
 from vcfbench_tables.language import QUESTIONS, STREAM, Profile, Step
 from vcfbench_tables.profile_replies import ProfileReplies, Received
-from vcfbench_tables.readings import REST_DEG_S, SteadyRate, drain, require_rest, turned_deg_s
+from vcfbench_tables.readings import REST_DEG_S, SteadyRate, require_rest, turned_deg_s
 
 Values = Mapping[str, messages.Value]
 """Values of the names in templates."""
@@ -50,7 +50,6 @@ class ConfigurableDialect(TableDialect):
         self._steady = SteadyRate(profile.at_rate.tolerance_deg_s, profile.at_rate.relative, profile.at_rate.polls)
         self._servo = False
         self._sequence = 0
-        self._last_sent_s = -math.inf
 
     @property
     def rate_quantum_deg_s(self) -> float:
@@ -71,16 +70,22 @@ class ConfigurableDialect(TableDialect):
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
         """Drain the line, then ask something and drop all before its answer; a stream needs draining only."""
-        with line.resynchronising("resynchronise", deadline):
-            line.take_unasked()
-            if self.profile.stream is None:
-                # Ask the first question that there is; anything that its answer does not push out is drained
-                asked = next(filter(self.profile.commands.get, ("identify", "read_all", "read_pos")))
-                for step in self.profile.commands[asked]:
-                    self._send(line, step, {}, deadline)
-                    if step.expect is not None:
-                        self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
-                drain(line, deadline)
+        line.take_unasked()
+        if self.profile.stream is not None:
+            return
+        # Ask the first question that there is; anything that its answer does not push out is drained
+        asked = next(filter(self.profile.commands.get, ("identify", "read_all", "read_pos")))
+        for step in self.profile.commands[asked]:
+            sleep(line.clock, self.gap_s)
+            if step.send is not None:
+                line.send(self._message(line, step.send, {}), deadline)
+            if step.expect is not None:
+                self._replies.await_reply(line, step.expect, deadline, out_of_order=True)
+        line.drain(deadline)
+
+    def may_come_unasked(self, data: bytes) -> bool:
+        """Frames may, and whole lines: prompts, echoes, what came late; half a line would become half an answer."""
+        return self.profile.binary or self.profile.stream is not None or data.endswith((b"\n", b"\r"))
 
     @property
     def gap_s(self) -> float:
@@ -243,11 +248,13 @@ class ConfigurableDialect(TableDialect):
         if refusals.query is None:
             return
         for _ in range(refusals.deepest):
-            with line.exchange(refusals.query, deadline):
-                was_dirty, line.dirty = line.dirty, True
-                line.send(messages.frame_text(profile.frame, refusals.query, profile.link.tx_end), deadline)
-                answer = messages.take_text(profile.received_frame, profile.link.rx_end, line, deadline)
-                line.dirty = was_dirty
+            question = messages.frame_text(profile.frame, refusals.query, profile.link.tx_end)
+            answer = line.exchanged(
+                self,
+                question,
+                deadline,
+                lambda limit: messages.take_text(profile.received_frame, profile.link.rx_end, line, limit),
+            )
             if re.fullmatch(refusals.good, answer):
                 break
             refused.append(answer)
@@ -294,7 +301,7 @@ class ConfigurableDialect(TableDialect):
         """Return the next status that comes: an earlier one may be old."""
         stream = self.profile.stream
         assert stream is not None  # noqa: S101 - the profile was checked
-        within = Deadline.after(line.clock, min(stream.max_age_s, deadline.remaining()))
+        within = deadline.within(stream.max_age_s)
         if within.expired():
             late = errors.DeadlineExceeded("there was no time left to wait for a status")
             raise line.locate(late, STREAM, deadline)
@@ -319,13 +326,13 @@ class ConfigurableDialect(TableDialect):
                 if step.delay_s:
                     sleep(line.clock, step.delay_s)
             if step.until is not None:
-                within, sent_s = self._within(line, step, deadline), line.clock.now()
+                within, sent_s = self._within(step, deadline), line.clock.now()
                 while not self.flag(line, step.until, within):
                     if within.expired():
                         late = errors.DeadlineExceeded(f"the table did not come to the state {step.until!r}")
                         raise line.locate(late, step.send or step.until, within)
                     if step.resend_s is not None and line.clock.now() - sent_s >= step.resend_s:
-                        self._send(line, step, values or {}, within)
+                        self._once(line, name, step, within, values or {})
                         sent_s = line.clock.now()
                     sleep(line.clock, min(self.profile.safety.poll_s, within.remaining()))
             received = answer or received
@@ -343,48 +350,40 @@ class ConfigurableDialect(TableDialect):
 
     def _once(self, line: TableLine, name: str, step: Step, deadline: Deadline, values: Values) -> Received | None:
         stopping = name in self.profile.safety.stop
-        within, shown = self._within(line, step, deadline), name
-        if step.send is not None:
-            try:  # as it goes over the wire; the template itself if it has no values
-                message = self.message(step.send, values)
-                shown = message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
-            except ValueError:
-                shown = step.send
+        within = self._within(step, deadline)
+        cut = self.profile.stream is not None and not self.profile.binary  # of a status that comes just now
+        among_others, out_of_order = stopping or cut, stopping and line.dirty
+        message = b"" if step.send is None else self._message(line, step.send, values)
+        shown = message.hex(" ") if self.profile.binary else message.decode("latin-1").strip()
+
+        def take(limit: Deadline) -> Received | None:
+            # Take the echo that always comes; one that may come is known when it comes
+            if message and self.profile.link.echo == "always":
+                echoed = messages.take_text(messages.Frame(), self.profile.link.rx_end, line, limit)
+                if echoed != message.decode("latin-1").strip():
+                    raise errors.FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
+            return self._reply(line, step, limit, among_others=among_others, out_of_order=out_of_order)
+
         with line.exchange(shown or name, within):
-            if line.dirty and not stopping:  # stopping does not wait for anything
-                self.resync(line, deadline)
-            out_of_order = line.dirty
-            line.dirty = step.expect is not None and self.profile.stream is None
-            self._send(line, step, values, within)
-            received = self._reply(line, step, within, among_others=stopping, out_of_order=out_of_order)
-            line.dirty = False
+            if message:
+                received = line.exchanged(self, message, within, take, shown=shown, at_once=stopping)
+            else:
+                received = take(within)
             if name not in QUESTIONS or name == "home_status":
                 self.check_errors(line, deadline)
         return received
 
-    def _within(self, line: TableLine, step: Step, deadline: Deadline) -> Deadline:
-        left_s = deadline.remaining()
-        return deadline if step.timeout_s is None else Deadline.after(line.clock, min(step.timeout_s, left_s))
+    @staticmethod
+    def _within(step: Step, deadline: Deadline) -> Deadline:
+        return deadline if step.timeout_s is None else deadline.within(step.timeout_s)
 
-    def _send(self, line: TableLine, step: Step, values: Values, deadline: Deadline) -> None:
-        if step.send is None:
-            return
-        line.clock.sleep_until(self._last_sent_s + self.profile.link.gap_s)
+    def _message(self, line: TableLine, template: str, values: Values) -> bytes:
         try:
-            message = self.message(step.send, values)
+            message = self.message(template, values)
         except ValueError as error:
-            raise _unsent(line, f"{step.send!r} cannot be said ({error})") from error
-        if self.profile.stream is None:
-            line.take_unasked()
-        line.send(message, deadline)
-        self._last_sent_s = line.clock.now()
+            raise _unsent(line, f"{template!r} cannot be said ({error})") from error
         self._sequence += 1
-        # Take the echo that always comes; one that may come is known when it comes
-        if self.profile.link.echo == "always":
-            end = self.profile.link.rx_end
-            echoed = messages.take_text(messages.Frame(), end, line, deadline)
-            if echoed != message.decode("latin-1").strip():
-                raise errors.FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
+        return message
 
     def message(self, template: str, values: Values | None = None) -> bytes:
         """Return the bytes that a template comes to, framed."""

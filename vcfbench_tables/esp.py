@@ -45,26 +45,25 @@ class EspDialect(TableDialect):
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``."""
-        if not self._version:
-            line.take_unasked()  # what an earlier program left
-        self._version = self._ask(line, "VE?", deadline)
-        model, _, firmware = self._version.partition(" ")
+        version = self._ask(line, "VE?", deadline)
+        model, _, firmware = version.partition(" ")
         if not model.upper().startswith("ESP"):
-            raise FramingError(f"expected the version of an ESP controller, came {self._version[:60]!r}")
+            raise FramingError(f"expected the version of an ESP controller, came {version[:60]!r}")
+        self._version = version
         return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drop late answers up to the known one of ``VE?``, then up to a number."""
-        with line.resynchronising("VE?", deadline):
-            if not self._version:
-                raise FramingError("no answer is known yet")
-            line.take_unasked()
-            line.send(b"VE?\r", deadline)
-            line.take_through(self._version.encode("ascii"), deadline)
-            line.send(f"{self.axis}MO?\r".encode("ascii"), deadline)
-            while _text(line, deadline) not in ("0", "1"):
-                pass
-            line.take_unasked()
+        """Drop late answers up to the known one of ``VE?``, then up to a number; all, where none is known."""
+        if not self._version:
+            line.drain(deadline)
+            return
+        line.take_unasked()
+        line.send(b"VE?\r", deadline)
+        line.take_through(self._version.encode("ascii"), deadline)
+        line.send(f"{self.axis}MO?\r".encode("ascii"), deadline)
+        while line.take_text(deadline) not in ("0", "1"):
+            pass
+        line.take_unasked()
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``ST``; the carriage return before it ends a torn command."""
@@ -167,27 +166,9 @@ class EspDialect(TableDialect):
         return replies.number(self._ask(line, question, deadline))
 
     def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
-        with line.exchange(question, deadline):
-            self._say(line, question, deadline)
-            answer = _text(line, deadline)
-            line.dirty = False
-        return answer
+        return line.ask(self, question.encode("ascii") + b"\r", deadline)
 
     def _command(self, line: TableLine, command: str, deadline: Deadline) -> None:
         with line.exchange(command, deadline):
-            self._say(line, command, deadline)
-            line.dirty = False
+            line.command(self, command.encode("ascii") + b"\r", deadline)
             self.check_errors(line, deadline)
-
-    def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
-        if line.dirty or line.take_unasked().strip():
-            self.resync(line, deadline)
-        line.dirty = True  # until the exchange is whole, whatever ends it
-        line.send(message.encode("ascii") + b"\r", deadline)
-
-
-def _text(line: TableLine, deadline: Deadline) -> str:
-    text = ""
-    while not text:
-        text = replies.text(line.take_line(deadline)).strip()
-    return text

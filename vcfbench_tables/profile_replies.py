@@ -33,9 +33,8 @@ class ProfileReplies:
             while (text := self._text(line, within)) != self._profile.link.prompt:
                 self._require_accepted(line, text)
         except DeadlineExceeded:
-            if not step.optional_reply:
+            if not step.optional_reply:  # else it may come later
                 raise
-            line.dirty = True  # it may come later
 
     def _text(self, line: TableLine, deadline: Deadline) -> str:
         return take_text(self._profile.received_frame, self._profile.link.rx_end, line, deadline)

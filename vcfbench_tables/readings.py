@@ -1,16 +1,12 @@
-"""Rate, rest and silence by what is read, for tables that have no word for them."""
+"""Rate and rest by what is read, for tables that have no word for them."""
 
 from msgspec import Struct
 
-from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.errors import InterlockError
 
 REST_DEG_S = 0.1
 """Above this rate a servo is not opened: the table would coast."""
-
-_QUIET_S = 0.2
-"""Silence after which a line counts as drained, s."""
 
 
 class SteadyRate(Struct):
@@ -37,15 +33,6 @@ def require_rest(line: TableLine, rate_deg_s: float) -> None:
     """Raise InterlockError when the servo must not be opened because the table turns."""
     if not abs(rate_deg_s) < REST_DEG_S:
         raise InterlockError(f"it still turns at {rate_deg_s:g} deg/s, the servo was not opened", **line.where)
-
-
-def drain(line: TableLine, deadline: Deadline) -> None:
-    """Drop all until nothing comes; answers that look alike cannot be told from late ones otherwise."""
-    line.take_unasked()
-    while not deadline.expired():
-        sleep(line.clock, min(_QUIET_S, deadline.remaining()))
-        if not line.take_unasked():
-            return
 
 
 def turned_deg_s(first_deg: float, then_deg: float, duration_s: float) -> float:

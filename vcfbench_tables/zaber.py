@@ -115,10 +115,9 @@ class ZaberDialect(TableDialect):
             serial = ""
         return Identity("Zaber", f"device {number}", serial, self._setting(line, "version", deadline, axis=0))
 
-    def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drop received bytes: a late reply carries another number."""
-        line.take_unasked()
-        line.dirty = False
+    def may_come_unasked(self, data: bytes) -> bool:
+        """Alerts may, and late replies, which carry another number; half a line is neither yet."""
+        return data.endswith((b"\n", b"\r"))
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
         """Send ``stop``; the line end before it ends a torn request. Without a number, so that no reply is mistaken."""
@@ -200,18 +199,19 @@ class ZaberDialect(TableDialect):
 
     def _ask(self, line: TableLine, command: str, deadline: Deadline, *, axis: int | None = None) -> str:
         """Put a request and return the data of its reply; raises InstrumentError when it is rejected."""
-        with line.exchange(command, deadline):
-            self._number = (self._number + 1) % 100
-            line.take_unasked()
-            line.send(frame_request(self.axis if axis is None else axis, self._number, command), deadline)
-            reply: re.Match[str] | None = None
-            while reply is None or int(reply["id"] or -1) != self._number:  # others come late, from requests given up
-                if reply is not None and deadline.expired():
-                    raise DeadlineExceeded("no answer that belongs to the request")
-                text = replies.text(line.take_line(deadline))
-                reply = reply if not text or text[0] in _UNASKED else parse_reply(text)
+        self._number = (self._number + 1) % 100
+        message = frame_request(self.axis if axis is None else axis, self._number, command)
+        return line.exchanged(self, message, deadline, lambda limit: self._data(line, limit), shown=command)
+
+    def _data(self, line: TableLine, deadline: Deadline) -> str:
+        reply: re.Match[str] | None = None
+        while reply is None or int(reply["id"] or -1) != self._number:  # others come late, from requests given up
+            if reply is not None and deadline.expired():
+                raise DeadlineExceeded("no answer that belongs to the request")
+            text = line.take_text(deadline)
+            reply = reply if text[0] in _UNASKED else parse_reply(text)
         data = reply["data"]
         if reply["verdict"] == "RJ":
             words = f"{data}: {_REASONS[data]}" if data in _REASONS else data
-            raise InstrumentError(f"rejected ({words})", words=data, command=command, **line.where)
+            raise InstrumentError(f"rejected ({words})", words=data, **line.where)
         return data

@@ -15,7 +15,7 @@ from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.rate_table.dialect import Header, TableDialect, TableSettings, decimal
 from vcfbench.drivers.rate_table.line import TableLine
-from vcfbench.errors import FramingError, InstrumentError, OutOfSync
+from vcfbench.errors import FramingError, InstrumentError
 from vcfbench.interfaces import Identity
 
 # On every interface except GPIB each command is answered, error code and length before the data (manual section 2).
@@ -88,9 +88,6 @@ def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
     return line.take(_FORMATS[header].unpack(start)[1], deadline)
 
 
-_SPEED = "is baud_rate in the bench file what the table's port is set to?"
-
-
 class AclDialect(TableDialect):
     """One axis of an ACL controller; the header is learnt at the first reply when it is ``auto``."""
 
@@ -105,29 +102,31 @@ class AclDialect(TableDialect):
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
-        if not self._identity:
-            line.take_unasked()  # what an earlier program left
         answer = self.ask(line, "*IDN?", deadline)
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
         return identity
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Drop late replies up to the known answer of ``*IDN?``, then up to a number.
+        """Drop late replies up to the known answer of ``*IDN?``, then up to a number; all, where none is known.
 
         The second question is there because the one that failed may itself have been ``*IDN?``.
         """
         if not self._identity:
-            unknown = OutOfSync("nothing that came was an answer, the connection was closed", hint=_SPEED)
-            raise line.locate(unknown, "*IDN?", deadline)
-        with line.resynchronising("*IDN?", deadline):
-            line.take_unasked()
-            line.send(b"*IDN?\n", deadline)
-            line.take_through(self._identity, deadline)
-            line.send(b":Status:STB?\n", deadline)
-            while self._body(line, deadline).encode("ascii") == self._identity:
-                pass
-            line.take_unasked()  # every question has been answered: a second answer, or noise
+            line.drain(deadline)
+            return
+        line.take_unasked()
+        line.send(b"*IDN?\n", deadline)
+        line.take_through(self._identity, deadline)
+        line.send(b":Status:STB?\n", deadline)
+        while self._body(line, deadline).encode("ascii") == self._identity:
+            pass
+        line.take_unasked()  # every question has been answered: a second answer, or noise
+
+    def may_come_unasked(self, data: bytes) -> bool:
+        """Acknowledgements may: which command's does not matter, for each is followed by a question."""
+        *whole, rest = data.replace(b"\r", b"\n").split(b"\n")
+        return not rest and all(part in _ACKNOWLEDGEMENTS for part in whole)
 
     # Words that are sent blind
 
@@ -234,12 +233,9 @@ class AclDialect(TableDialect):
             len(refused) < _DEEPEST_QUEUE and replies.integer(self.ask(line, ":Status:STB?", deadline)) & _ERRORS_QUEUED
         ):
             # The next message, empty if there is none: a question has just been answered, so this is the reply
-            question = ":Status:MSG? QERROR"
-            with line.exchange(question, deadline):
-                self._say(line, question, deadline)
-                body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
-                line.dirty = False
-            message = replies.text(body)
+            message = replies.text(
+                line.exchanged(self, b":Status:MSG? QERROR\n", deadline, lambda limit: self._message(line, limit))
+            )
             if not message:
                 break
             refused.append(message)
@@ -256,29 +252,23 @@ class AclDialect(TableDialect):
 
     def ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
         """Put one question and return its answer, without header and terminator."""
-        with line.exchange(question, deadline):
-            self._say(line, question, deadline)
-            answer = self._body(line, deadline)
-            line.dirty = False
-        return answer
+        message = question.encode("ascii") + b"\n"
+        return line.exchanged(self, message, deadline, lambda limit: self._body(line, limit))
 
     def command(self, line: TableLine, command: str, deadline: Deadline) -> None:
         """Give one command; raises InstrumentError with the table's refusal."""
         with line.exchange(command, deadline):
-            self._say(line, command, deadline)
-            if self.header == "auto":
-                raise FramingError("identify the table before commanding it")
-            if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
-                raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
-            line.dirty = False
+            line.exchanged(self, command.encode("ascii") + b"\n", deadline, lambda limit: self._done(line, limit))
             self.check_errors(line, deadline)
 
-    def _say(self, line: TableLine, message: str, deadline: Deadline) -> None:
-        unasked = line.take_unasked().replace(b"\r", b"\n").split(b"\n")
-        if line.dirty or any(part not in _ACKNOWLEDGEMENTS for part in unasked):
-            self.resync(line, deadline)
-        line.dirty = True  # until the exchange is whole, whatever ends it
-        line.send(message.encode("ascii") + b"\n", deadline)
+    def _done(self, line: TableLine, deadline: Deadline) -> None:
+        if self.header == "auto":
+            raise FramingError("identify the table before commanding it")
+        if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
+            raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
+
+    def _message(self, line: TableLine, deadline: Deadline) -> bytes:
+        return self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
 
     def _body(self, line: TableLine, deadline: Deadline) -> str:
         """Return the data of the next reply that has any, or that a header says to have none."""
@@ -288,7 +278,7 @@ class AclDialect(TableDialect):
             self.header = detect_header(first)
         body = b""
         while body in _ACKNOWLEDGEMENTS:
-            body = self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)
+            body = self._message(line, deadline)
         if body.startswith(b"#"):
             raise FramingError("the table answers in binary, set its reply format to floating point")
         return replies.text(body)
@@ -304,7 +294,6 @@ class AclDialect(TableDialect):
             error, length = layout.unpack(rest[1:] + line.take(1, deadline))
         body = line.take(length, deadline).rstrip(b"\r\n\0")
         if error:
-            line.dirty = False  # a whole reply, though a refusal
             raise InstrumentError(
                 f"refused with {error}" + (f" {body.decode('ascii', 'replace')!r}" if body else ""),
                 number=error,
