@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 from simrack.attendance import AttendedClock
-from simrack.instruments.ats545 import AirStreamErrors, TemptronicATS545Twin
+from simrack.sources import Drive
 from simrack.wires.visa_backend import SimVisaLibrary
 
-from tests.conformance import walk
 from vcfbench.clock import VirtualClock
 from vcfbench.drivers.registry import open_instrument
+from vcfbench.models import find_model, twin_of
 from vcfbench.sim.gyro.design import ideal_bench
 from vcfbench.sim.world import World
 
@@ -21,36 +21,34 @@ if TYPE_CHECKING:
 
     from simrack.device import Device
 
-MODELS = {
-    "33220A": "agilent33220a",
-    "33622A": "keysight33622a",
-    "E3631A": "e3631a",
-    "E36312A": "e36312a",
-    "34401A": "hp34401a",
-    "34461A": "keysight34461a",
-    "34465A": "keysight34465a",
-    "2000": "keithley2000",
-    "DMM6500": "dmm6500",
-    "DSO7104B": "dso7104b",
-    "DSOX3024A": "dsox3024a",
-    "ATS-545": "",
-}
-"""Models by the name on the box, and what walks through their manuals call them."""
-
 METERS = ("34401A", "34461A", "34465A", "2000", "DMM6500")
+INPUT_V = 2.72
+"""Volts at the meters."""
+SINE = Drive(0.5, 2.0, 1000.0)
+"""The signal on the channels of the oscilloscopes."""
+_WIRED = {
+    **dict.fromkeys(METERS, {"node": "rail_positive"}),
+    **dict.fromkeys(("33220A", "33522B"), {"node": "v_vc"}),
+    **dict.fromkeys(("DSO7104B", "DSOX3024A"), {"channels": dict.fromkeys((1, 2, 3, 4), "v_vc")}),
+    **dict.fromkeys(("E3631A", "E36312A"), {"rails": {"P25V": "positive", "N25V": "negative"}}),
+}
 
 
 class Box(Struct, frozen=True):
-    """A simulated instrument, and the clock that it and its driver live by."""
+    """A simulated instrument, and the World and clock that it and its driver live by."""
 
     model: str
     device: Device
+    world: World
     clock: AttendedClock
 
     def say(self, *messages: str) -> None:
         """Do at its front panel what these messages do; it is left without errors and in step."""
         for message in messages:
             self.device.write(message.encode("ascii") + b"\n", end=True)
+            while (at_s := self.device.wake_at()) is not None and at_s < self.clock.now() + 5.0:
+                self.clock.sleep_until(at_s)
+        self.device.clear()
         self.device.write(b"*CLS\n", end=True)
 
     @contextmanager
@@ -72,10 +70,14 @@ class Box(Struct, frozen=True):
 
 def box(model: str) -> Box:
     """Switch an ideal instrument on."""
-    if MODELS[model]:
-        bench = walk.bench(MODELS[model])
-        return Box(model, bench.device, bench.clock)
     clock = AttendedClock(VirtualClock())
-    device = TemptronicATS545Twin(World(clock, ideal_bench(), 0), errors=AirStreamErrors.none())
+    world = World(clock, ideal_bench(), 0)
+    row: Any = find_model(model)
+    twin: Any = twin_of(row)
+    device = twin(world, errors=twin.errors_class.none(), **_WIRED.get(model, {}))
+    if model in METERS:
+        world.set_rail("positive", INPUT_V)
+    if model.startswith("DSO"):
+        world.drive("v_vc", SINE)
     clock.attend(device)
-    return Box(model, device, clock)
+    return Box(model, device, world, clock)

@@ -6,15 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("HEWLETT-PACKARD,34401A,0,10-5-2")
+TAKEN = taken_over(Hp34401A.left, header="VOLT:DC", mains="50")
 OPEN = over_visa(Hp34401A, name="multimeter")
 CONFIGURED: list[Exchange] = [
+    *TAKEN,
     ("CONF:VOLT:DC 10", None),
     ("VOLT:DC:NPLC 10", None),
     ("ZERO:AUTO ON", None),
@@ -44,7 +46,7 @@ def test_ranges_and_integration_times_that_it_does_not_have_are_not_sent(range_v
 
 
 def test_another_range_than_asked_for_is_an_error() -> None:
-    exchanges = [*CONFIGURED[:5], ("VOLT:DC:RANG?", "+1.00000000E+02")]
+    exchanges = [*CONFIGURED[:-2], ("VOLT:DC:RANG?", "+1.00000000E+02")]
     with (
         expected_exchange(OPEN, [*OPENING, *exchanges]) as meter,
         pytest.raises(InstrumentError, match="reads back 100"),
@@ -100,10 +102,11 @@ def test_no_single_character_can_be_exchanged(place: int, character: str) -> Non
 @pytest.mark.parametrize(("range_v", "answer"), [(10.0, "-1.20000001E+01"), (1.0, "+1.67463210E+00")])
 def test_no_range_gives_more_than_a_fifth_above_it(range_v: float, answer: str) -> None:
     exchanges: list[Exchange] = [
+        *TAKEN,
         (f"CONF:VOLT:DC {range_v:g}", None),
-        *CONFIGURED[1:5],
+        *CONFIGURED[4:-2],
         ("VOLT:DC:RANG?", f"{range_v:+.8E}"),
-        CONFIGURED[6],
+        CONFIGURED[-1],
     ]
     with expected_exchange(OPEN, [*OPENING, *exchanges, *reading(answer)]) as meter:
         meter.configure_dc_voltage(range_v, 10.0)
@@ -122,9 +125,10 @@ def test_a_fifth_above_the_range_is_a_reading() -> None:
 )
 def test_reading_time_is_two_integrations(nplc: float, mains_hz: float, expected_s: float) -> None:
     exchanges: list[Exchange] = [
+        *TAKEN,
         ("CONF:VOLT:DC 10", None),
         (f"VOLT:DC:NPLC {nplc:g}", None),
-        *CONFIGURED[2:6],
+        *CONFIGURED[5:-1],
         ("VOLT:DC:NPLC?", f"{nplc:+.8E}"),
     ]
     opener = over_visa(lambda session: Hp34401A(session, mains_hz=mains_hz))
@@ -164,9 +168,10 @@ def test_on_rs232_it_is_made_remote_before_anything() -> None:
 @pytest.mark.parametrize("nplc", [0.02, 0.2, 1.0, 10.0, 100.0])
 def test_every_range_and_integration_time_of_the_manual(range_v: float, nplc: float) -> None:
     exchanges: list[Exchange] = [
+        *TAKEN,
         (f"CONF:VOLT:DC {range_v:g}", None),
         (f"VOLT:DC:NPLC {nplc:g}", None),
-        *CONFIGURED[2:5],
+        *CONFIGURED[5:-2],
         ("VOLT:DC:RANG?", f"{range_v:+.8E}"),
         ("VOLT:DC:NPLC?", f"{nplc:+.8E}"),
     ]
@@ -177,7 +182,7 @@ def test_every_range_and_integration_time_of_the_manual(range_v: float, nplc: fl
 @pytest.mark.parametrize("found", ["+1.00000000E+00", "+9.99980000E+00", "-1.00000000E+01"])
 def test_a_lower_range_than_asked_for_is_an_error_too(found: str) -> None:
     with (
-        expected_exchange(OPEN, [*OPENING, *CONFIGURED[:5], ("VOLT:DC:RANG?", found)]) as meter,
+        expected_exchange(OPEN, [*OPENING, *CONFIGURED[:-2], ("VOLT:DC:RANG?", found)]) as meter,
         pytest.raises(InstrumentError, match="reads back"),
     ):
         meter.configure_dc_voltage(10.0, 10.0)
@@ -190,7 +195,7 @@ def test_before_it_is_configured_a_reading_takes_as_long_as_after_a_reset() -> N
 
 
 def test_configuring_may_take_as_long_as_a_reading_that_is_under_way() -> None:
-    exchanges: list[Exchange] = [*CONFIGURED[:4], ("SYST:ERR?", None)]
+    exchanges: list[Exchange] = [*CONFIGURED[:-3], ("SYST:ERR?", None)]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         begin_s = meter.clock.now()
         with pytest.raises(DeadlineExceeded):
@@ -201,18 +206,19 @@ def test_configuring_may_take_as_long_as_a_reading_that_is_under_way() -> None:
 @pytest.mark.parametrize(("range_v", "found_v"), [(1000.0, 1000.0005), (0.1, 0.10000005)])
 def test_a_range_agrees_within_a_millionth(range_v: float, found_v: float) -> None:
     exchanges: list[Exchange] = [
+        *TAKEN,
         (f"CONF:VOLT:DC {range_v:g}", None),
-        *CONFIGURED[1:5],
+        *CONFIGURED[4:-2],
         ("VOLT:DC:RANG?", f"{found_v:+.8E}"),
-        CONFIGURED[6],
+        CONFIGURED[-1],
     ]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         meter.configure_dc_voltage(range_v, 10.0)
 
 
 def test_an_integration_time_that_was_not_taken_is_not_waited_for() -> None:
-    exchanges = [*CONFIGURED[:6], ("VOLT:DC:NPLC?", "+1.00000000E+00")]
-    exchanges[1] = ("VOLT:DC:NPLC 100", None)
+    exchanges = [*CONFIGURED[:-1], ("VOLT:DC:NPLC?", "+1.00000000E+00")]
+    exchanges[4] = ("VOLT:DC:NPLC 100", None)
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         before_s = meter.reading_time_s
         with pytest.raises(InstrumentError, match=r"was set to 100 but reads back 1, command 'VOLT:DC:NPLC\?'"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.keithley import Keithley2000, KeithleyDMM6500
 from vcfbench.errors import FramingError, LimitError, WrongInstrument
@@ -17,26 +17,27 @@ OPENING_6500: list[Exchange] = [("*LANG?", "SCPI"), *opening(IDENTITY_6500)]
 OPEN_2000 = over_visa(Keithley2000, name="multimeter")
 OPEN_6500 = over_visa(KeithleyDMM6500, name="multimeter")
 CONFIGURED_2000: list[Exchange] = [
-    ("INIT:CONT OFF;:ABOR", None),
+    ("INIT:CONT OFF", None),
+    ("ABOR", None),
+    *taken_over(Keithley2000.left, header="VOLT", mains="50"),
     ("CONF:VOLT:DC", None),
     ("VOLT:RANG 10", None),
     ("VOLT:NPLC 10", None),
     ("VOLT:AVER:STAT OFF;:VOLT:REF:STAT OFF;:VOLT:DIG 7", None),
     ("SYST:AZER:STAT ON", None),
-    ("FORM ASC;:FORM:ELEM READ", None),
     ("TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1", None),
+    ("TRIG:DEL:AUTO ON", None),
     NO_ERROR,
     ("VOLT:RANG?", "10"),
     ("VOLT:NPLC?", "10.00"),
 ]
 CONFIGURED_6500: list[Exchange] = [
     ("ABOR", None),
+    *taken_over(KeithleyDMM6500.left, header="VOLT", mains="50"),
     ('FUNC "VOLT:DC"', None),
     ("VOLT:RANG 10", None),
     ("VOLT:NPLC 10", None),
-    ("VOLT:AVER:STAT OFF;:VOLT:REL:STAT OFF", None),
     ("VOLT:AZER ON", None),
-    ("FORM ASC", None),
     ("COUN 1", None),
     NO_ERROR,
     ("VOLT:RANG?", "10"),

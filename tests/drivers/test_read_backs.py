@@ -16,7 +16,7 @@ from vcfbench.errors import InstrumentError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-GENERATORS = {"33220A": (20e6, 20e-3), "33622A": (120e6, 2e-3)}
+GENERATORS = {"33220A": (20e6, 20e-3), "33522B": (30e6, 2e-3)}
 """Highest frequency of a sine, Hz, and least amplitude, Vpp."""
 SUPPLIES = {"E3631A": E3631A, "E36312A": E36312A}
 
@@ -111,7 +111,7 @@ def _range(meter: Any, random: Random) -> None:
         ("33220A", _sine, "FREQ?", lambda _: 1e-6),
         ("33220A", _sine, "VOLT?", lambda volts: 10.0 ** (math.floor(math.log10(volts)) - 3)),
         ("33220A", _sine, "VOLT:OFFS?", lambda _: 1e-3),
-        ("33622A", _sine, "SOUR1:FREQ?", lambda _: 1e-6),
+        ("33522B", _sine, "SOUR1:FREQ?", lambda _: 1e-6),
         ("E3631A", _output, "VOLT?", lambda _: 1.5e-3),
         ("E3631A", _output, "CURR?", lambda _: 0.1e-3),
         ("E36312A", _output, "VOLT? (@2)", lambda _: 3e-3),

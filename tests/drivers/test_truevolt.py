@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.truevolt import Truevolt
 from vcfbench.errors import InstrumentError, LimitError, WrongInstrument
 from vcfbench.models import driver_of, find_model
 from vcfbench.testing import Exchange, expected_exchange, over_visa
@@ -18,9 +19,13 @@ Keysight34461A, Keysight34465A = (driver_of(row) for row in map(find_model, ("34
 OPEN_34461A = over_visa(Keysight34461A, name="multimeter")
 OPEN_34465A = over_visa(Keysight34465A, name="multimeter")
 
+TAKEN = taken_over(Truevolt.left, header="VOLT:DC", mains="50")
+
 
 def configured(nplc: float) -> list[Exchange]:
     return [
+        ("ABOR", None),
+        *TAKEN,
         ("CONF:VOLT:DC 10", None),
         (f"VOLT:DC:NPLC {nplc:g}", None),
         ("VOLT:DC:ZERO:AUTO ON", None),
@@ -45,7 +50,7 @@ def test_every_integration_time_of_a_34465a(nplc: float) -> None:
 
 
 def test_an_integration_time_of_a_missing_option_is_an_error_of_the_meter() -> None:
-    refused: list[Exchange] = [*configured(0.006)[:4], ("SYST:ERR?", '-222,"Data out of range"'), NO_ERROR]
+    refused: list[Exchange] = [*configured(0.006)[:-3], ("SYST:ERR?", '-222,"Data out of range"'), NO_ERROR]
     with (
         expected_exchange(OPEN_34465A, [*OPENING_34465A, *refused]) as meter,
         pytest.raises(InstrumentError, match="Data out of range"),

@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings, decimal, require_within, safely
+from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, VisaSettings, decimal, require_within, safely
 from vcfbench.drivers.session import Session
 from vcfbench.errors import FramingError, LimitError
 from vcfbench.interfaces import SafeReport
@@ -39,8 +39,13 @@ class Hp34401A(ScpiInstrument):
     least_samples: ClassVar[int] = 1
     abort_words: ClassVar[tuple[str, ...]] = ()
     """Commands that end a measurement, if a device clear does not; a 34401A takes none while it measures (p. 116)."""
+    left: ClassVar[tuple[Left, ...]] = (
+        Left("ROUT:TERM", "FRON", "p. 58", "the front panel's switch selects other terminals"),
+        Left("DATA:FEED", 'RDG_STORE,"CALC"', "p. 84"),
+    )
+    """What CONFigure leaves as it was; `{header}` is that of a function's settings, `{mains}` the mains' frequency."""
 
-    # CONFigure presets one sample, one trigger, source immediate, 10 Mohm; autozero it takes from the NPLC.
+    # CONFigure presets one sample, one trigger, source and delay, 10 Mohm, no math (p. 112); autozero by the NPLC.
     function_words: ClassVar[tuple[str, ...]] = (
         "CONF:{function} {range}",
         "{header}:NPLC {nplc}",
@@ -111,6 +116,8 @@ class Hp34401A(ScpiInstrument):
         self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
         values = {"function": function, "header": header, "range": decimal(end), "nplc": decimal(nplc)}
         values["autozero_on"] = f"{self.autozero} ON" if function == "VOLT:DC" else ""
+        self._session.send(*self.abort_words, deadline=self._reading_deadline())
+        self._take_over(self.left, header=header, mains=f"{self._mains_hz:g}")
         said = (each.format(**values) for each in self.function_words)
         self._session.write(*filter(None, said), deadline=self._reading_deadline())
         for question, wanted in ((f"{header}:RANG?", end), (f"{header}:NPLC?", nplc)):

@@ -14,6 +14,8 @@ from typing import ClassVar
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.scpi_instrument import Left
+from vcfbench.drivers.truevolt import MAINS, REAR
 from vcfbench.errors import WrongInstrument
 
 
@@ -39,16 +41,25 @@ class Keithley2000(_Keithley):
     memory_readings: ClassVar[int] = 1024
     """Its buffer (User's Manual, as users quote it)."""
     abort_words: ClassVar[tuple[str, ...]] = ("INIT:CONT OFF", "ABOR")
+    left: ClassVar[tuple[Left, ...]] = (
+        Left("SYST:FRSW", "1", "SYSTem subsystem: 1 is front", REAR),
+        Left("SYST:LFR", "{mains}", "SYSTem subsystem", MAINS),
+        Left("CALC:STAT", "OFF", "CALCulate1: mX+b and percent, which FETCh? has been through"),
+        Left("UNIT:VOLT:DC", "V", "UNIT subsystem: V, dB, dBm"),
+        Left("HOLD:STAT", "OFF", "SENSe subsystem"),
+        Left("FORM", "ASC", "FORMat subsystem"),
+        Left("FORM:ELEM", "READ", "FORMat subsystem"),
+    )
     autozero: ClassVar[str] = "SYST:AZER:STAT"
+    # After CONFigure, which may set them (unverified): filter, relative value, digits
     function_words: ClassVar[tuple[str, ...]] = (
-        "INIT:CONT OFF;:ABOR",
         "CONF:{function}",
         "{header}:RANG {range}",
         "{header}:NPLC {nplc}",
         "{header}:AVER:STAT OFF;:{header}:REF:STAT OFF;:{header}:DIG 7",
         "{autozero_on}",
-        "FORM ASC;:FORM:ELEM READ",
         "TRIG:SOUR IMM;:TRIG:COUN 1;:SAMP:COUN 1",
+        "TRIG:DEL:AUTO ON",
     )
     sampling_words: ClassVar[tuple[str, ...]] = (
         "{autozero} OFF",
@@ -70,16 +81,29 @@ class KeithleyDMM6500(_Keithley):
     memory_readings: ClassVar[int] = 100_000
     """Readings that defbuffer1 holds by default (general knowledge, unverified)."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
+    left: ClassVar[tuple[Left, ...]] = (
+        Left("ROUT:TERM", "FRON", "p. 13-54", REAR),
+        Left("SYST:LFR", "{mains}", "p. 13-170", MAINS),
+        Left("FORM", "ASC", "FORMat subsystem"),
+        Left("FORM:ASC:PREC", "0", "FORMat subsystem: all digits"),
+        Left("{header}:AVER:STAT", "OFF", "[SENSe1]: filter"),
+        Left("{header}:REL:STAT", "OFF", "[SENSe1]: relative offset"),
+        Left("CALC:{header}:MATH:STAT", "OFF", "CALCulate1: mx+b, percent, reciprocal"),
+        Left("{header}:LINE:SYNC", "OFF", "[SENSe1]: line synchronisation"),
+        Left("{header}:DEL:AUTO", "ON", "[SENSe1]: auto delay"),
+        Left("VOLT:UNIT", "VOLT", "[SENSe1]: V, dB, dBm"),
+        Left("VOLT:INP", "MOHM10", "[SENSe1]: input impedance, as a 34401A's"),
+        Left("TRAC:POIN", '100000,"defbuffer1"', "TRACe subsystem"),
+        Left("TRAC:FILL:MODE", 'CONT,"defbuffer1"', "TRACe subsystem"),
+    )
     begin_words: ClassVar[str] = 'TRAC:TRIG "defbuffer1"'
     autozero: ClassVar[str] = "VOLT:AZER"
+    # FUNCtion ends digitizing, too
     function_words: ClassVar[tuple[str, ...]] = (
-        "ABOR",
         'FUNC "{function}"',
         "{header}:RANG {range}",
         "{header}:NPLC {nplc}",
-        "{header}:AVER:STAT OFF;:{header}:REL:STAT OFF",
         "{autozero_on}",
-        "FORM ASC",
         "COUN 1",
     )
     sampling_words: ClassVar[tuple[str, ...]] = (

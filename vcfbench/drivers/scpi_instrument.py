@@ -17,6 +17,7 @@ from vcfbench.models import HP_MAKERS, bare_model
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
 _BETWEEN_S = 0.2
+_UNDEFINED_HEADER = -113
 _ROUND_OFF = 1.0 + 1e-9
 """Of doubles, when a step of a resolution is held against it."""
 
@@ -32,6 +33,19 @@ class VisaSettings(Struct, frozen=True):
     """Pause after a command on RS-232; None is the model's own."""
     upon_connecting: Callable[[Session, tuple[str, ...]], None] | None = None
     """Called with the open session and the driver's safe words before anything is asked."""
+
+
+class Left(Struct, frozen=True):
+    """A setting that a last user may have left: its header, what the driver needs it to be, where the manual has it.
+
+    Header and value are templates. With `refused` it is not the driver's to set: it is asked for, and another answer
+    than the value ends in these words.
+    """
+
+    header: str
+    value: str
+    source: str
+    refused: str = ""
 
 
 class ScpiInstrument(OverWire):
@@ -60,6 +74,7 @@ class ScpiInstrument(OverWire):
     def __init__(self, session: Session, *, serial_number: str | None = None) -> None:
         super().__init__(session)
         self._session = session
+        self._taken_over: set[str] = set()
         if self.error_question == "*ESR?":
             session.use_event_status()
         # Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors
@@ -101,6 +116,35 @@ class ScpiInstrument(OverWire):
         if not abs(found - float(sent)) <= resolution * _ROUND_OFF:
             raise self._disagreement(query, f"{sent} {unit}".rstrip(), f"{found:.12g} {unit}".rstrip())
         return found
+
+    def _take_over(self, left: Sequence[Left], **names: object) -> None:
+        """Set, or have proved, what a last user may have left, each once; raises InstrumentError where it stays.
+
+        A setting whose header this specimen does not know (-113) was left by nobody.
+        """
+        rows = [(row.header.format(**names), row.value.format(**names), row) for row in left]
+        commands = []
+        for header, value, row in rows:
+            if header in self._taken_over:
+                continue
+            if not row.refused:
+                commands.append(f"{header} {value}".rstrip())
+            elif not _alike(found := self._session.query(f"{header}?"), value):
+                raise self._error(InstrumentError, f"{row.refused}: {found}, expected {value}", command=f"{header}?")
+        try:
+            if commands:
+                self._session.write(*commands)
+        except InstrumentError:
+            for command in commands:
+                self._set_where_known(command)
+        self._taken_over.update(header for header, _, _ in rows)
+
+    def _set_where_known(self, command: str) -> None:
+        try:
+            self._session.write(command)
+        except InstrumentError as error:
+            if error.number != _UNDEFINED_HEADER:
+                raise
 
     @property
     def session(self) -> Session:
@@ -162,6 +206,14 @@ def safely(
     return SafeReport(
         instrument.name, instrument.resource, safe=False, detail=failure, unproved=instrument.command_safe()
     )
+
+
+def _alike(found: str, wanted: str) -> bool:
+    """Tell whether two answers say the same: a number in another form is the same number."""
+    try:
+        return float(found) == float(wanted)
+    except ValueError:
+        return found.strip('"').upper() == wanted.upper()
 
 
 def decimal(value: float) -> str:

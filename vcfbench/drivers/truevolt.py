@@ -9,6 +9,12 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from vcfbench.drivers.hp34401a import Hp34401A
+from vcfbench.drivers.scpi_instrument import Left
+
+REAR, MAINS = (
+    "the front panel's switch selects other terminals",
+    "mains_hz of the bench file is not what the meter sees",
+)
 
 
 class Truevolt(Hp34401A):
@@ -20,3 +26,13 @@ class Truevolt(Hp34401A):
     memory_readings: ClassVar[int] = 10_000
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     """A raw socket has no device clear, and *OPC? waits for a measurement that is under way."""
+    left: ClassVar[tuple[Left, ...]] = (
+        Left("ROUT:TERM", "FRON", "ROUTe subsystem", REAR),
+        Left("SYST:LFR", "{mains}", "SYSTem subsystem", MAINS),
+        Left("FORM", "ASC", "FORMat subsystem"),
+        Left("CALC:SCAL:STAT", "OFF", "CALCulate:SCALe"),
+        Left("CALC:SMO:STAT", "OFF", "CALCulate:SMOothing, 34465A"),
+        Left("{header}:NULL", "OFF", "p. 223, and CONFigure"),
+        Left("SAMP:SOUR", "IMM", "SAMPle subsystem, 34465A"),
+        Left("SAMP:COUN:PRET", "0", "SAMPle subsystem, 34465A"),
+    )

@@ -39,6 +39,8 @@ _DIALECT = scpi.Dialect(
 _NR3 = scpi.real(8)
 _CALIBRATION_FILTER_HZ = 3.0
 _SCPI = 1
+_OPEN_V = 3e-6
+"""What terminals read that nothing is on (unverified)."""
 _WAY_BACK = re.compile(rb"(?i)\bL1\b")
 
 
@@ -106,6 +108,8 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         self.local = True
         self.language = _SCPI
         """1 is SCPI, 2 that of the HP 3478A, 3 of the Fluke 8840A; non-volatile. Only SCPI is simulated."""
+        self.rear = False
+        """Whether the front panel's switch selects the rear terminals, on which there is nothing."""
         self.beeper = True
         self.beeps = 0
         self._calibrating = False
@@ -199,7 +203,12 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         conditions = MeasuringConditions(self.autozero, self.high_impedance, self.bandwidth_hz, self.delay_s())
         return self.inputs.begin(function, start_s, setup, conditions)
 
+    def read_at_terminals(self, value: float) -> float:
+        """Return what the selected terminals give where those at the front give `value`; open ones a few uV."""
+        return _OPEN_V if self.rear else value
+
     def _finish_reading(self, value: float) -> float:
+        value = self.read_at_terminals(value)
         if abs(value) >= OVERLOAD:
             self._show_overload()
         self._sound(value)

@@ -153,5 +153,5 @@ COMMANDS = (
     bandwidth_command("[SENSe:]DETector:BANDwidth"),
     attribute("[SENSe:]ZERO:AUTO", Boolean(words=("ONCE",)), "autozero", boolean, convert=lambda state: state is True),
     impedance_command("INPut:IMPedance:AUTO"),
-    Command("ROUTe:TERMinals", query=lambda _: "FRON"),
+    Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
 )

@@ -17,6 +17,7 @@ from simrack.instruments.hp34401a.range_commands import RANGED, bandwidth_comman
 from simrack.instruments.hp34401a.setup import Setup
 from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import NOTHING_THERE
+from simrack.instruments.truevolt.mathematics import scaled
 from simrack.instruments.truevolt.measuring_commands import once_idle
 from simrack.specifications import VoltmeterSpecification
 
@@ -76,6 +77,49 @@ def errors_of(sheet: VoltmeterSpecification) -> type[MeterErrors]:
     return KeithleyErrors
 
 
+class Formula(Struct):
+    """Arithmetic of a function, which its readings go through before anybody gets them."""
+
+    on: bool = False
+    form: str = "PERC"
+    factor: float = 1.0
+    offset: float = 0.0
+    percent: float = 1.0
+
+
+def formula_commands(root: str, path: str, forms: tuple[str, ...], inner: str = "") -> tuple[scpi.Command, ...]:
+    """Declare switch, form and factors below `root`; `inner` stands before the factors."""
+    number = scpi.Number(limits=scpi.Limits(-1e12, 1e12))
+    factors = (("MMFactor", "factor"), ("MBFactor", "offset"), ("PERCent", "percent"))
+    return (
+        scpi.attribute(f"{root}:STATe", scpi.Boolean(), f"{path}.on", scpi.boolean),
+        scpi.attribute(f"{root}:FORMat", scpi.Choice(forms), f"{path}.form"),
+        *(scpi.attribute(f"{root}{inner}:{word}", number, f"{path}.{name}", _NR3) for word, name in factors),
+    )
+
+
+class SimulatedKeithley(SimulatedTruevolt):
+    """What both have beside a Truevolt: filter and formula of each function, and a unit of voltages."""
+
+    kept: dict[str, KeptOfFunction]
+    formulas: dict[str, Formula]
+    unit: str
+
+    def averages_over(self) -> int:
+        """Return over how many readings the filter of the function moves."""
+        own = self.kept.get(self.function.name)
+        return own.count if own is not None and own.average and own.averaging == "MOV" else 1
+
+    def calculated(self, reading: float) -> float:
+        """Return a reading by the formula of its function, then in its unit."""
+        formula = self.formulas.get(self.function.name)
+        if formula is not None and formula.on:
+            reading = scaled(reading, formula.form, formula.factor, formula.offset, formula.percent)
+        if self.function.name != "VOLT" or self.unit in {"V", "VOLT"}:
+            return reading
+        return scaled(reading, self.unit, 1.0, 0.0, 1.0)  # over 1 V, in 1 ohm (defaults unverified)
+
+
 def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     """Take a command without any effect on this bench."""
     del meter, values
@@ -117,12 +161,14 @@ def with_sense(commands: Iterable[scpi.Command]) -> tuple[scpi.Command, ...]:
 
 
 class KeptOfFunction(Struct):
-    """Settings of a function that change no reading of this bench."""
+    """Settings of a function: of its filter the moving one changes readings, repeating takes no time here; digits."""
 
     average: bool
     digits: int
     averaging: str = "REP"
     count: int = 10
+    line_sync: bool = False
+    auto_delay: bool = True
 
 
 FILTERS = MappingProxyType({3.0: 3.0, 30.0: 20.0, 300.0: 200.0})

@@ -5,8 +5,8 @@ of the Reference Manual (DMM6500-901-01) as a public project quotes them, and ot
 of numbers but for theirs, error texts, which of the words of the trigger model wait.
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
-(one that is made holds those of defbuffer1), digitising, the scanner, trigger models but SimpleLoop; temperature and
-capacitance have nothing to measure; averaging is a setting and changes no reading.
+(one that is made holds those of defbuffer1), readings that are digitised, the scanner, trigger models but SimpleLoop;
+temperature and capacitance have nothing to measure.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import zero_command
 from simrack.instruments.keithley import common
-from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import once_idle
 from simrack.scpi import Interface
@@ -100,6 +99,8 @@ def _require_buffer(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
 
 def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     _require_buffer(meter, buffer)
+    if meter.digitizing != "NONE":
+        raise scpi.ScpiError(-221)
     meter.triggering.trigger_count = 1.0
     meter.triggering.sample_count = meter.samples
     meter.triggering.delay_auto = True
@@ -195,6 +196,32 @@ def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
     return once_idle(meter, lambda: None)
 
 
+@ROWS.do(
+    "TRACe:POINts",
+    (scpi.Integer(limits=scpi.Limits(10, 7_000_000)), *_NAMED),
+    query=lambda meter, _buffer: meter.points,
+    query_parameters=_NAMED,
+    reply=scpi.signed_integer,
+)
+def _resize(meter: KeithleyDMM6500Twin, points: int, buffer: str | None) -> None:
+    """TRACe:POINts: a buffer of another size begins empty."""
+    _require_buffer(meter, buffer)
+    meter.points = points
+    meter.stored.clear()
+
+
+@ROWS.do(
+    "TRACe:FILL:MODE",
+    (scpi.Choice(("CONTinuous", "ONCE")), *_NAMED),
+    query=lambda meter, _buffer: meter.fill,
+    query_parameters=_NAMED,
+    reply=str,
+)
+def _fill(meter: KeithleyDMM6500Twin, mode: str, buffer: str | None) -> None:
+    _require_buffer(meter, buffer)
+    meter.fill = mode
+
+
 @ROWS.do("TRACe:CLEar", _NAMED)
 def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
     _require_buffer(meter, buffer)
@@ -221,6 +248,31 @@ _COMMANDS = (
     scpi.remembered("[SENSe:]DIODe:BIAS:LEVel", scpi.Number(unit="A", limits=scpi.Limits(1e-5, 1e-2)), 1e-3, _NR3),
     *common.settings_of_functions(_FUNCTIONS, _WORDS),
     *(
+        each
+        for name in ("VOLT", "RES", "FRES")
+        for each in (
+            *common.formula_commands(
+                f"CALCulate<1-1>:{_FUNCTIONS[name].header}:MATH", f"formulas[{name}]", ("MXB", "PERCent", "RECiprocal")
+            ),
+            scpi.attribute(
+                f"[SENSe:]{_FUNCTIONS[name].header}:LINE:SYNC", scpi.Boolean(), f"kept[{name}].line_sync", scpi.boolean
+            ),
+            scpi.attribute(
+                f"[SENSe:]{_FUNCTIONS[name].header}:DELay:AUTO",
+                scpi.Boolean(),
+                f"kept[{name}].auto_delay",
+                scpi.boolean,
+            ),
+        )
+    ),
+    scpi.attribute("[SENSe:]VOLTage[:DC]:UNIT", scpi.Choice(("VOLT", "DB", "DBM")), "unit"),
+    scpi.attribute(
+        "[SENSe:]DIGitize:FUNCtion[:ON]",
+        scpi.Text(),
+        "digitizing",
+        convert=lambda text: text.upper().removesuffix("AGE").removesuffix("RENT"),
+    ),
+    *(
         common.integration(name, f"{_FUNCTIONS[name].header}:APERture", _SECONDS, _NR3, lambda meter: 1 / meter.line_hz)
         for name in _INTEGRATING
     ),
@@ -245,7 +297,6 @@ _COMMANDS = (
         for header, query in _OF_A_BUFFER.items()
     ),
     scpi.Command("TRACe:DELete", (scpi.Text(),), do=lambda meter, name: meter.made.pop(name, None)),
-    scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(10, 7_000_000)), "points", scpi.signed_integer),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
     scpi.Command(
         "TRIGger:STATe", query=lambda meter: "IDLE;IDLE;1" if meter.triggering.sequence is None else "RUNNING;RUNNING;1"
@@ -258,7 +309,7 @@ _COMMANDS = (
         for log in ("ERRor", "EVENtlog")
     ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
-    scpi.Command("ROUTe:TERMinals", query=lambda _: "FRON"),
+    scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
     scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
     # its clock: seconds since 1970, or after a 1 as text (both from memory of the manual, unverified)
     scpi.Command(
@@ -281,7 +332,6 @@ _COMMANDS = (
         scpi.remembered(*row)
         for row in (
             ("DISPlay:LIGHt:STATe", scpi.Choice(("ON100", "ON75", "ON50", "ON25", "OFF", "BLACkout")), "ON50"),
-            ("TRACe:FILL:MODE", scpi.Choice(("CONTinuous", "ONCE")), "CONT"),
             ("DISPlay:BUFFer:ACTive", scpi.Text(), "defbuffer1"),
             ("[SENSe:]FRESistance:OCOMpensated", scpi.Choice(("ON", "OFF", "AUTO")), "AUTO"),
             ("SYSTem:PCARd<1-1>", scpi.Integer(limits=scpi.Limits(0, 2001)), 0, scpi.bare_integer),
@@ -306,7 +356,7 @@ _COMMANDS = (
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
 
-class KeithleyDMM6500Twin(SimulatedTruevolt):
+class KeithleyDMM6500Twin(common.SimulatedKeithley):
     """The meter; arguments as of the 34401A."""
 
     own_name: ClassVar = "DMM6500"
@@ -332,7 +382,9 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
     def reset(self) -> None:
         """*RST."""
         self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in _NAMES}
-        self.samples, self.points, self.format = 1, _BUFFER, "ASC"
+        self.samples, self.points, self.format, self.fill = 1, _BUFFER, "ASC", "CONT"
+        self.formulas = {name: common.Formula() for name in ("VOLT", "RES", "FRES")}
+        self.unit, self.digitizing = "VOLT", "NONE"
         self.stored: list[tuple[float, float]] = []
         """Readings and the bench times at which they were made."""
         self.made: dict[str, int] = {}
@@ -346,7 +398,20 @@ class KeithleyDMM6500Twin(SimulatedTruevolt):
         """A setting changes: the measurement ends."""
         self.triggering.abort()
 
+    def choose(self, function: Function) -> None:
+        """Go to a function that measures, which ends digitising."""
+        self.digitizing = "NONE"
+        super().choose(function)
+
+    def delay_s(self) -> float:
+        """Return the delay before a reading; synchronised to the line it waits for the mains' next period."""
+        own = self.kept[self.function.name]
+        delay_s = super().delay_s() if own.auto_delay or not self.triggering.delay_auto else 0.0
+        return delay_s + (-(self.clock.now() + delay_s) % (1.0 / self.line_hz) if own.line_sync else 0.0)
+
     def _finish_reading(self, value: float) -> float:
         reading = super()._finish_reading(value)
-        self.stored.append((reading, self.clock.now()))
+        if len(self.stored) < self.points or self.fill == "CONT":
+            self.stored.append((reading, self.clock.now()))
+            del self.stored[: -self.points]
         return reading

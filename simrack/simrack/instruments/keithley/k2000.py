@@ -6,9 +6,10 @@ averaging, times beside integration, that it comes set to XonXoFF as a 2700 does
 initiation is on at power-on and off after ``*RST`` and CONFigure, INITiate is -213 meanwhile; TRACe takes readings when
 its feed control is NEXT.
 
-Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe; averaging and
-mathematics are settings and change no reading. CALCulate2 and 3 (statistics of the buffer, limits) are from
-users' code and memory: what they say without readings, and that 1 is a failure, is unverified.
+Not simulated: the scanner, timer and manual triggers, binary formats; temperature has no probe. FETCh? gives what has
+been through CALCulate1 (the manual calls it post-processed), TRACe with the feed SENSe what has not. CALCulate2 and 3
+(statistics of the buffer, limits) are from users' code and memory: what they say without readings, and that 1 is a
+failure, is unverified.
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import RANGED
 from simrack.instruments.keithley import common
-from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import once_idle
 from simrack.scpi import Interface
@@ -142,6 +142,11 @@ def _preset(meter: Keithley2000Twin) -> None:
     meter.continuous = True
 
 
+def _hold(meter: Keithley2000Twin, state: object) -> None:
+    """Hold the reading that is there, until it is switched off; what would change it (a window) is not simulated."""
+    meter.held = (meter.ring.last or 0.0) if state else None
+
+
 _STATISTIC, _LIMIT = "CALCulate<2-2>:FORMat", "CALCulate<3-3>:LIMit<1-2>"
 _SHOWN = "DISPlay[:WINDow<1-1>]:TEXT"
 _STATISTICS: Mapping[str, Any] = {"MEAN": fmean, "SDEV": lambda each: np.std(each, ddof=1), "MAX": max, "MIN": min}
@@ -207,13 +212,11 @@ _COMMANDS = (
     scpi.remembered(f"{_SHOWN}[:DATA]", scpi.Text(limit=12), "", scpi.quoted),
     *(
         scpi.remembered(f"{each}:STATe", scpi.Boolean(), default=False, reply=scpi.boolean)
-        for each in ("CALCulate<1-1>", "CALCulate<2-2>", _LIMIT, _SHOWN)
+        for each in ("CALCulate<2-2>", _LIMIT, _SHOWN)
     ),
-    scpi.remembered("CALCulate<1-1>:FORMat", scpi.Choice(("NONE", "MXB", "PERCent")), "PERC"),
-    *(
-        scpi.remembered(f"CALCulate<1-1>:KMATh:{name}", scpi.Number(limits=scpi.Limits(-1e8, 1e8)), default, _NR3)
-        for name, default in (("MMFactor", 1.0), ("MBFactor", 0.0), ("PERCent", 1.0))
-    ),
+    *common.formula_commands("CALCulate", "formulas[VOLT]", ("NONE", "MXB", "PERCent"), ":KMATh"),
+    scpi.attribute("UNIT:VOLTage:DC", scpi.Choice(("V", "DB", "DBM")), "unit"),
+    scpi.attribute("[SENSe:]HOLD:STATe", scpi.Boolean(), "held", lambda held: scpi.boolean(held is not None), do=_hold),
     scpi.remembered("CALCulate<1-1>:KMATh:MUNits", scpi.Text(limit=3), "MXB", scpi.quoted),
     scpi.remembered(_STATISTIC, scpi.Choice(("NONE", "MEAN", "SDEViation", "MAXimum", "MINimum")), "NONE"),
     scpi.Command("CALCulate<2-2>:IMMediate", do=common.ignored),
@@ -228,7 +231,7 @@ _COMMANDS = (
     scpi.Command("CALCulate<1-1>:DATA[:LATest]", query=_fetch),
     scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
-    scpi.Command("SYSTem:FRSWitch", query=lambda _: 1, reply=scpi.signed_integer),
+    scpi.Command("SYSTem:FRSWitch", query=lambda meter: not meter.rear, reply=scpi.boolean),
     scpi.Command("SYSTem:VERSion", query=lambda _: "1991.0"),
     *(scpi.Command(f"SYSTem:{word}", do=common.ignored) for word in ("LOCal", "REMote", "RWLock")),
     scpi.Command("*OPT", query=lambda _: "0,0"),
@@ -244,7 +247,7 @@ _COMMANDS = (
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
 
-class Keithley2000Twin(SimulatedTruevolt):
+class Keithley2000Twin(common.SimulatedKeithley):
     """The meter; arguments as of the 34401A."""
 
     own_name: ClassVar = "2000"
@@ -257,6 +260,7 @@ class Keithley2000Twin(SimulatedTruevolt):
     )
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
+    held: float | None
 
     def power_on(self) -> None:
         """As after *RST, but it measures by itself."""
@@ -273,6 +277,8 @@ class Keithley2000Twin(SimulatedTruevolt):
         self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", ("READ",)
         self.beeper = self.display_on = True
         self.measurement = scpi.Register()
+        self.formulas = dict.fromkeys(common.NAMES, common.Formula())
+        self.unit, self.held = "V", None
         self.stored: list[float] = []
         self.continuous = False
         super().reset()
@@ -289,7 +295,7 @@ class Keithley2000Twin(SimulatedTruevolt):
         self.triggering.abort()
 
     def _finish_reading(self, value: float) -> float:
-        reading = super()._finish_reading(value)
+        reading = super()._finish_reading(value) if self.held is None else self.held
         if self.control == "NEXT" and len(self.stored) < self.points:
-            self.stored.append(reading)
+            self.stored.append(self.before_mathematics if self.feed == "SENS" else reading)
         return reading

@@ -1,4 +1,4 @@
-"""CALCulate of the Truevolt series: statistics and limit test; scaling is kept only, no trend, no histogram."""
+"""CALCulate of the Truevolt series: statistics, limit test, scaling, smoothing; no trend, no histogram."""
 
 from __future__ import annotations
 
@@ -51,6 +51,8 @@ COMMANDS = (
     scpi.remembered(
         "CALCulate:SCALe:DBM:REFerence", scpi.Number(unit="OHM", limits=scpi.Limits(50.0, 8000.0, 600.0)), 600.0, _NR3
     ),
+    scpi.remembered("CALCulate:SMOothing[:STATe]", scpi.Boolean(), default=False, reply=scpi.boolean),
+    scpi.remembered("CALCulate:SMOothing:RESPonse", scpi.Choice(("SLOW", "MEDium", "FAST")), "FAST"),
     scpi.attribute(f"{_LIMIT}[:STATe]", scpi.Boolean(), "limit_test.on", scpi.boolean),
     scpi.attribute(f"{_LIMIT}:LOWer[:DATA]", _ANY, "limit_test.lower", _NR3),
     scpi.attribute(f"{_LIMIT}:UPPer[:DATA]", _ANY, "limit_test.upper", _NR3),

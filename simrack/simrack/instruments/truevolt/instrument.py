@@ -24,7 +24,7 @@ from simrack.instruments.hp34401a.imperfections import MeterErrors
 from simrack.instruments.hp34401a.instrument import SimulatedHp34401A
 from simrack.instruments.hp34401a.trigger import TriggerSystem
 from simrack.instruments.truevolt.kinds import MeterKind
-from simrack.instruments.truevolt.mathematics import LimitTest, Null, Statistics
+from simrack.instruments.truevolt.mathematics import LimitTest, Null, Recent, Statistics, scaled
 from simrack.instruments.truevolt.memory import RingTriggerSystem
 from simrack.scpi import GPIB, LAN, USB, Dialect, Interface, Register
 from simrack.specifications import VoltmeterSpecification
@@ -33,6 +33,8 @@ _DIALECT = Dialect(queue_depth=20, words={-350: "Error queue overflow"}, takes_b
 """Depth and words are unverified."""
 _OVERFLOW = 1 << 14
 """QUEStionable bit of a memory that overflowed (guide p. 306)."""
+_SMOOTHED = {"FAST": 10, "MED": 50, "SLOW": 100}
+"""Readings that smoothing means (general knowledge, unverified)."""
 _SERIAL_NUMBER = "MY54500001"
 _OFFSET_RANGE_V = 10.0
 _STORED = ("setups", "bandwidth_hz", "high_impedance", "_autozero", "aperture_on", "nulls", "limit_test")
@@ -113,6 +115,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.nulls = {name: Null() for name in self.functions}
         self.statistics = Statistics()
         self.limit_test = LimitTest()
+        self.recent = Recent()
         super().reset()
 
     def power_on(self) -> None:
@@ -185,13 +188,36 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.nulls[function.name] = Null()
         self.statistics, self.limit_test = Statistics(), LimitTest()
 
+    def averages_over(self) -> int:
+        """Return over how many readings a mean moves: CALCulate:SMOothing, which the 34465A has."""
+        kept = self.engine.remembered
+        on = kept.get(("CALCulate:SMOothing[:STATe]",), False)
+        return _SMOOTHED[kept.get(("CALCulate:SMOothing:RESPonse",), "FAST")] if on else 1
+
+    def calculated(self, reading: float) -> float:
+        """Return a reading after CALCulate:SCALe."""
+        kept, scale = self.engine.remembered, "CALCulate:SCALe"
+        if not kept.get((f"{scale}[:STATe]",)):
+            return reading
+        operation = kept.get((f"{scale}:FUNCtion",), "NULL")
+        reference = kept.get((f"{scale}:DBM:REFerence",), 600.0) if operation == "DBM" else None
+        reference = kept.get((f"{scale}:REFerence",), float(operation == "DB")) if reference is None else reference
+        gain, offset = kept.get((f"{scale}:GAIN",), 1.0), kept.get((f"{scale}:OFFSet",), 0.0)
+        return scaled(reading, operation, gain, offset, reference)
+
     def _finish_reading(self, value: float) -> float:
+        value = self.read_at_terminals(value)
         self.before_mathematics = value
         if abs(value) >= OVERLOAD:
             self._show_overload()
             return value
         self._sound(value)
         reading = self.nulls[self.function.name].apply(value)
+        if (count := self.averages_over()) > 1:
+            reading = self.recent.mean(reading, count)
+        reading = self.calculated(reading)
+        if abs(reading) == math.inf or math.isnan(reading):
+            return math.copysign(OVERLOAD, reading)
         if self.statistics.on:
             self.statistics.take(reading)
         self.questionable.latch(self.limit_test.bits(reading))

@@ -1,13 +1,43 @@
-"""Null, statistics and limit test of the Truevolt series, which may all be on at once (guide, CALCulate and NULL)."""
+"""Null, scaling, averaging, statistics and limits of meters, which may all be on at once (guide, CALCulate, NULL)."""
 
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Callable
 
 from msgspec import Struct
 
 _LOW, _HIGH = 1 << 11, 1 << 12
 """QUEStionable bits of a failed limit test."""
+
+
+def scaled(reading: float, operation: str, gain: float, offset: float, reference: float) -> float:
+    """Return a reading after an operation, by the words of any maker: m x + b, percent, reciprocal, dB, dBm, null."""
+    square = reading * reading
+    made: dict[str, Callable[[], float]] = {
+        **dict.fromkeys(("SCAL", "MXB"), lambda: gain * reading + offset),
+        **dict.fromkeys(("PCT", "PERC"), lambda: 100.0 * (reading - reference) / reference),
+        "REC": lambda: 1.0 / reading,
+        "DB": lambda: 10.0 * math.log10(square / reference**2),
+        "DBM": lambda: 10.0 * math.log10(square / reference * 1e3),
+        "NULL": lambda: reading - reference,
+    }
+    try:
+        return made[operation]() if operation in made else reading
+    except (ValueError, ZeroDivisionError):  # of nothing, or over nothing
+        return math.nan
+
+
+class Recent(Struct):
+    """The latest readings, for a mean that moves with them."""
+
+    readings: deque[float] = deque()
+
+    def mean(self, reading: float, count: int) -> float:
+        """Take a reading; return the mean of the last so many, which one forgets them all."""
+        self.readings = deque((*self.readings, reading), maxlen=count)
+        return math.fsum(self.readings) / len(self.readings)
 
 
 class Null(Struct):

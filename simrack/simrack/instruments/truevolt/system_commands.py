@@ -47,7 +47,7 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
             "DISPlay:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:_TEXT_LIMIT]
         ),
         scpi.Command("DISPlay:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
-        scpi.Command("ROUTe:TERMinals", query=lambda _meter: "FRON"),
+        scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
         scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
         scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
         scpi.attribute("SYSTem:IDENtify", scpi.Choice(_identities(kind)), "identifies_as"),

@@ -1,0 +1,167 @@
+"""What a last user has left: with each other value of each setting a driver is right, or refuses it by its name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import Struct
+
+from tests.drivers.boxes import INPUT_V, METERS, box
+from vcfbench.clock import sleep
+from vcfbench.errors import BenchError, InstrumentError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tests.drivers.boxes import Box
+
+
+class Left(Struct, frozen=True):
+    """What was typed, which of it the refusal names where it is no driver's to set, and whether it changes a number."""
+
+    words: tuple[str, ...]
+    named: str = ""
+    idle: bool = False
+    """Nothing of it is to be seen, even where it stays."""
+
+
+def left(*words: str, named: str = "", idle: bool = False) -> Left:
+    return Left(words, named, idle)
+
+
+_OF_ALL = (left("REAR", named="terminals"), left("60 HZ", named="mains_hz", idle=True))
+_CONFIGURED = (
+    *(left(f"CONF:VOLT:DC {volts}", idle=True) for volts in ("0.1", "1000")),
+    left("CONF:RES", idle=True),
+    left("CONF:VOLT:AC", idle=True),
+    left("CONF:FREQ", idle=True),
+)
+_TRIGGERS = (
+    *(left(f"TRIG:SOUR {source}", idle=True) for source in ("BUS", "EXT")),
+    *(left(words, idle=True) for words in ("TRIG:DEL 5", "TRIG:COUN 3", "SAMP:COUN 7", "TRIG:DEL:AUTO OFF")),
+)
+_HP = (
+    *_CONFIGURED,
+    *_TRIGGERS,
+    *(left(f"CALC:FUNC {word};:CALC:STAT ON", idle=True) for word in ("NULL", "DB", "DBM", "AVER", "LIM")),
+    left("INP:IMP:AUTO ON", idle=True),
+    left("ZERO:AUTO OFF", idle=True),
+    left("DET:BAND 3", idle=True),
+    left("DISP OFF", idle=True),
+    left("VOLT:DC:RANG:AUTO ON", idle=True),
+    left('DATA:FEED RDG_STORE,""', idle=True),
+)
+_TRUEVOLT = (
+    *_CONFIGURED,
+    *_TRIGGERS,
+    left("CALC:SCAL:FUNC SCAL;GAIN 2;OFFS 0;:CALC:SCAL:STAT ON"),
+    left("CALC:SCAL:FUNC SCAL;GAIN 1;OFFS 0.5;:CALC:SCAL:STAT ON"),
+    *(left(f"CALC:SCAL:FUNC {word};REF 1;:CALC:SCAL:STAT ON") for word in ("DB", "DBM", "PCT", "NULL")),
+    *(left(f"CALC:{each}:STAT ON", idle=True) for each in ("LIM", "AVER")),
+    left("FORM REAL", idle=True),
+    left("VOLT:DC:NULL ON;NULL:VAL 1", idle=True),
+    left("VOLT:DC:IMP:AUTO ON", idle=True),
+    left("VOLT:DC:ZERO:AUTO OFF", idle=True),
+    left("VOLT:DC:RANG:AUTO ON", idle=True),
+    left("DISP OFF", idle=True),
+)
+_2000 = (
+    *(left(f"CONF:{each}", idle=True) for each in ("RES", "VOLT:AC", "FREQ", "TEMP")),
+    *(left(f"TRIG:SOUR {source}", idle=True) for source in ("BUS", "EXT")),
+    *(left(words, idle=True) for words in ("TRIG:DEL 5", "TRIG:COUN 3", "SAMP:COUN 7", "TRIG:DEL:AUTO OFF")),
+    left("INIT:CONT ON", idle=True),
+    left("CALC:FORM MXB;KMAT:MMF 2;MBF 0;:CALC:STAT ON"),
+    left("CALC:FORM MXB;KMAT:MMF 1;MBF 0.5;:CALC:STAT ON"),
+    left("CALC:FORM PERC;KMAT:PERC 1;:CALC:STAT ON"),
+    left("UNIT:VOLT:DC DB"),
+    left("UNIT:VOLT:DC DBM"),
+    left("HOLD:STAT ON"),
+    left("VOLT:REF 1;REF:STAT ON", idle=True),
+    left("VOLT:AVER:TCON MOV;COUN 100;STAT ON", idle=True),
+    left("VOLT:DIG 4", idle=True),
+    left("SYST:AZER:STAT OFF", idle=True),
+    left("FORM:ELEM READ,UNIT,RNUM"),
+    left("TRAC:POIN 2;FEED CALC;FEED:CONT NEXT", idle=True),
+)
+_DMM6500 = (
+    *(left(f'FUNC "{each}"', idle=True) for each in ("RES", "VOLT:AC", "FREQ:VOLT", "TEMP", "VOLT:DC:RAT")),
+    left("CALC:VOLT:MATH:FORM MXB;MMF 2;MBF 0;STAT ON"),
+    left("CALC:VOLT:MATH:FORM MXB;MMF 1;MBF 0.5;STAT ON"),
+    left("CALC:VOLT:MATH:FORM PERC;PERC 1;STAT ON"),
+    left("CALC:VOLT:MATH:FORM REC;STAT ON"),
+    left("VOLT:UNIT DB"),
+    left("VOLT:UNIT DBM"),
+    left("VOLT:REL 1;REL:STAT ON"),
+    left("VOLT:AVER:TCON MOV;COUN 100;STAT ON", idle=True),
+    left("VOLT:LINE:SYNC ON", idle=True),
+    left("VOLT:DEL:AUTO OFF", idle=True),
+    left("VOLT:INP AUTO", idle=True),
+    left("VOLT:AZER OFF", idle=True),
+    left('DIG:FUNC "VOLT"', idle=True),
+    left("FORM:ASC:PREC 1"),
+    left("COUN 5", idle=True),
+    left('TRAC:POIN 10,"defbuffer1"'),
+    left('TRAC:FILL:MODE ONCE,"defbuffer1";:TRAC:POIN 10,"defbuffer1";:COUN 10;:TRAC:TRIG "defbuffer1"'),
+)
+OF_METERS = {"34401A": _HP, "34461A": _TRUEVOLT, "34465A": _TRUEVOLT, "2000": _2000, "DMM6500": _DMM6500}
+EXTRA = {"34465A": (left("CALC:SMO:RESP SLOW;STAT ON", idle=True), left("SAMP:SOUR TIM;TIM 2", idle=True))}
+CELLS = [
+    (model, each)
+    for model in METERS
+    for each in (*OF_METERS[model], *EXTRA.get(model, ()), *_OF_ALL)
+    if (model, each.words) != ("34401A", ("60 HZ",))  # which it cannot be asked for
+]
+
+
+def leave(of: Box, cell: Left) -> None:
+    for words in cell.words:
+        if words == "REAR":
+            of.device.rear = True  # type: ignore[attr-defined]
+        elif words == "60 HZ":
+            of.device.line_hz = 60  # type: ignore[attr-defined]
+        else:
+            of.say(words)
+
+
+def read(meter: Any) -> list[float]:
+    """Take single readings, then a burst, at its first try."""
+    meter.configure_dc_voltage(10.0, 1.0)
+    single_v = [meter.read_voltage_v() for _ in range(3)]
+    lasts_s = meter.start_sampling(20, 0.05)
+    sleep(meter.clock, lasts_s)
+    return [*single_v, *meter.sampled_voltages_v()]
+
+
+def is_right(of: Box, cell: Left) -> bool:
+    """Tell whether the readings are the input's; one that is refused by its name counts."""
+    leave(of, cell)
+    with of.driven(mains_hz=50.0) as meter:
+        try:
+            readings_v = read(meter)
+        except InstrumentError as error:
+            return bool(cell.named) and cell.named in str(error)
+    return not cell.named and all(abs(each - INPUT_V) < 1e-4 for each in readings_v)
+
+
+@pytest.mark.parametrize(("model", "cell"), CELLS, ids=lambda each: each if isinstance(each, str) else each.words[0])
+def test_a_meter_is_right_whatever_was_left(model: str, cell: Left) -> None:
+    assert is_right(box(model), cell)
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"),
+    [each for each in CELLS if not each[1].idle],
+    ids=lambda each: each if isinstance(each, str) else each.words[0],
+)
+def test_what_is_left_is_seen_without_the_table(model: str, cell: Left, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a setting that changes nothing here the test above could not fail."""
+    of = box(model)
+    leave(of, cell)
+    with of.driven(mains_hz=50.0) as meter:
+        monkeypatch.setattr(type(meter), "left", ())
+        try:
+            wrong = any(abs(each - INPUT_V) > 1e-4 for each in read(meter))
+        except BenchError:
+            wrong = True
+    assert wrong
