@@ -26,11 +26,12 @@ INPUT_V = 2.72
 """Volts at the meters."""
 SINE = Drive(0.5, 2.0, 1000.0)
 """The signal on the channels of the oscilloscopes."""
-_WIRED = {
-    **dict.fromkeys(METERS, {"node": "rail_positive"}),
-    **dict.fromkeys(("33220A", "33522B"), {"node": "v_vc"}),
-    **dict.fromkeys(("DSO7104B", "DSOX3024A"), {"channels": dict.fromkeys((1, 2, 3, 4), "v_vc")}),
-    **dict.fromkeys(("E3631A", "E36312A"), {"rails": {"P25V": "positive", "N25V": "negative"}}),
+GENERATORS, SUPPLIES, SCOPES = ("33220A", "33522B"), ("E3631A", "E36312A"), ("DSO7104B", "DSOX3024A")
+_WIRED: dict[str, dict[str, Any]] = {
+    **{meter: {"node": "rail_positive"} for meter in METERS},
+    **{generator: {"node": "v_vc"} for generator in GENERATORS},
+    **{scope: {"channels": dict.fromkeys((1, 2, 3, 4), "v_vc")} for scope in SCOPES},
+    **{supply: {"rails": {"P25V": "positive", "N25V": "negative"}} for supply in SUPPLIES},
 }
 
 
@@ -77,7 +78,7 @@ def box(model: str) -> Box:
     device = twin(world, errors=twin.errors_class.none(), **_WIRED.get(model, {}))
     if model in METERS:
         world.set_rail("positive", INPUT_V)
-    if model.startswith("DSO"):
+    if model in SCOPES:
         world.drive("v_vc", SINE)
     clock.attend(device)
     return Box(model, device, world, clock)

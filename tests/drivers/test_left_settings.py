@@ -12,8 +12,6 @@ from vcfbench.clock import sleep
 from vcfbench.errors import BenchError, InstrumentError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from tests.drivers.boxes import Box
 
 
