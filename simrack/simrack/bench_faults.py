@@ -127,6 +127,10 @@ _ON_THE_BENCH: dict[str, tuple[str, Callable[[Any, Fault], Callable[[], None]]]]
         ("interlock", "door", "emergency_stop", "drive_fault"),
         ("set_interlock", lambda device, fault: _switched(partial(device.set_interlock, fault.kind), "faulty")),
     ),
+    **dict.fromkeys(
+        ("readback_zero", "readback_stuck", "readback_half", "readback_behind"),
+        ("misread", lambda device, fault: device.misread(fault.kind.removeprefix("readback_"))),
+    ),
     "jam": ("jam", lambda device, _: _switched(device.jam, "held")),
 }
 

@@ -34,6 +34,10 @@ door            its door switch opens
 emergency_stop  its emergency stop is pressed
 drive_fault     its power amplifier fails
 jam             something holds its axis: a servo trips on following error, a stepping motor stalls
+readback_zero   the rate table's encoder reads 0 deg/s and stays at its angle, whatever the axis does
+readback_stuck  it stays at the rate and the angle that it reads as the fault begins
+readback_half   it reads half of the rate and of the angle since
+readback_behind it reads what it should have read when it was last asked
 ==============  ====================================================================================================
 
 :class:`FaultyDevice` stands around a `Device`, so that transports, drivers and procedures see what they would see of a
@@ -73,6 +77,10 @@ Kind = Literal[
     "emergency_stop",
     "drive_fault",
     "jam",
+    "readback_zero",
+    "readback_stuck",
+    "readback_half",
+    "readback_behind",
 ]
 
 _MOST = 1e9

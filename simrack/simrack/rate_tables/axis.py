@@ -8,8 +8,9 @@ the over-rate trip, ends of travel, a stalled motor.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Literal, Protocol
 
 from msgspec import Struct
 
@@ -29,6 +30,9 @@ _AT_REST_DEG_S = 0.02
 """Measured rate at which an axis that is held is let go by its drive: what holds it goes on holding it."""
 _LOCKED_DEG_S2 = 1e4
 """How fast an axis that is held, or has lost its steps, comes to rest (chosen)."""
+
+_ASKED_S = 0.02
+"""Readings nearer to each other than this are one to a read-back that is one behind."""
 
 _REACHED_DEG = 1e-4
 _STILL_DEG_S = 1e-9
@@ -98,13 +102,35 @@ class TableAxis:
     def __init__(self, world: TableWorld, errors: TableErrors) -> None:
         self._world = world
         self._errors = errors
+        self._misread: Callable[[str, float], float] | None = None
+
+    def misread(self, how: Literal["zero", "stuck", "half", "behind"]) -> Callable[[], None]:
+        """Let rate and angle be read wrongly from now on; return what ends it."""
+        kept = {"rate": self.rate_deg_s(), "angle": self.angle_deg()}
+        latest = dict.fromkeys(kept, -math.inf)
+        shown = {"rate": 0.0, "angle": kept["angle"]} if how == "zero" else dict(kept)
+
+        def misread(name: str, value: float) -> float:
+            if how == "half":
+                return value / 2.0 if name == "rate" else (value + shown[name]) / 2.0
+            if how == "behind" and (now := self._world.clock.now()) - latest[name] > _ASKED_S:
+                latest[name], shown[name], kept[name] = now, kept[name], value
+            return shown[name]
+
+        self._misread = misread
+        return partial(setattr, self, "_misread", None)
 
     def angle_deg(self) -> float:
         """Return the accumulated angle that the encoder gives now, deg."""
-        return _quantised(self._encoder_deg(self._errors.readback_delay_s), self._errors.angle_resolution_deg)
+        angle = _quantised(self._encoder_deg(self._errors.readback_delay_s), self._errors.angle_resolution_deg)
+        return angle if self._misread is None else self._misread("angle", angle)
 
     def rate_deg_s(self) -> float:
         """Return the rate estimated from the encoder, deg/s: its way over a time, or the true rate times its slope."""
+        rate = self._estimated_deg_s()
+        return rate if self._misread is None else self._misread("rate", rate)
+
+    def _estimated_deg_s(self) -> float:
         table, errors = self._world.table, self._errors
         if errors.rate_estimate_s:
             recent = self._encoder_deg(errors.readback_delay_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -29,6 +29,10 @@ class Interlocked:
         self._quiet_until_s = -math.inf
         self._axis.jam(held=held)
         self._watch()
+
+    def misread(self, how: Any) -> Callable[[], None]:
+        """Let rate and angle be read wrongly from now on; return what ends it."""
+        return self._axis.misread(how)
 
     def adjustments(self) -> Iterable[Adjustment]:
         """Return the adjustments of a served table from outside its wire."""

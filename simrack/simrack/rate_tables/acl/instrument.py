@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterable
-from typing import ClassVar, Literal
+from collections.abc import Callable, Iterable
+from typing import Any, ClassVar, Literal
 
 from simrack.adjustment import Adjustment
 from simrack.rate_tables.acl import language
@@ -102,6 +102,10 @@ class AclTable(LineDevice):
         self._quiet_until_s = -math.inf
         self._protection.jammed = held
         self._advance()
+
+    def misread(self, how: Any) -> Callable[[], None]:
+        """Let rate and angle be read wrongly from now on; return what ends it."""
+        return self._drive.axis.misread(how)
 
     def adjustments(self) -> Iterable[Adjustment]:
         """Return the adjustments of a served table from outside its wire."""
