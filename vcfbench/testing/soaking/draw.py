@@ -31,7 +31,12 @@ _RS232_METERS = ("34401A", "2000")
 _OF_ROLE: Mapping[str, frozenset[str]] = {
     "power": frozenset({"current_limit"}),
     "multimeter": frozenset({"overload", "offset"}),
-    "rate_table": frozenset({"interlock", "door", "emergency_stop", "drive_fault", "jam"}),
+    "rate_table": frozenset(
+        {
+            *("interlock", "door", "emergency_stop", "drive_fault", "jam"),
+            *("readback_zero", "readback_stuck", "readback_half", "readback_behind"),
+        }
+    ),
 }
 _OF_ONE = frozenset().union(*_OF_ROLE.values())
 _SCPI_ONLY = frozenset({"error", "identity", "power_cycle"})

@@ -15,6 +15,9 @@ from vcfbench.testing.soaking.trial import Clean, Ended
 
 _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""
+_COASTING_DEG_S = 1.0
+"""Above this rate a servo is not opened but by an interlock: the table would coast."""
+_DROPPING = frozenset({"interlock", "door", "emergency_stop", "drive_fault", "jam"})
 _LONGEST_S = 600.0
 """Bench time by which faults may lengthen a run that takes twice as long as the clean one."""
 _ONE_IN = 1.6e-5
@@ -51,7 +54,10 @@ def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[st
     if error is not None and not isinstance(error, BenchError):
         yield f"raised {type(error).__name__}: {error}"
         return
+    faults = [each.fault for each in ended.faults if each.fault is not None and each.fault.at_s <= ended.end_s]
     said = {each.instrument for each in getattr(ended.error, "reports", ()) if not each.safe}
+    if ended.opened_deg_s > _COASTING_DEG_S and not {each.kind for each in faults} & _DROPPING:
+        yield f"its servo was opened at {ended.opened_deg_s:.3g} deg/s"
     if abs(ended.rate_deg_s) > _RATE_DEG_S and "rate_table" not in said:
         yield f"left turning at {ended.rate_deg_s:.3g} deg/s, and nobody says so"
     if abs(ended.v_vc_v) > _V_VC_V and "rate_source" not in said:
@@ -59,7 +65,6 @@ def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[st
     if max(map(abs, ended.rails_v)) > _RAIL_V and "power" not in said:
         yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V, and nobody says so"
     # one that is said not to be safe has a fault that goes on, or was broken off by a third signal
-    faults = [each.fault for each in ended.faults if each.fault is not None and each.fault.at_s <= ended.end_s]
     ill = {each.instrument for each in faults if each.kind not in {"error", "identity"}}
     for each in error.reports if isinstance(error, NotSafe) and ended.signals < 3 else ():
         if not each.safe and each.instrument not in ill:

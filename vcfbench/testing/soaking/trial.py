@@ -5,7 +5,7 @@ import os
 import shutil
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime, timedelta
 from functools import partial
@@ -76,6 +76,8 @@ class Ended(Struct):
     measured_s: tuple[float, float] | None = None
     """From the first window of these to the end of the last."""
     rate_deg_s: float = 0.0
+    opened_deg_s: float = 0.0
+    """Highest rate at which the table's servo was opened."""
     v_vc_v: float = 0.0
     rails_v: tuple[float, float] = (0.0, 0.0)
     began: bool = False
@@ -140,7 +142,14 @@ class _Stage:
                     continue
                 self.ended.faults.append(replace(each, fault=fault))
         self._world, self._clock = built.world, built.clock
+        motion: Any = built.world.table
+        motion.open_servo = partial(self._open_servo, motion, motion.open_servo)
         return replace(built, devices=faults.devices)
+
+    def _open_servo(self, motion: Any, opening: Callable[[], None]) -> None:
+        if motion.servo_closed:
+            self.ended.opened_deg_s = max(self.ended.opened_deg_s, abs(motion.rate_deg_s()))
+        opening()
 
     def handle(self, event: Event) -> None:
         """Keep the points that were shown."""
