@@ -220,6 +220,13 @@ class ConfigurableDialect(TableDialect):
             return self.flag(line, wanted, deadline)
         return self._steady.reached(self.rate_deg_s(line, deadline))
 
+    def stands(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell by the profile's flag of rest or of motion, where it has one."""
+        status = self.profile.status
+        if "stopped" in status:
+            return self.flag(line, "stopped", deadline)
+        return "moving" not in status or not self.flag(line, "moving", deadline)
+
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the rate; where the table does not tell it, watch the angle."""
         if "rate" in self.profile.fields:

@@ -292,6 +292,9 @@ class FakeBench:
         self.hands = Hands()
         self.by_hand: tuple[str, ...] = ()
 
+    def disbelieve(self, instrument: str, why: str) -> None:
+        self.calls.append((self.clock.now(), instrument, f"disbelieved: {why}"))
+
     def output_v(self) -> float:
         gyro, source = self.gyro, self.rate_source
         v_vc = source.level_v if source.enabled else 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,7 +11,7 @@ from simrack_tests.cells import few
 
 from tests.procedures import test_resonance
 from tests.procedures.fakes import MemoryJournal
-from vcfbench.errors import MeasurementError
+from vcfbench.errors import MeasurementError, NotSafe
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, settings_of
@@ -120,9 +121,12 @@ def test_a_table_that_stops_while_the_output_is_looked_at_is_named_and_not_the_g
     paper = load_bench("paper")
     assert paper.rate_table is not None
     bench = structs.replace(paper, rate_table=structs.replace(paper.rate_table, dialect="mn_as"))  # it tells no faults
-    with open_simulated(bench, seed=3) as lab:
-        asked = asked_in_python({"powered_s": 10.0, "duration_s": 200.0})
+    asked = asked_in_python({"powered_s": 10.0, "duration_s": 200.0})
+    with ExitStack() as stack:
+        lab = stack.enter_context(open_simulated(bench, seed=3))
         plan = PROCEDURES["zero"].plan(settings_of(PROCEDURES["zero"], lab.bench.description, asked))
         error = Executor(lab.bench, MemoryJournal(), [Interlock()]).execute(plan).error
+        with pytest.raises(NotSafe, match="its read-back proves nothing"):
+            lab.bench.close()
     assert isinstance(error, MeasurementError)
     assert error.instrument == "rate_table", error

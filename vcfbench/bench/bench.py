@@ -135,6 +135,10 @@ class Bench(Struct, frozen=True, eq=False):
         """Tell whether the bench was left."""
         return self.holding.closed
 
+    def disbelieve(self, instrument: str, why: str) -> None:
+        """Let nothing that `instrument` reads prove that it is safe: the run ends by what it read."""
+        self.holding.safety.disbelieved[instrument] = why
+
     def close(self) -> None:
         """Make everything safe and close it; does nothing when that is done already.
 

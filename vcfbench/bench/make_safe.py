@@ -200,8 +200,13 @@ def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:
     safety = SafetyStack(stand.clock, patience=stand.patience)
     reports: dict[str, SafeReport] = {}
     for role in roles:
+        found: dict[str, float] = {}
+        if role.stage is Stage.MOTION and role.name not in description.by_hand:
+            found["found_deg_s"] = description.limits.of(
+                "max_rate_deg_s"
+            )  # whatever is read, it may have been told that
         try:
-            instrument, _ = open_role(role.name, description, stand)
+            instrument, _ = open_role(role.name, description, stand, **found)
         except BenchError as error:
             resource = getattr(description, role.name).resource
             reports[role.name] = SafeReport(role.name, resource, False, str(error), first[role.name])  # noqa: FBT003

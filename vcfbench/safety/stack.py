@@ -70,6 +70,8 @@ class SafetyStack:
         self._patience = patience
         self._grace_s = grace_s
         self._actions: list[SafeAction] = []
+        self.disbelieved: dict[str, str] = {}
+        """By instrument why its read-back proves nothing any more."""
         self._over = threading.Event()
 
     def register(self, action: SafeAction) -> None:
@@ -145,6 +147,8 @@ class SafetyStack:
             wrong = action.verify() if report.safe else None
         except BaseException as error:  # noqa: BLE001  # whatever one instrument does, the next must be made safe
             return _report(instrument, f"{type(error).__name__}: {error}")
+        if (why := self.disbelieved.get(instrument.name)) and report.safe:
+            wrong = f"its read-back proves nothing: {why}"
         return report if wrong is None else _report(instrument, f"reported safe, but {wrong}")
 
 

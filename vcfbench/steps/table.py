@@ -4,7 +4,7 @@ from msgspec import Struct
 
 from vcfbench.bench.bench import Bench
 from vcfbench.clock import Deadline, sleep
-from vcfbench.errors import InterlockError
+from vcfbench.errors import InterlockError, MeasurementError
 from vcfbench.interfaces import RateTable
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
@@ -109,8 +109,8 @@ class AwaitRate(Step, Struct, frozen=True):
             if at_rate and abs(reading - self.rate_deg_s) <= self._allowed_deg_s:
                 return RateReading(reading, clock.now())
             if deadline.expired():
-                raise problem(
-                    table,
+                raise _disbelieved(
+                    context,
                     f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
                     f"{self._allowed_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table tells it",
                     "rate_tolerance_deg_s allows more; where a profile takes the rate from angles, a longer span_s",
@@ -145,5 +145,13 @@ def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> fl
 
     reading = context.believable(table.rate_deg_s, left)
     if said := left(reading):
-        raise problem(table, said)
+        raise _disbelieved(context, said)
     return reading
+
+
+def _disbelieved(context: Context, said: str, hint: str | None = None) -> MeasurementError:
+    """Return the error of a table that reads what it was not told: nothing that it reads proves that it stands."""
+    table = context.bench.rate_table
+    if "rate_table" not in context.bench.by_hand:  # a person who types the rate looks at the table
+        context.bench.disbelieve(table.name, said)
+    return problem(table, said, hint)

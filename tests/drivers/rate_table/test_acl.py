@@ -244,6 +244,9 @@ def test_answers_that_stay_away_close_the_line() -> None:
 BLIND: Exchange = (b"\n:Demand:Rate 1,0\n", None)
 """What goes out before anything is asked; it may be answered, so the place is found again."""
 IN_STEP: list[Exchange] = [IDN, FINE]
+ANGLE: Exchange = (":Read:Position? 1", "12.5")
+STANDS: list[Exchange] = [STILL, ANGLE, STILL, STILL, ANGLE]
+"""Rest by the rate and by the angle."""
 SAFE_STOP: list[Exchange] = [
     BLIND,
     *IN_STEP,
@@ -254,14 +257,15 @@ SAFE_STOP: list[Exchange] = [
 
 
 def test_safe_is_rest_by_read_back_then_servo_open_then_remote_given_back() -> None:
-    slowing: list[Exchange] = [(":Read:Rate? 1", rate) for rate in ("8.5", "0.04", "-0.06", "0.01")]
-    exchanges = [*ENABLING, *TURNING, *SAFE_STOP, *slowing, *[STILL] * 2, *RELEASING, *UNLOCKING]
+    early: list[Exchange] = [(":Read:Rate? 1", "0.01")] * 6  # 10.5 deg/s take 0.525 s, whatever is read
+    slowing: list[Exchange] = [*early, (":Read:Rate? 1", "0.04"), ANGLE, (":Read:Rate? 1", "-0.06")]
+    exchanges = [*ENABLING, *TURNING, *SAFE_STOP, *slowing, *STANDS, *RELEASING, *UNLOCKING]
     with expected_exchange(table(), [IDN, *exchanges]) as driver:
         driver.enable()
         driver.set_rate(10.5, 20.0)
         report = driver.make_safe(Deadline.after(driver.clock, 30.0))
         assert report.safe
-        assert report.detail == "at rest (|rate| below 0.05 deg/s), servo open"
+        assert report.detail == "at rest (rate and way below 0.05 deg/s), servo open"
 
 
 def test_safe_brakes_harder_when_the_deadline_asks_for_it() -> None:
@@ -269,19 +273,20 @@ def test_safe_brakes_harder_when_the_deadline_asks_for_it() -> None:
         BLIND,
         *IN_STEP,
         (":Read:Rate? 1", "10.5"),
-        (":Limit:Acceleration R,1,42;:Demand:Rate 1,0", None),  # 10.5 deg/s within a half of a half of 1 s
+        (":Limit:Acceleration R,1,21;:Demand:Rate 1,0", None),  # 10.5 deg/s within a half of a half of 2 s
         FINE,
     ]
-    exchanges = [*ENABLING, *TURNING, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]
+    exchanges = [*ENABLING, *TURNING, *stop, *[STILL] * 5, *STANDS, *RELEASING, *UNLOCKING]
     with expected_exchange(table(), [IDN, *exchanges]) as driver:
         driver.enable()
         driver.set_rate(10.5, 20.0)
-        assert driver.make_safe(Deadline.after(driver.clock, 1.0)).safe
+        assert driver.make_safe(Deadline.after(driver.clock, 2.0)).safe
 
 
 def test_safe_without_ever_having_been_enabled() -> None:
     stop: list[Exchange] = [BLIND, *IN_STEP, STILL, (":Limit:Acceleration R,1,50;:Demand:Rate 1,0", None), FINE]
-    with expected_exchange(table(), [IDN, *stop, *[STILL] * 3, *RELEASING, *UNLOCKING]) as driver:
+    turned: list[Exchange] = [STILL, ANGLE, STILL, STILL, (":Read:Position? 1", "12.6")]  # at a rate of nothing
+    with expected_exchange(table(), [IDN, *stop, *turned, *STANDS, *RELEASING, *UNLOCKING]) as driver:
         assert driver.make_safe(Deadline.after(driver.clock, 30.0)).safe
 
 
@@ -290,7 +295,7 @@ def test_a_table_that_goes_on_turning_is_aborted_and_not_called_safe() -> None:
         driver.line._wire = endless = _Turning([], clock=driver.clock)
         report = driver.make_safe(Deadline.after(driver.clock, 5.0))
         assert not report.safe
-        assert "did not come to rest, last read at 7 deg/s" in report.detail
+        assert "do not both say that the table stands, last read at 7 deg/s" in report.detail
         assert "emergency stop" in report.detail
         assert ":Interlock:Open 1" in endless.sent
         assert endless.sent[0] == ":Demand:Rate 1,0"

@@ -32,6 +32,8 @@ class TableSettings(Struct, frozen=True):
     reply_header: Header = "auto"
     steps_per_deg: float | None = None
     rest_tolerance_deg_s: float = 0.05
+    found_deg_s: float = 0.0
+    """Rate at which whoever had it before may have left it turning."""
     port: str | None = None
     """Address that is opened instead of the resource, which messages name all the same."""
     upon_connecting: Callable[[TableLine, "TableDialect"], None] | None = None
@@ -125,6 +127,11 @@ class TableDialect(Protocol):
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell whether the servo holds the axis."""
+
+    def stands(self, line: TableLine, deadline: Deadline) -> bool:
+        """Tell by a flag of the table's own whether it stands; True where it has none that is independent."""
+        del line, deadline
+        return True
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Tell whether the demanded rate is reached."""

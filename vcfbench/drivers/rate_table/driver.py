@@ -5,6 +5,8 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Literal, TypeVar
 
+from msgspec import Struct
+
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.conversation import OverWire
@@ -17,7 +19,7 @@ _T = TypeVar("_T")
 
 _POLL_S = 0.1
 _POLLS_AT_REST = 3
-"""At rest means: so many readings in a row below the tolerance."""
+"""At rest means: so many readings in a row below the tolerance, and the same angle at the first and the last."""
 
 _SERVO_S = 10.0
 """Longest time to close or open the servo, s."""
@@ -38,6 +40,20 @@ _SHARES = (0.5, 0.5, 1.0)
 
 _BRAKING_S = 3.0
 """Within this time a table comes to rest that is told so blind, as far as its limits allow."""
+
+
+class _Ramp(Struct, frozen=True):
+    """What the table was last told: from at most one rate to another, deg/s, with an acceleration, since an instant."""
+
+    from_deg_s: float
+    to_deg_s: float
+    acceleration_deg_s2: float
+    since_s: float
+
+    def fastest_deg_s(self, now_s: float) -> float:
+        """Return the highest rate at which it may turn now, whatever is read."""
+        passed_s = now_s - self.since_s
+        return max(self.to_deg_s, self.from_deg_s - (self.acceleration_deg_s2 * passed_s if passed_s > 0.0 else 0.0))
 
 
 class RateTableDriver(OverWire):
@@ -61,6 +77,7 @@ class RateTableDriver(OverWire):
         self._demanded_deg_s = 0.0
         self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
         self._acceleration_commanded = False
+        self._ramp = _Ramp(settings.found_deg_s, settings.found_deg_s, math.inf, self.clock.now())
         self._ask(dialect.identify)
 
     @property
@@ -88,6 +105,7 @@ class RateTableDriver(OverWire):
         self._command(self.dialect.close_servo)
         if not self._wait_for_servo(self.line.deadline(_SERVO_S), "closed"):
             raise self._interlock(self.fault() or "the servo did not close")
+        self._ramp = _Ramp(0.0, 0.0, math.inf, self.clock.now())
         self._wind_back()
         self._enabled = True
 
@@ -114,8 +132,12 @@ class RateTableDriver(OverWire):
             raise self._interlock("wound back, it did not come to rest", _WIND_BACK)
 
     def disable(self) -> None:
-        """Open the servo; refuses (InterlockError) while the table turns."""
+        """Open the servo; refuses (InterlockError) while the table turns, or was told to."""
         self._require_rest("it still turns at {rate:g} deg/s, stop it before it is disabled")
+        if self._ramp.to_deg_s:
+            raise self._interlock(f"it was told {self._demanded_deg_s:g} deg/s, stop it before it is disabled")
+        while self._ramp.fastest_deg_s(self.clock.now()) > 0.0:
+            sleep(self.clock, _POLL_S)
         self._enabled = False
         self._command(self.dialect.hold)
         self._command(self.dialect.open_servo)
@@ -147,8 +169,12 @@ class RateTableDriver(OverWire):
     def _demand(self, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         self._demanded_deg_s = rate_deg_s
         self._fastest_deg_s = max(abs(rate_deg_s), self._fastest_deg_s)
+        braking_deg_s2 = acceleration_deg_s2 if math.isfinite(acceleration_deg_s2) else self._stop_acceleration_deg_s2
+        from_deg_s = max(abs(rate_deg_s), self._ramp.fastest_deg_s(self.clock.now()))
+        self._ramp = _Ramp(from_deg_s, from_deg_s, braking_deg_s2, self.clock.now())  # it may hear this, or not
         with self.line.exchange(None, deadline):
             self.dialect.demand_rate(self.line, self._sign * rate_deg_s, acceleration_deg_s2, deadline)
+        self._ramp = _Ramp(from_deg_s, abs(rate_deg_s), braking_deg_s2, self.clock.now())
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
         """Return the rate that the table is told when it is asked for `rate_deg_s`, for it takes steps only."""
@@ -251,9 +277,9 @@ class RateTableDriver(OverWire):
             self._stop_within(acceleration_deg_s2, self._share(deadline, 0.2))
         if not self._wait_for_rest(self._share(deadline, 0.8)):
             # End with the table's own orderly shutdown, when it does not obey: still not to be called safe
-            self.dialect.open_servo(self.line, deadline)
+            self.line.say_blind(self.dialect.shutdown_words(), self.dialect.gap_s)
             raise errors.MeasurementError(
-                f"the table did not come to rest, last read at {self.rate_deg_s():g} deg/s; an abort was sent",
+                f"rate and angle do not both say that the table stands, last read at {self.rate_deg_s():g} deg/s",
                 hint="use the hard-wired emergency stop",
                 **self.line.where,
             )
@@ -263,12 +289,12 @@ class RateTableDriver(OverWire):
             raise errors.InstrumentError("at rest, but the servo did not open", **self.line.where)
         self.dialect.release(self.line, deadline)
         self._claimed = False
-        return f"at rest (|rate| below {self._rest_tolerance_deg_s:g} deg/s), servo open"
+        return f"at rest (rate and way below {self._rest_tolerance_deg_s:g} deg/s), servo open"
 
     def _braking_deg_s2(self, deadline: Deadline) -> float:
         """Return the acceleration last used, or more, within the limit, when that would take longer than there is."""
         try:
-            rate_deg_s = abs(self._rate_deg_s(deadline))
+            rate_deg_s = max(abs(self._rate_deg_s(deadline)), self._ramp.fastest_deg_s(self.clock.now()))
         except (errors.DeadlineExceeded, errors.FramingError):
             return self._stop_acceleration_deg_s2
         needed_deg_s2 = rate_deg_s / max(deadline.remaining(), _POLL_S)
@@ -278,11 +304,22 @@ class RateTableDriver(OverWire):
         return Deadline.after(self.clock, deadline.remaining() * part)
 
     def _wait_for_rest(self, deadline: Deadline) -> bool:
-        quiet = 0
+        """Wait for rest by the rate and, for that may have failed, by the angle, the table's own flag and time.
+
+        Nothing that is read counts before the ramp from what the table was told can be over.
+        """
+        quiet, allowed_deg_s, angle_deg, at_s = 0, self._rest_tolerance_deg_s, 0.0, 0.0
         while quiet < _POLLS_AT_REST:
             if deadline.expired():
                 return False
-            quiet = quiet + 1 if abs(self._rate_deg_s(deadline)) < self._rest_tolerance_deg_s else 0
+            rate_deg_s, now_s = self._rate_deg_s(deadline), self.clock.now()
+            quiet = quiet + 1 if max(abs(rate_deg_s), self._ramp.fastest_deg_s(now_s)) < allowed_deg_s else 0
+            if quiet == 1:
+                angle_deg, at_s = self._ask(self.dialect.angle_deg, deadline), now_s
+            elif quiet == _POLLS_AT_REST:
+                way_deg = (self._ask(self.dialect.angle_deg, deadline) - angle_deg + 180.0) % 360.0 - 180.0
+                still = abs(way_deg) < allowed_deg_s * (now_s - at_s) and self._ask(self.dialect.stands, deadline)
+                quiet = quiet if still else 0
             sleep(self.clock, _POLL_S)
         return True
 
