@@ -22,7 +22,8 @@ def looking_at(rate_deg_s: float) -> Any:
         name="table", resource="sim", fault=lambda: None, at_rate=lambda: True, rate_deg_s=lambda: rate_deg_s
     )
     return SimpleNamespace(
-        bench=SimpleNamespace(rate_table=table, clock=VirtualClock()), believable=lambda ask, _left: ask()
+        bench=SimpleNamespace(rate_table=table, clock=VirtualClock(), by_hand=("rate_table",)),
+        believable=lambda ask, _left: ask(),
     )
 
 
