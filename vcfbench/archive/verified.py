@@ -4,9 +4,11 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import msgspec
 from msgspec import Struct, field
@@ -15,21 +17,20 @@ from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import read_file, shown
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.amendments import amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.export import points_csv
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.plain import plain
-from vcfbench.records.schema import Point, Status
+from vcfbench.records.schema import LineKind, Point, Status
 from vcfbench.records.signing import is_signed
 from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
 from vcfbench.version import other_versions
 
-_KINDS: Final = frozenset(
-    {"header", "step", "readings", "restored", "error", "watchdog", "footer", "amendment", "signature"}
-)
 _MOST: Final = 1 << 30
 
 
@@ -152,17 +153,30 @@ class _Check(Struct):
             return
         if header.run != self.directory.run:
             self.notes.append(f"the directory is called {self.directory.run}, the run was {header.run}")
-        own = set[str]()
+        own, packages = set[str](), self._packages()
         for place, line in enumerate(self.record.lines, 1):
             kind = line.get("type")
-            if kind not in _KINDS:
+            if kind not in get_args(LineKind):
                 yield f"line {place}: lines of type {kind!r} are not known"
             if not isinstance(line.get("utc"), str):
                 yield f"line {place}: it has no time of day"
             if kind in {"step", "restored"}:
-                yield from (f"line {place}: {wrong}" for wrong in _step(line, own))
+                yield from (f"line {place}: {wrong}" for wrong in _step(line, packages, own))
         if own:
             self.notes.append(f"steps that are not known here were not looked into: {', '.join(sorted(own))}")
+
+    def _packages(self) -> AbstractSet[str]:
+        """Load what brings the kinds of the record's steps, and return the packages whose kinds are looked into.
+
+        Those that come along may be in any record; others are what the record's own procedure has, whatever else is
+        loaded.
+        """
+        for name in BUILT_IN:
+            _ = PROCEDURES[name]
+        with suppress(ConfigError):  # the results say that it cannot be loaded
+            procedure = PROCEDURES.get(str(self.record.header.get("procedure")))
+            return {"vcfbench", *([] if procedure is None else [procedure.plan.__module__.partition(".")[0]])}
+        return {"vcfbench"}
 
     def _signatures(self) -> Iterator[str]:
         """Hold each signature against the seal before it; a record that was to be signed must end with one."""
@@ -264,21 +278,30 @@ class _Check(Struct):
                 yield f"line {place}: step {line['n']} is not that of {name}"
 
 
-def _step(line: Mapping[str, Any], own: set[str]) -> Iterator[str]:
-    """Yield the deviations of a step: its form, its key, its point; kinds that are not known here go to `own`."""
+def _step(line: Mapping[str, Any], packages: AbstractSet[str], own: set[str]) -> Iterator[str]:
+    """Yield the deviations of a step: its form, its key, its point; kinds that are of no `packages` go to `own`."""
+    kinds = ((Step.kinds, line["step_kind"]), (StepResult.kinds, line["result_kind"]))
+    others = {name for known, name in kinds if name not in known or _package(known[name]) not in packages}
+    own |= others
     step, result = step_of(line), result_of(line)
-    kinds = ((step, line["step_kind"], Step.kinds), (result, line["result_kind"], StepResult.kinds))
-    for made, kind, known in kinds:
-        if isinstance(made, Recorded) and kind in known:
-            yield f"a {kind} of this form is not known"
-        elif isinstance(made, Recorded):
-            own.add(kind)
-    if isinstance(step, Step) and step.key != line["key"]:
+    if line["step_kind"] in others:
+        return
+    if isinstance(step, Recorded):
+        yield f"a {step.kind} of this form is not known"
+    elif step.key != line["key"]:
         yield f"it says {step.key}, its key is {line['key']}"
-    if isinstance(result, StepResult) and not isinstance(step, Recorded):
-        stated = Point.from_json(line["point"]) if "point" in line else None
-        if result.recorded_point != stated:
-            yield "its point is not that of its result"
+    elif line["result_kind"] in others:
+        return
+    elif isinstance(result, Recorded):
+        yield f"a {result.kind} of this form is not known"
+    elif line["type"] == "step" and result.recorded_point != (
+        Point.from_json(line["point"]) if "point" in line else None
+    ):
+        yield "its point is not that of its result"
+
+
+def _package(kind: type) -> str:
+    return kind.__module__.partition(".")[0]
 
 
 def _apart(line: Mapping[str, Any]) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import failing_as, opened, shown, synchronise_names, try_lock, unlock
 from vcfbench.records.damage import first_damage
-from vcfbench.records.schema import FORMAT, Point, Status
+from vcfbench.records.schema import FORMAT, LineKind, Point, Status
 from vcfbench.records.seal import Sealer
 from vcfbench.records.signing import SigningKey
 
@@ -59,7 +59,7 @@ class Journal:
         self._append({"type": "header", "format": FORMAT, "utc": _stamp(), **values})
         self._see_names_to_disk()
 
-    def write(self, kind: str, values: Mapping[str, Any]) -> None:
+    def write(self, kind: LineKind, values: Mapping[str, Any]) -> None:
         """Write a line of a `kind` that stands between header and footer: `step`, `readings`, `error`, ..."""
         self._append({"type": kind, "utc": _stamp(), **values})
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
-from typing import Annotated, Final, Self
+from typing import Annotated, Final, Literal, Self
 
 from msgspec import Meta, Struct
 from msgspec.structs import asdict, replace
@@ -13,6 +13,21 @@ from vcfbench.typed import typed
 
 FORMAT = 3
 """Version of the journal's layout (docs/records.md); raised when a reader of the old one would misread the new one."""
+
+LineKind = Literal[
+    "header",
+    "step",
+    "readings",
+    "restored",
+    "paused",
+    "went_on",
+    "error",
+    "watchdog",
+    "footer",
+    "amendment",
+    "signature",
+]
+"""Types of the lines of a journal."""
 
 CHUNK_READINGS = 1000
 CHUNK_S = 60.0
