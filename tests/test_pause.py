@@ -19,7 +19,7 @@ from simrack_tests.ports import PLENTY_S, eventually
 
 import vcfbench
 from tests import warm
-from tests.procedures import test_bandwidth
+from tests.procedures import test_bandwidth, test_resonance
 from tests.test_resume import cut
 from vcfbench.clock import WallClock, sleep
 from vcfbench.drivers.hp34401a import Hp34401A
@@ -158,6 +158,51 @@ def test_a_record_with_a_pause_is_resumed(tmp_path: Path) -> None:
     again = vcfbench.resume(broken)
     assert again.status == "complete"
     assert [point.moved_u_v > 0.0 for point in again.points] == [point.moved_u_v > 0.0 for point in whole.points]
+    assert again.pauses == whole.pauses
+    assert vcfbench.resume(cut(again, tmp_path / "c", 2)).pauses == whole.pauses
+
+
+@pytest.mark.parametrize("left", [0, 1, 9])
+def test_a_run_broken_off_after_a_pause_counts_neither_its_time_nor_from_before_it(left: int, tmp_path: Path) -> None:
+    """Also where nothing was measured between the pause and the break: its lines alone tell how the output moved."""
+    presser = Presser(20)
+    whole = presser.run("turntable", bench="lab", settings=QUICK, runs=tmp_path / "a")
+    (went_on,) = presser.went_on()
+    assert went_on.pause_s > 8.0
+    broken = cut(whole, tmp_path / "b", 1)
+    lines = (whole.directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
+    place = next(number for number, line in enumerate(lines) if b'"type":"went_on"' in line) + 1
+    (broken / "journal.jsonl").write_bytes(b"".join(lines[: place + left]))
+    again = vcfbench.resume(broken)
+    assert again.pauses == whole.pauses
+    assert [point.moved_u_v for point in again.points] == [point.moved_u_v for point in whole.points]
+    end_s = lines_of(again)[-2]["end_s"]
+    assert again.bench_seconds == pytest.approx(end_s - went_on.pause_s, abs=4.0)
+
+
+@pytest.mark.parametrize("samples", [30, 31, 200])
+def test_the_drift_that_a_pause_allows_goes_by_its_time_however_long_the_windows_are(
+    samples: int, tmp_path: Path
+) -> None:
+    """The two windows of a pause are twice as long as the run's: more than 60 s from 31 readings of 1 s on."""
+    settings = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": samples, "sample_interval_s": 1.0}
+    presser = Presser(36)
+    run = presser.run("turntable", bench="lab", settings=settings, runs=tmp_path)
+    windows = [line["result"] for line in lines_of(run) if line.get("step_kind") == "VerifyZero" and "why" in line]
+    assert [len(each["readings"]) for each in windows] == [2 * samples] * 2
+    first_s, second_s = (each["readings"][0]["t_s"] for each in windows)
+    assert second_s - first_s >= 2 * samples
+    assert run.status == "complete"
+
+
+def test_a_pause_waits_until_a_ring_down_was_seen() -> None:
+    """What one step begins and the next one measures is gone after a pause."""
+    settings = test_resonance.QUICK
+    steps = [each.step for each in vcfbench.dry_run("resonance", "lab", settings=settings).steps]
+    kicked = next(place for place, step in enumerate(steps, 1) if type(step).__name__ == "CaptureDecay")
+    presser = Presser(kicked - 1)
+    assert presser.run("resonance", bench="lab", settings=settings, runs=None).status == "complete"
+    assert [event.number for event in presser.went_on()] == [kicked]
 
 
 def test_a_run_is_stopped_while_it_pauses(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ holds it at resonance.
 
 from collections.abc import Sequence
 from statistics import fmean
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import Struct, structs
 
@@ -60,6 +60,7 @@ class SenseDecay(StepResult, Struct, frozen=True):
 class CaptureDecay(Step, Struct, frozen=True):
     """Take a record of drive and sense signal that begins at once, and fit the modes that ring down in it."""
 
+    follows_at_once: ClassVar[bool] = True
     channels: tuple[int, int]
     amplitudes_v: tuple[float, float]
     points: int

@@ -6,7 +6,7 @@ the bench's safety stack makes all safe once more, and proves it.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import partial
@@ -23,6 +23,7 @@ from vcfbench.steps import Window
 from vcfbench.steps.replay import TakenOver
 from vcfbench.steps.step import Context, Effect, Plan, Reading, Routine, Step, StepResult, abandon
 from vcfbench.steps.supply import cause_behind
+from vcfbench.typed import typed
 
 _T = TypeVar("_T")
 
@@ -78,6 +79,11 @@ class Moved(Struct, frozen=True):
     def moved_v(self) -> float:
         """After less before, V."""
         return self.after_v - self.before_v
+
+    @property
+    def is_reference(self) -> bool:
+        """True if noise and drift alone moved it, and later measurements count from where it is now."""
+        return self.allowed_v is not None and abs(self.moved_v) <= self.allowed_v
 
     def describe(self) -> str:
         return (
@@ -229,7 +235,7 @@ class Executor:
         return self.so_far()
 
     def take_over(self, taken: Iterable[TakenOver]) -> None:
-        """Write down, and count as this run's, the steps performed before the run was broken off. Nothing is done."""
+        """Write down, and count as this run's, the steps and pauses before it was broken off. Nothing is done."""
         for each in taken:
             for chunk in each.chunks:
                 self.journal.write("readings", chunk)
@@ -243,6 +249,18 @@ class Executor:
                 self._count(each.step, each.result, each.line.get("asked_again", ()))
                 if (point := each.result.recorded_point) is not None and point.moved_u_v:
                     self._moved = point.moved_v, point.moved_u_v
+            for pause in each.pauses:
+                self._take_over_pause(pause)
+
+    def _take_over_pause(self, lines: Sequence[Mapping[str, Any]]) -> None:
+        for line in lines:
+            self.journal.write(line["type"], line)
+        said = next(line for line in lines if line["type"] == "went_on")
+        moved = typed(said.get("moved"), Moved | None)
+        if moved is not None and moved.is_reference:
+            self._count_from(moved)
+        pause_s = lines[-1].get("end_s", said["t_s"]) - lines[0]["t_s"]
+        self._keep_pause(WentOn(said["n"], said["t_s"], said["by"], said["waited_s"], pause_s, moved))
 
     def restore(self, steps: Routine[None]) -> None:
         """Perform the steps that restore the bench as it was when the run broke off; they are not steps of the run.
@@ -303,19 +321,22 @@ class Executor:
             moved = pausing.moved(done, before, self._beside(pausing.looked_at(done), why, context))
         line = {"n": self._number, "t_s": self._now(), "by": by, "waited_s": waited_s}
         self.journal.write("went_on", {**line, **({} if moved is None else {"moved": to_builtins(moved)})})
-        self._count_from(moved)
+        if moved is not None and moved.allowed_v is not None:
+            self._count_from(moved)
         self._beside(pausing.as_before(done, frozenset(self._disturbed)), why, context)
-        pause_s = self._now() - begun_s
-        self._paused_s, self._physical_s = self._paused_s + pause_s, physical_s
-        went_on = WentOn(self._number, self._now(), by, waited_s, pause_s, moved)
-        self._pauses.append(f"after step {self._number}: {went_on.describe()}")
+        self._physical_s = physical_s
+        went_on = WentOn(self._number, self._now(), by, waited_s, self._now() - begun_s, moved)
+        self._keep_pause(went_on)
         self._tell(went_on)
 
-    def _count_from(self, moved: Moved | None) -> None:
+    def _keep_pause(self, went_on: WentOn) -> None:
+        """Keep a pause for the end of the run, whose bench time it is not."""
+        self._paused_s += went_on.pause_s
+        self._pauses.append(f"after step {went_on.number}: {went_on.describe()}")
+
+    def _count_from(self, moved: Moved) -> None:
         """Count later measurements from the present output."""
-        if moved is None or moved.allowed_v is None:
-            return
-        if abs(moved.moved_v) > moved.allowed_v:
+        if not moved.is_reference:
             raise MeasurementError(
                 f"{moved.describe()}; at most {moved.allowed_v:.2g} V are noise and drift",
                 instrument="multimeter",
@@ -343,7 +364,8 @@ class Executor:
         """Do one step, after a pause if one is wanted; return how the plan goes on: with the result, or the error."""
         pausing = True
         try:
-            self._pause_if_wanted()
+            if not step.follows_at_once:
+                self._pause_if_wanted()
             self._number, pausing = self._number + 1, False
             result = self._act(step)
         except (BenchError, KeyboardInterrupt) as problem:

@@ -6,12 +6,13 @@ Nothing here opens or sends anything.
 """
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import partial
 from typing import Any
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import BenchError, PlanError
 from vcfbench.records.journal import JournalRecord
@@ -43,12 +44,16 @@ _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, Disa
 
 
 class TakenOver(Struct, frozen=True):
-    """A step that was performed before the break: itself, its result, and its lines of the journal, marked as such."""
+    """A step that was performed before the break: itself, its result, and its lines of the journal, marked as such.
+
+    `pauses` are the lines of each pause after it from which the run went on.
+    """
 
     step: Step
     result: StepResult
     line: Mapping[str, Any]
     chunks: tuple[Mapping[str, Any], ...] = ()
+    pauses: tuple[tuple[Mapping[str, Any], ...], ...] = ()
 
     def readings_v(self) -> Iterator[list[float]]:
         """Yield the readings of a window, V, chunk by chunk."""
@@ -80,10 +85,26 @@ def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:
             unknown = line["result_kind"] if isinstance(step, Step) else line["step_kind"]
             raise PlanError(f"step {line['n']} of the record: a {unknown} of this form is not known here")
         taken.append(TakenOver(step, result, {"taken_over": run, **line}, tuple(chunks[line["n"]])))
+    for pause in _pauses(record.lines):
+        if 0 <= (place := pause[0]["n"] - 1) < len(taken):
+            marked = tuple({"taken_over": run, **line} for line in pause)
+            taken[place] = replace(taken[place], pauses=(*taken[place].pauses, marked))
     steps = [each.step for each in taken]
     measured = max((number for number, step in enumerate(steps, 1) if step.effect is Effect.MEASURES), default=0)
     checks = (number for number in range(measured, len(steps)) if isinstance(steps[number], _LOOKS_AT_DRIVE))
     return tuple(taken[: next(checks, len(steps))])
+
+
+def _pauses(lines: Iterable[Mapping[str, Any]]) -> Iterator[list[Mapping[str, Any]]]:
+    """Yield the lines of each pause that ended, those of the steps in it too."""
+    pause: list[Mapping[str, Any]] = []
+    for line in (*lines, {"type": "the end"}):
+        if pause and (line["type"] == "went_on" or "why" in line):
+            pause.append(line)
+            continue
+        if any(each["type"] == "went_on" for each in pause):
+            yield pause
+        pause = [line] if line["type"] == "paused" else []
 
 
 def rest_of(plan: Plan, taken: Sequence[TakenOver]) -> Plan:
@@ -225,5 +246,12 @@ def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[Step]:
 
 
 def _lasting(steps: Sequence[Step], first: int, end: int) -> set[int]:
-    """Return the numbers of those steps from `first` to `end` whose settings no other of them changes."""
-    return set({name: number for number in range(first, end) for name in steps[number].sets}.values())
+    """Return the numbers of those steps from `first` to `end` whose settings no other of them changes.
+
+    Where something must be set before one of them can be done, so is the step that last did: a level is followed later.
+    """
+    last = {*{name: number for number in range(first, end) for name in steps[number].sets}.values()}
+    for number in tuple(last):
+        needed = [at for at in range(first, number) if steps[number].needs in steps[at].sets]
+        last |= {*needed[-1:]}
+    return last

@@ -116,6 +116,8 @@ class DisableVvc(Step, Struct, frozen=True):
 class EnableVibration(Step, Struct, frozen=True):
     """Switch the second generator's output on."""
 
+    needs: ClassVar[str] = SetVibration.subject
+
     def command(self, bench: Bench) -> None:
         _switch(bench.vibration_source, on=True)
 

@@ -64,10 +64,10 @@ class Context(Struct):
 
     `hear` is called with every reading as it comes. `readings` holds those of the step under way that are not yet
     written down, so that a window that fails leaves them behind: at most one chunk. `chunks` counts those that `keep`
-    has written. `operator` is who does what only hands can do. `asked_again` says what was answered, in the step under
-    way, that could not be believed, so that it was asked once more. `noise` is the scatter that the run has seen so
-    far. `outputs` are those of the supply that feed the rails, once they were read back. What is done in `undivided` no
-    signal breaks off.
+    has written; where nothing does, in a pause, all readings of a window stay together. `operator` is who does what
+    only hands can do. `asked_again` says what was answered, in the step under way, that could not be believed, so that
+    it was asked once more. `noise` is the scatter that the run has seen so far. `outputs` are those of the supply that
+    feed the rails, once they were read back. What is done in `undivided` no signal breaks off.
     """
 
     bench: Bench
@@ -94,7 +94,7 @@ class Context(Struct):
         """
         readings = self.readings
         full = len(readings) >= CHUNK_READINGS or (readings and reading.t_s - readings[0].t_s >= CHUNK_S)
-        closed = self._close() if full else ()
+        closed = self._close() if full and self.keep is not _nowhere else ()
         readings.append(reading)
         self.hear(reading)
         return closed
@@ -217,6 +217,10 @@ class Step:
     subject: ClassVar[str] = ""
     also: ClassVar[tuple[str, ...]] = ()
     """Subjects that it sets beside its own."""
+    needs: ClassVar[str] = ""
+    """Subject that must be set before it can be done."""
+    follows_at_once: ClassVar[bool] = False
+    """True if it measures what the step before it has begun: no pause comes between the two."""
     instruction: ClassVar[str] = ""
     overhead_s: ClassVar[float] = 0.0
     """Estimated time of the communication with the instruments, beside the physical time."""
