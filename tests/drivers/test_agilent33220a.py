@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from tests.drivers.openings import OFF_BLIND as BLIND
 from vcfbench.clock import Deadline
 from vcfbench.drivers.agilent33220a import Agilent33220A
@@ -16,6 +16,12 @@ from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, Lim
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("Agilent Technologies,33220A,MY44008868,2.00-2.00-22-2")
+STARTED: list[Exchange] = [
+    *OPENING,
+    *[("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")],
+    *taken_over(Agilent33220A.left),
+]
+"""Before the first setting."""
 OPEN = over_visa(Agilent33220A, name="rate_source")
 OPEN_CIRCUIT: list[Exchange] = [("OUTP:LOAD INF", None), NO_ERROR, ("OUTP:LOAD?", "+9.9000000000000E+37")]
 ZERO_DC: list[Exchange] = [
@@ -37,14 +43,14 @@ def test_dc_goes_through_the_offset_into_an_open_circuit() -> None:
         ("VOLT:OFFS?", "+1.2350000000000E+00"),
         ("VOLT:OFFS?", "+1.2350000000000E+00"),
     ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         assert generator.configure_dc(1.23456) == 1.235
 
 
 def test_the_level_changes_alone() -> None:
     level: Exchange = ("VOLT:OFFS?", "-5.0000000000000E+00")
     exchanges: list[Exchange] = [("VOLT:OFFS -5", None), NO_ERROR, level, level]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges]) as generator:
         generator.configure_dc(0.0)
         assert generator.set_dc(-5.0) == -5.0
 
@@ -66,7 +72,7 @@ def test_a_clipped_level_is_an_error() -> None:
         ("SYST:ERR?", '-222,"Data out of range; offset; value clipped to upper limit"'),
         NO_ERROR,
     ]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges]) as generator:
         generator.configure_dc(0.0)
         with pytest.raises(InstrumentError, match="value clipped to upper limit") as caught:
             generator.set_dc(9.9)
@@ -75,7 +81,7 @@ def test_a_clipped_level_is_an_error() -> None:
 
 def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
     exchanges: list[Exchange] = [("VOLT:OFFS 5", None), NO_ERROR, ("VOLT:OFFS?", "+4.9980000000000E+00")]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges]) as generator:
         generator.configure_dc(0.0)
         with pytest.raises(InstrumentError, match=r"was set to 5 V but reads back 4\.998 V"):
             generator.set_dc(5.0)
@@ -85,7 +91,7 @@ def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
 def test_a_level_counts_only_when_it_is_answered_twice_alike_and_in_form(again: str) -> None:
     """The level is a number of the results; one changed digit may be within what a setting may be off."""
     exchanges: list[Exchange] = [("VOLT:OFFS 0.06667", None), NO_ERROR, ("VOLT:OFFS?", "+6.6660000000000E-02")]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges, ("VOLT:OFFS?", again)]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges, ("VOLT:OFFS?", again)]) as generator:
         generator.configure_dc(0.0)
         with pytest.raises(FramingError, match=r"one setting was answered as|expected a number of the form"):
             generator.set_dc(0.06667)
@@ -94,7 +100,7 @@ def test_a_level_counts_only_when_it_is_answered_twice_alike_and_in_form(again: 
 def test_a_load_of_50_ohm_would_halve_all_voltages() -> None:
     exchanges: list[Exchange] = [*OPEN_CIRCUIT[:2], ("OUTP:LOAD?", "+5.0000000000000E+01")]
     words = r"was set to a high-impedance load but reads back 50 ohm, command 'OUTP:LOAD\?'"
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator, pytest.raises(InstrumentError, match=words):
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator, pytest.raises(InstrumentError, match=words):
         generator.configure_dc(1.0)
 
 
@@ -112,7 +118,7 @@ def test_a_sine_is_set_up_in_an_order_that_never_conflicts() -> None:
         ("VOLT?", "+2.0000000000000E+00"),
         ("VOLT:OFFS?", "+1.0000000000000E+00"),
     ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         generator.configure_sine(3464.1, 2.0, 1.0)
 
 
@@ -127,7 +133,7 @@ def test_sines_out_of_range_are_not_sent(frequency_hz: float, amplitude_vpp: flo
 
 def test_the_relay_closes_only_on_something_configured() -> None:
     exchanges: list[Exchange] = [("OUTP ON", None), NO_ERROR, ("OUTP?", "1")]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges]) as generator:
         with pytest.raises(PlanError):
             generator.enable_output()
         generator.configure_dc(0.0)
@@ -200,13 +206,13 @@ def sine(
 
 @given(st.floats(1e-6, 20e6), st.floats(0.02, 16.0), st.floats(-2.0, 2.0).filter(lambda v: abs(v) > 1e-9))
 def test_a_sine_is_what_was_sent_of_it(frequency_hz: float, amplitude_vpp: float, offset_v: float) -> None:
-    with expected_exchange(OPEN, [*OPENING, *sine(frequency_hz, amplitude_vpp, offset_v)]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *sine(frequency_hz, amplitude_vpp, offset_v)]) as generator:
         generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
 
 @given(st.floats().filter(lambda v: not abs(v) <= 10.0))
 def test_a_change_beyond_ten_volts_is_not_sent_either(voltage_v: float) -> None:
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC]) as generator:
         generator.configure_dc(0.0)
         with pytest.raises(LimitError, match="nothing was sent"):
             generator.set_dc(voltage_v)
@@ -218,7 +224,7 @@ def test_a_change_beyond_ten_volts_is_not_sent_either(voltage_v: float) -> None:
 )
 def test_the_ends_of_the_ranges_are_sent(frequency_hz: float, amplitude_vpp: float, offset_v: float) -> None:
     """1 uHz to 20 MHz, 20 mVpp to 20 Vpp into an open circuit, peaks up to 10 V."""
-    with expected_exchange(OPEN, [*OPENING, *sine(frequency_hz, amplitude_vpp, offset_v)]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *sine(frequency_hz, amplitude_vpp, offset_v)]) as generator:
         generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
 
@@ -233,7 +239,7 @@ def test_beyond_the_ends_nothing_is_sent(frequency_hz: float, amplitude_vpp: flo
 
 def test_a_sine_has_no_offset_unless_told_and_may_be_put_out() -> None:
     exchanges: list[Exchange] = [*sine(1e3, 1.0, 0.0), ("OUTP ON", None), NO_ERROR, ("OUTP?", "1")]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         generator.configure_sine(1e3, 1.0)
         generator.enable_output()
 
@@ -251,7 +257,7 @@ def test_a_sine_has_no_offset_unless_told_and_may_be_put_out() -> None:
 def test_a_sine_that_reads_back_otherwise_is_an_error(found: tuple[float, ...], read: int) -> None:
     exchanges = sine(3464.1, 2.0, 1.0, found)
     with (
-        expected_exchange(OPEN, [*OPENING, *exchanges[: len(exchanges) - 3 + read]]) as generator,
+        expected_exchange(OPEN, [*STARTED, *exchanges[: len(exchanges) - 3 + read]]) as generator,
         pytest.raises(InstrumentError, match="reads back"),
     ):
         generator.configure_sine(3464.1, 2.0, 1.0)
@@ -265,7 +271,7 @@ def test_a_level_agrees_within_one_unit_of_its_fourth_digit(level_v: float, step
         return [(f"VOLT:OFFS {sign * level_v:g}", None), NO_ERROR, answer, answer]
 
     agreeing = [*answers(step_v), *answers(-step_v)]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *agreeing, *answers(1.01 * step_v)[:-1]]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *agreeing, *answers(1.01 * step_v)[:-1]]) as generator:
         generator.configure_dc(0.0)
         for _ in range(2):
             generator.set_dc(sign * level_v)
@@ -282,7 +288,7 @@ def test_a_relay_that_does_not_follow_is_an_error() -> None:
         NO_ERROR,
         ("OUTP?", "1"),
     ]
-    with expected_exchange(OPEN, [*OPENING, *ZERO_DC, *switched]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *switched]) as generator:
         generator.configure_dc(0.0)
         with pytest.raises(InstrumentError, match=r"was set to on but reads back off, command 'OUTP\?'"):
             generator.enable_output()
@@ -305,7 +311,7 @@ REFUSED: list[Exchange] = [("SYST:ERR?", '-221,"Settings conflict"'), NO_ERROR]
     ids=["refused", "reads back otherwise"],
 )
 def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         with pytest.raises(InstrumentError):
             generator.configure_dc(0.0)
         with pytest.raises(PlanError, match="nothing was sent"):
@@ -318,7 +324,7 @@ def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) 
     ids=["refused", "reads back otherwise"],
 )
 def test_a_sine_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         with pytest.raises(InstrumentError):
             generator.configure_sine(1e3, 1.0)
         with pytest.raises(PlanError, match="nothing was sent"):
@@ -328,7 +334,7 @@ def test_a_sine_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -
 def test_a_frequency_agrees_within_a_microhertz() -> None:
     well = sine(1e-3, 1.0, 0.0, (1e-3 + 0.9e-6, 1.0, 0.0)) + sine(20e6, 1.0, 0.0, (20e6 - 0.9e-6, 1.0, 0.0))
     ill = [sine(1e-3, 1.0, 0.0, (1e-3 + 1.05e-6, 1.0, 0.0))[:-2], sine(20e6, 1.0, 0.0, (20e6 - 2e-6, 1.0, 0.0))[:-2]]
-    with expected_exchange(OPEN, [*OPENING, *well, *ill[0], *ill[1]]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *well, *ill[0], *ill[1]]) as generator:
         generator.configure_sine(1e-3, 1.0)
         generator.configure_sine(20e6, 1.0)
         for frequency_hz in (1e-3, 20e6):

@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import Struct
+from msgspec.structs import replace
+from simrack.sources import Drive
 
-from tests.drivers.boxes import INPUT_V, METERS, box
+from tests.drivers.boxes import GENERATORS, INPUT_V, METERS, box
 from vcfbench.clock import sleep
+from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.errors import BenchError, InstrumentError
 
 if TYPE_CHECKING:
@@ -112,6 +115,53 @@ CELLS = [
 ]
 
 
+_MODULATED = ("AM:DEPT 50;INT:FREQ 7;:AM:STAT ON", "FM:DEV 10;STAT ON", "PM:DEV 90;STAT ON", "FSK:FREQ 50;STAT ON")
+_OF_A_SINE = (
+    *(left("FUNC SIN", each) for each in _MODULATED),
+    left("FUNC PULS", "PWM:STAT ON"),
+    left("FUNC SIN", "FREQ:STAR 1;STOP 1000;:SWE:STAT ON"),
+    left("FUNC SIN", "BURS:NCYC 1;INT:PER 1;:BURS:STAT ON"),
+    left("FUNC SIN", "TRIG:SOUR BUS;:BURS:NCYC 5;STAT ON"),
+)
+_GENERATOR = (
+    *_OF_A_SINE,
+    left("OUTP:POL INV"),
+    left("VOLT:OFFS 0", "VOLT:RANG:AUTO OFF", "FUNC DC", "VOLT:OFFS 5", "VOLT:RANG:AUTO OFF"),
+    left("VOLT:UNIT DBM"),
+    left("VOLT:UNIT VRMS", idle=True),
+    left("OUTP:LOAD 50", idle=True),
+    left("OUTP:LOAD 1000", "VOLT:OFFS 1", idle=True),
+    left("OUTP:SYNC OFF", idle=True),
+    left("OUTP:TRIG ON", idle=True),
+    left("UNIT:ANGL RAD", idle=True),
+    left("FUNC NOIS", "OUTP ON"),
+    left("FUNC SIN", "VOLT 5", "OUTP ON"),
+    *(left(f"FUNC {each}", idle=True) for each in ("SQU", "RAMP", "PULS", "USER", "DC")),
+)
+_TRUEFORM = (
+    *_OF_A_SINE,
+    left("FUNC SIN", "BPSK:STAT ON"),
+    left("FUNC SIN", "SUM:AMPL 20;INT:FREQ 50;:SUM:STAT ON"),
+    left("OUTP1:LOAD INF", "VOLT:LIM:HIGH 1;LOW -1;STAT ON"),
+    left("OUTP1:LOAD 50", "VOLT:LIM:HIGH 1;LOW -1;STAT ON"),
+    left("OUTP1:POL INV"),
+    left("OUTP1:MODE GAT"),
+    left("VOLT:RANG:AUTO OFF"),
+    left("FREQ:MODE LIST", idle=True),
+    left("VOLT:UNIT DBM", idle=True),
+    left("VOLT:UNIT VRMS", idle=True),
+    *(left(f"OUTP2:LOAD INF;:SOUR2:FUNC {each};VOLT:OFFS 1;:SOUR1:COMB:FEED CH2") for each in ("DC", "SIN")),
+    *(left(f"SOUR{n}:TRAC {each}") for n, each in ((1, "ON"), (1, "INV"))),
+    left("SOUR1:VOLT:COUP:STAT ON"),
+    left("SOUR1:FREQ:COUP:STAT ON"),
+    left("FUNC SIN", "VOLT 5", "OUTP1 ON"),
+    *(left(f"FUNC {each}", idle=True) for each in ("SQU", "RAMP", "TRI", "PULS", "ARB", "PRBS", "DC")),
+)
+OF_GENERATORS = [
+    (model, each) for model, cells in zip(GENERATORS, (_GENERATOR, _TRUEFORM), strict=True) for each in cells
+]
+
+
 def leave(of: Box, cell: Left) -> None:
     for words in cell.words:
         if words == "REAR":
@@ -163,3 +213,56 @@ def test_what_is_left_is_seen_without_the_table(model: str, cell: Left, monkeypa
         except BenchError:
             wrong = True
     assert wrong
+
+
+def put_out(of: Box, cell: Left | None) -> list[Any]:
+    """Return what comes out at a first try: nothing before it is switched on, a level, a sine; the other channel."""
+    if cell is not None:
+        leave(of, cell)
+    device: Any = of.device
+    with of.driven() as generator:
+        seen: list[Any] = [generator.configure_dc(2.5), device._driven]
+        generator.enable_output()
+        sleep(of.clock, 1.0)
+        seen += [device._driven, generator.set_dc(0.02), device._driven, device.state.range]
+        generator.configure_sine(1234.0, 2.0, 1.0)
+        seen += [type(device._driven), device.state.polarity, device.state.mode]
+        if isinstance(device._driven, Drive):
+            seen += [replace(device._driven, phase_rad=0.0)]
+        second = getattr(device, "second", None)
+        seen += [] if second is None else [second.state.frequency_hz, second.state.vpp, second.state.offset_v]
+    return seen
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"), OF_GENERATORS, ids=lambda each: each if isinstance(each, str) else each.words[-1]
+)
+def test_a_generator_puts_out_the_same_whatever_was_left(model: str, cell: Left) -> None:
+    clean = box(model)
+    if "SOUR2" in cell.words[0]:  # the other channel may be as it was
+        clean.say(cell.words[0].replace(";:SOUR1:COMB:FEED CH2", ""))
+    assert put_out(box(model), cell) == put_out(clean, None)
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"),
+    [each for each in OF_GENERATORS if not each[1].idle],
+    ids=lambda each: each if isinstance(each, str) else each.words[-1],
+)
+def test_what_is_left_in_a_generator_is_seen_without_the_table(
+    model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clean = put_out(box(model), None)
+    of = box(model)
+    monkeypatch.setattr(Agilent33220A, "_take_over", lambda generator, _left: generator._taken_over.add("nothing"))
+    monkeypatch.setattr(Agilent33220A, "_switch", _switch_where_asked)
+    try:
+        wrong = put_out(of, cell) != clean
+    except InstrumentError:
+        wrong = True
+    assert wrong
+
+
+def _switch_where_asked(generator: Any, wanted: str, deadline: Any = None) -> None:
+    if generator._configured or deadline is not None:
+        generator._session.write(f"{generator.output} {wanted.upper()}")

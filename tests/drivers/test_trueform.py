@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.registry import find_driver
 from vcfbench.drivers.trueform import Trueform
@@ -14,12 +14,18 @@ from vcfbench.errors import InstrumentError, LimitError
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("Agilent Technologies,33522B,MY1,3.05-1.19-2.00-52-00")
+STARTED: list[Exchange] = [
+    *OPENING,
+    *[("OUTP1 OFF", None), NO_ERROR, ("OUTP1?", "0")],
+    *taken_over(Trueform.left),
+]
+"""Before the first setting."""
 OPEN = over_visa(Trueform.of_model("33522B", sine_hz=30e6), name="rate_source")
 BLIND: Exchange = (b"\nOUTP1 OFF\n", None)
-OPEN_CIRCUIT: list[Exchange] = [("OUTP1:LOAD?", "+9.900000000000000E+37")]
+OPEN_CIRCUIT: list[Exchange] = [("OUTP1:LOAD INF", None), NO_ERROR, ("OUTP1:LOAD?", "+9.900000000000000E+37")]
 
 
-def test_a_direct_voltage_goes_to_the_first_channel_and_the_load_is_left_where_it_is_right() -> None:
+def test_a_direct_voltage_goes_to_the_first_channel_and_into_an_open_circuit() -> None:
     exchanges: list[Exchange] = [
         *OPEN_CIRCUIT,
         ("SOUR1:FUNC DC", None),
@@ -27,21 +33,16 @@ def test_a_direct_voltage_goes_to_the_first_channel_and_the_load_is_left_where_i
         NO_ERROR,
         *[("SOUR1:VOLT:OFFS?", "+6.6600000000000E-02")] * 2,
     ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         assert generator.configure_dc(0.0666) == 0.0666
 
 
-def test_a_load_of_50_ohm_is_changed_and_limits_that_forbid_it_are_told() -> None:
-    exchanges: list[Exchange] = [
-        ("OUTP1:LOAD?", "+5.000000000000000E+01"),
-        ("OUTP1:LOAD INF", None),
-        ("SYST:ERR?", '-221,"Settings conflict; output limits are on"'),
-        NO_ERROR,
-    ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as generator:
-        with pytest.raises(InstrumentError, match="output limits are on") as caught:
-            generator.configure_dc(1.0)
-        assert caught.value.number == -221
+def test_limits_are_off_before_the_load_is_changed() -> None:
+    commands = [command for command, _ in STARTED]
+    exchanges: list[Exchange] = [("OUTP1:LOAD INF", None), NO_ERROR, ("OUTP1:LOAD?", "+5.000000000000000E+01")]
+    with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator, pytest.raises(InstrumentError, match="50 ohm"):
+        generator.configure_dc(1.0)
+    assert "SOUR1:VOLT:LIM:STAT OFF" in commands
 
 
 def test_frequencies_are_those_of_the_model() -> None:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, decimal, require_within, safely
 from vcfbench.errors import FramingError, PlanError
 from vcfbench.interfaces import SafeReport
 
@@ -37,6 +37,14 @@ class Agilent33220A(ScpiInstrument):
     sine_hz: ClassVar[float] = 20e6
     """Highest frequency of a sine, Hz."""
     least_vpp: ClassVar[float] = 20e-3
+    left: ClassVar[tuple[Left, ...]] = (
+        # Modulation, sweep and burst: of each function but direct voltage, which -221 would refuse (siblings' guides)
+        *(Left(f"{mode}:STAT", "OFF", f"{mode} subsystem") for mode in ("AM", "FM", "PM", "FSK", "PWM", "SWE", "BURS")),
+        Left("VOLT:RANG:AUTO", "ON", "VOLTage subsystem: held, small levels have the resolution of large ones"),
+        Left("VOLT:UNIT", "VPP", "VOLTage subsystem: dBm would be changed, and refused, with the load"),
+        Left("OUTP:POL", "NORM", "OUTPut subsystem: inverted, a sine is turned about its offset"),
+    )
+    """What a last user may have left beside function, levels, unit and load, which are always set."""
 
     _configured = False
 
@@ -97,6 +105,10 @@ class Agilent33220A(ScpiInstrument):
             raise self._error(PlanError, f"{what}, nothing was sent")
 
     def _select_open_circuit(self) -> None:
+        """Say what its levels are into; before the first setting it is switched off, whatever it was doing."""
+        if not self._taken_over:
+            self._switch("off")
+        self._take_over(self.left)
         self._session.write(f"{self.output}:LOAD INF")
         load_ohm = self._session.query_number(f"{self.output}:LOAD?")  # infinity is answered as 9.9E+37
         if load_ohm < OPEN_OHM:

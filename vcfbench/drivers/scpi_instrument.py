@@ -17,7 +17,8 @@ from vcfbench.models import HP_MAKERS, bare_model
 _RETURN_S = 3.0
 """Wall time for which a connection that is gone is tried again and again: it may come back."""
 _BETWEEN_S = 0.2
-_UNDEFINED_HEADER = -113
+_UNKNOWN_HEADER = (-113, -114)
+"""Undefined header, and one whose number is that of a channel which is not there."""
 _ROUND_OFF = 1.0 + 1e-9
 """Of doubles, when a step of a resolution is held against it."""
 
@@ -120,7 +121,7 @@ class ScpiInstrument(OverWire):
     def _take_over(self, left: Sequence[Left], **names: object) -> None:
         """Set, or have proved, what a last user may have left, each once; raises InstrumentError where it stays.
 
-        A setting whose header this specimen does not know (-113) was left by nobody.
+        A setting whose header this specimen does not know was left by nobody.
         """
         rows = [(row.header.format(**names), row.value.format(**names), row) for row in left]
         commands = []
@@ -143,7 +144,7 @@ class ScpiInstrument(OverWire):
         try:
             self._session.write(command)
         except InstrumentError as error:
-            if error.number != _UNDEFINED_HEADER:
+            if error.number not in _UNKNOWN_HEADER:
                 raise
 
     @property

@@ -216,10 +216,14 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         self._player.absorb_phase()
         self.update()
 
+    def put_out(self, source: Drive | Played) -> Drive | Played | None:
+        """Return what comes out where the function makes `source`."""
+        return source
+
     def update(self) -> None:
         """Put the present output on the World, if it has changed."""
         now = self.engine.clock.now()
-        source = self._player.source(self._started_s, now) if self.state.output else None
+        source = self.put_out(self._player.source(self._started_s, now)) if self.state.output else None
         if source != self._driven:
             self._driven = source
             self._world.drive(self._node, source)

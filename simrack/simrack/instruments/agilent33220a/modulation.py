@@ -238,10 +238,14 @@ class Player:
 
     def _running(self, started_s: float | None) -> Phase:
         from simrack.instruments.agilent33220a import phases  # noqa: PLC0415
+        from simrack.instruments.agilent33220a import waveforms as shapes  # noqa: PLC0415
 
         settings, hz, mode = self._settings, self._exact_hz(self._settings.frequency_hz), self._settings.mode
         if mode == "SWE":
             return self._sweep(started_s)
+        if mode == "BPSK":  # of the Trueform series: between 0 and its phase
+            keyed = phases.Rhythm(shapes.PulseCycle(0.5), self._exact_hz(settings.bpsk.rate_hz))  # type: ignore[attr-defined]
+            return phases.Shifted(hz, settings.bpsk_phase_deg / 720.0, keyed)  # type: ignore[attr-defined]
         modulations: dict[str, Modulation | Keying] = {"FM": settings.fm, "PM": settings.pm, "FSK": settings.fsk}
         modulation = modulations.get(mode)
         if modulation is not None and modulation.source == "INT":

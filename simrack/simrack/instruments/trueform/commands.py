@@ -9,6 +9,7 @@ own. ``SOURce2:``, ``OUTPut2`` and ``TRIGger2`` are -114 where there is one chan
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from typing import Any
 
@@ -17,7 +18,7 @@ from msgspec.structs import replace
 from simrack import scpi
 from simrack.instruments import agilent33220a
 from simrack.instruments.agilent33220a import level_commands
-from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, nr3, setting
+from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, mode_switch, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.instruments.trueform.arbitrary import bare_name, path
 from simrack.instruments.trueform.instrument import SimulatedTrueform as _Model
@@ -27,6 +28,7 @@ from simrack.scpi.lexer import Token, TokenKind
 ROWS = scpi.Rows()
 
 _FIFTEEN = scpi.real(15)
+_SOURCES = scpi.Choice(("INTernal", "EXTernal"))
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")
 _HEADERS = {
     "[SOURce:]FUNCtion:PULSe:TRANsition": "[SOURce:]FUNCtion:PULSe:TRANsition[:BOTH]",
@@ -313,6 +315,26 @@ OWN = (
     scpi.Command("[SOURce:]PHASe:SYNChronize", do=lambda _: None),
     scpi.Command("ABORt", do=lambda _: None),
     scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "state.continuous", scpi.boolean),
+    mode_switch("[SOURce:]BPSK:STATe", "BPSK"),
+    setting(
+        "[SOURce:]BPSK:INTernal:RATE", scpi.Number(unit="HZ", limits=scpi.Limits(1e-3, 1e6)), "state.bpsk.rate_hz", _nr3
+    ),
+    setting("[SOURce:]BPSK:SOURce", _SOURCES, "state.bpsk.source"),
+    setting("[SOURce:]BPSK[:PHASe]", scpi.Number(limits=scpi.Limits(0.0, 360.0)), "state.bpsk_phase_deg", _nr3),
+    mode_switch("[SOURce:]SUM:STATe", "SUM"),
+    setting("[SOURce:]SUM:AMPLitude", scpi.Number(limits=scpi.Limits(0.0, 100.0)), "state.sum_percent", _nr3),
+    setting(
+        "[SOURce:]SUM:INTernal:FREQuency",
+        scpi.Number(unit="HZ", limits=scpi.Limits(1e-6, 20e6)),
+        "state.sum.frequency_hz",
+        _nr3,
+    ),
+    setting("[SOURce:]SUM:SOURce", _SOURCES, "state.sum.source"),
+    setting("OUTPut:MODE", scpi.Choice(("NORMal", "GATed")), "state.gating"),
+    setting("[SOURce:]COMBine:FEED", scpi.Choice(("NONE", "CH<1-2>")), "state.combined"),
+    setting("[SOURce:]TRACk", scpi.Choice(("OFF", "ON", "INVerted")), "state.tracking"),
+    setting("[SOURce:]VOLTage:COUPle[:STATe]", scpi.Boolean(), "state.levels_coupled", scpi.boolean),
+    setting("[SOURce:]FREQuency:COUPle[:STATe]", scpi.Boolean(), "state.frequencies_coupled", scpi.boolean),
     # told, and nothing else: there are no lists, no timer, one Sync connector (limits and defaults unverified)
     scpi.attribute("[SOURce:]FREQuency:MODE", scpi.Choice(("CW", "LIST", "SWEep", "FIXed")), "state.frequency_mode"),
     scpi.attribute("TRIGger:COUNt", scpi.Number(limits=scpi.Limits(1, 1e6, 1)), "state.trigger_count", _nr3),
@@ -330,9 +352,12 @@ OWN = (
 )
 
 
+_TIES = re.compile(r"COUPle\[|COMBine|TRACk")
+
+
 @cache
 def table(channels: int) -> scpi.CommandTable:
-    """Return the commands of a model with so many channels."""
-    commands = (*_inherited(), *OWN)
+    """Return the commands of a model with so many channels; what ties channels needs two."""
+    commands = tuple(each for each in (*_inherited(), *OWN) if channels == 2 or not _TIES.search(each.pattern))
     ways = (_spelled, _of_second)[:channels]
     return scpi.CommandTable(*scpi.COMMON_COMMANDS, *(each for way in ways for row in commands for each in way(row)))

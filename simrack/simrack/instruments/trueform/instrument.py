@@ -7,8 +7,8 @@ and -222, what gives way to what.
 
 The second channel of a model that has two is set and asked as the first, and leads nowhere.
 
-Not simulated: what couples the channels, sums and BPSK, sequences, lists, gated output, the timer as trigger, and the
-lower amplitudes of a 33600A at high frequencies.
+Not simulated: sums with other than sines, what a couple of channels has beside equal levels and frequencies, sequences,
+lists, the timer as trigger, and the lower amplitudes of a 33600A at high frequencies.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, Self
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from simrack.clock import Clock
 from simrack.instruments.agilent33220a.instrument import GeneratorWorld, SimulatedAgilent33220A
@@ -25,7 +26,7 @@ from simrack.instruments.trueform.arbitrary import MOST_POINTS, NamedWaveforms
 from simrack.instruments.trueform.kinds import PRBS_BITS, SERIES_33500B, SERIES_33600A, TrueformSeries, kind
 from simrack.instruments.trueform.levels import LimitedLevels, TrueformSettings
 from simrack.scpi import CommandTable, ScpiEngine
-from simrack.sources import Drive, Played
+from simrack.sources import Drive, Played, Sine
 from simrack.specifications import KEYSIGHT_33500B
 
 if TYPE_CHECKING:
@@ -102,8 +103,8 @@ class SimulatedTrueform(SimulatedAgilent33220A):
         first: Self | None = None,
     ) -> None:
         self._first = first
-        super().__init__(world, errors, interface, noise_seed, model, node=node)
         self.second: Self | None = None
+        super().__init__(world, errors, interface, noise_seed, model, node=node)
         if first is None and self.channels == 2:
             self.second = type(self)(_Unwired(world.clock), errors, interface, noise_seed + 1, model, first=self)
 
@@ -133,6 +134,36 @@ class SimulatedTrueform(SimulatedAgilent33220A):
         """*OPC, *OPC? and *WAI wait for the triggered bursts and sweeps of all channels."""
         own = super().operations_end_s()
         return own if self.second is None else max(own, self.second.operations_end_s())
+
+    def put_out(self, source: Drive | Played) -> Drive | Played | None:
+        """Return the output: none while a gate would have to open it, with a sum, with the other channel's signal."""
+        if self.state.gating == "GAT":
+            return None
+        if self.state.mode == "SUM" and isinstance(source, Drive):
+            share = self.state.sum_percent / 100.0
+            added = Sine(source.amplitude_v * share, self.state.sum.frequency_hz, 0.0)
+            source = replace(source, overtones=(*source.overtones, added))
+        other = self.second if self._first is None else self._first
+        if self.state.combined == "NONE" or other is None or not isinstance(source, Drive):
+            return source
+        theirs = other.state
+        sine = Sine(other.levels.peak_v(), theirs.frequency_hz, 0.0)
+        sines = (*source.overtones, sine) if theirs.function == "SIN" else source.overtones
+        return replace(source, dc_v=source.dc_v + theirs.offset_v, overtones=sines)
+
+    def update(self) -> None:
+        """Put the present output on the World, and have the other channel follow where it is told to."""
+        super().update()
+        state, other = self.state, self.second if self._first is None else self._first
+        if other is None:
+            return
+        before = other.state.offset_v, other.state.vpp, other.state.frequency_hz
+        if state.tracking != "OFF" or state.levels_coupled:
+            other.state.offset_v, other.state.vpp = state.offset_v, state.vpp
+        if state.tracking != "OFF" or state.frequencies_coupled:
+            other.state.frequency_hz = state.frequency_hz
+        if before != (other.state.offset_v, other.state.vpp, other.state.frequency_hz):
+            SimulatedAgilent33220A.update(other)
 
     def reset_state(self) -> TrueformSettings:
         """Return the settings of ``*RST``."""

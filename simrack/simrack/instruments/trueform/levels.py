@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from msgspec import field
+
 from simrack.instruments.agilent33220a.levels import Levels
-from simrack.instruments.agilent33220a.settings import GeneratorSettings, conflict
+from simrack.instruments.agilent33220a.settings import GeneratorSettings, Keying, conflict
 
 _ROUND_OFF = 1e-12
 
@@ -23,6 +25,15 @@ class TrueformSettings(GeneratorSettings):
     frequency_mode: str = "CW"
     trigger_count: float = 1.0
     timer_s: float = 1.0
+    bpsk: Keying = field(default_factory=Keying)
+    bpsk_phase_deg: float = 180.0
+    sum: Keying = field(default_factory=lambda: Keying(frequency_hz=100.0))
+    sum_percent: float = 0.1
+    gating: str = "NORM"
+    combined: str = "NONE"
+    tracking: str = "OFF"
+    levels_coupled: bool = False
+    frequencies_coupled: bool = False
 
 
 class LimitedLevels(Levels):
