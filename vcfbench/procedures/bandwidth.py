@@ -155,10 +155,10 @@ class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
 class Bandwidth(Struct, frozen=True):
     """Result of `bandwidth`; frequencies of the response without the low-pass filter, which is divided out.
 
-    `q` is that of the anti-phase sense mode; `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the
-    generator's setting and has no uncertainty. `chi_square` over `dof` tells how well the closed form fits; what it
-    lacks is in the uncertainty as far as `closed_form_ppm` says. `gain_v_per_v` and `u_gain_v_per_v` are what was
-    measured, `residual` what the fit leaves.
+    `split_hz` is the size of the split, whose sign no response shows. `q` is that of the anti-phase sense mode;
+    `peak_gain` is over the static gain. `static_gain_v_per_v` rests on the generator's setting and has no uncertainty.
+    `chi_square` over `dof` tells how well the closed form fits; what it lacks is in the uncertainty as far as
+    `closed_form_ppm` says. `gain_v_per_v` and `u_gain_v_per_v` are what was measured, `residual` what the fit leaves.
     """
 
     split_hz: Measurand
@@ -322,7 +322,7 @@ def _bandwidth(
 def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:
     """Report the figures, the response with its fit, and the residuals."""
     named = {
-        "mode split": found.split_hz,
+        "mode split, either way": found.split_hz,
         "Q of the sense mode": found.q,
         "+3 dB": found.plus_3_db_hz,
         "peak": found.peak_hz,
@@ -357,10 +357,14 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
 
 
 def characteristics(found: Bandwidth) -> devices.Characteristics:
-    """Return the characteristics that K_Vc depends on, as a sweep found them; it knows one Q of both modes."""
+    """Return the characteristics that K_Vc depends on, as a sweep found them.
+
+    It knows one Q of both modes, and the size of the split: a response has both side bands of a mode, below the drive
+    or above.
+    """
     return devices.Characteristics(
         drive_hz=devices.Measured(value=found.drive_hz, u=found.u_drive_hz),
-        split_hz=found.split_hz.kept(),
+        split_size_hz=found.split_hz.kept(),
         q_anti_phase=found.q.kept(),
         in_phase_share=devices.Measured(value=found.in_phase_share, u=found.u_in_phase_share),
     )

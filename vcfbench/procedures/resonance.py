@@ -280,6 +280,7 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
         characteristics(found.sweep),
         drive_hz=found.drive_hz.kept(),
         split_hz=found.split_ring_down_hz.kept(),
+        split_size_hz=None,
         q_anti_phase=found.sense_q_ring_down.kept(),
         in_phase_split_hz=apart,
         q_in_phase=None if found.in_phase_q is None else found.in_phase_q.kept(),

@@ -129,11 +129,14 @@ class Characteristics(_Value, frozen=True, kw_only=True):
 
     temperature_c: Measured | None = None  # Temperature at which the rest was measured, degC
     drive_hz: Measured | None = None  # Drive frequency, locked
-    split_hz: Measured | None = None  # Drive less anti-phase sense frequency
+    split_hz: Measured | None = None  # Drive less anti-phase sense frequency, below 0 where the mode is above the drive
+    split_size_hz: Measured | None = None  # Its size, where only that was seen: a beat has no sign
     q_anti_phase: Measured | None = None  # Quality factor of that mode
     in_phase_split_hz: Measured | None = None  # Drive less in-phase sense frequency
     q_in_phase: Measured | None = None  # Quality factor of that mode
-    in_phase_share: Measured | None = None  # Part of that mode in the static response to V_Vc, by stiffness; 0 to 1
+    in_phase_share: Measured | None = (
+        None  # Part of that mode in the static response to V_Vc, by stiffness; its sign too
+    )
     carrier_phase_deg: Measured | None = None  # Against the drive's velocity, apart from half turns; 0 is ideal
     demodulator_phase_deg: Measured | None = None  # Phase of the demodulator's reference against the same
     comb_mismatch: Measured | None = None  # In-phase over anti-phase force, over that of a rate, less 1; 0: equal combs
@@ -148,7 +151,7 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     positive_rail_v: Measured | None = None  # Positive rail as it was read back, V
     negative_rail_v: Measured | None = None  # Negative rail
     drive_ppm_k: Measured | None = None  # Change of the drive frequency with temperature, ppm of it a kelvin
-    split_hz_k: Measured | None = None  # Change of `split_hz`, Hz/K
+    split_hz_k: Measured | None = None  # Change of the size of `split_hz`, Hz/K
     q_per_k: Measured | None = None  # Change of both quality factors, relative, 1/K
     table_slope_ppm_k: Measured | None = None  # Change of output over rate with temperature, ppm/K, the table turning
     v_vc_slope_ppm_k: Measured | None = None  # Change of output over V_Vc with temperature
@@ -394,12 +397,23 @@ def together(found: Iterable[Characteristics]) -> Characteristics:
         values = {name: value for name, value in structs.asdict(each).items() if value is not None}
         if "drive_hz" in values:
             last.pop("temperature_c", None)
+        if "split_hz" in values:
+            last.pop("split_size_hz", None)
+        elif "split_size_hz" in values and "split_hz" in last:  # of which the sign is known
+            values["split_hz"] = with_sign(values.pop("split_size_hz"), last["split_hz"].value)
         last |= values
     for unit in ("ppm_k", "ppm_v"):
         table, v_vc = last.get(f"table_slope_{unit}"), last.get(f"v_vc_slope_{unit}")
         if table is not None and v_vc is not None:
             last[f"k_vc_{unit}"] = Measured(value=v_vc.value - table.value, u=math.hypot(v_vc.u, table.u))
     return Characteristics(**last)
+
+
+def with_sign(size: Measured, sign: float) -> Measured:
+    """Return a size with the sign of a number, the effects of what makes it uncertain likewise."""
+    turned = math.copysign(1.0, sign)
+    shares = tuple(structs.replace(share, u=turned * share.u) for share in size.shares)
+    return structs.replace(size, value=turned * size.value, shares=shares)
 
 
 def last_certificate(entries: Sequence[Entry]) -> Entry | None:

@@ -298,6 +298,6 @@ def test_what_k_vc_depends_on_is_kept_of_the_device_by_who_finds_it(tmp_path: Pa
     seen = known.characteristics
     assert seen is not None
     warm_split_hz = 24.8 + 0.3 * 0.0027
-    for name, true in (("carrier_phase_deg", 0.3), ("demodulator_phase_deg", -0.5), ("split_hz", warm_split_hz)):
+    for name, true in (("carrier_phase_deg", 0.3), ("demodulator_phase_deg", -0.5), ("split_size_hz", warm_split_hz)):
         found = getattr(seen, name)
         assert abs(found.value - true) < 4.0 * found.u < 0.1, name

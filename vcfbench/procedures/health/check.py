@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from itertools import product
 from typing import Final, Literal
 
 from msgspec import Struct, structs
 
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_change import ASSUMED, k_vc_change
+from vcfbench.procedures.shared.known.k_vc_change import inputs_of, k_vc_change
 from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.devices import Characteristics
 from vcfbench.records.devices import Measured as Kept
@@ -77,13 +78,12 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
     Each is the limit of what may have changed times what the device makes of it; what the certificate does not know of
     the device counts as wide as its class.
     """
-    known = {name: getattr(then, name, None) or each for name, each in ASSUMED.items()}
-    device = structs.replace(Characteristics(), **known)
-    found = []
+    devices, found = inputs_of(then or Characteristics()), []
     for name, moved, by in MAY_HAVE:
         if name not in but:
             ends = []
-            for sign in (1.0, -1.0):  # a leak has one direction
+            for known, sign in product(devices, (1.0, -1.0)):  # a leak has one direction
+                device = structs.replace(Characteristics(), **known)
                 values = {
                     each: known[each].value * (1.0 + share)
                     if each.startswith("q_")
@@ -217,7 +217,8 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
     A charge is a spring, and changes the force that a volt makes, which nothing else shows (Micromachines 2023, 14,
     1755): the split is the only witness of what would change K_Vc unseen. The drive's frequency is the thermometer.
     """
-    if then.split_hz is None or now.split_hz is None:
+    first_hz = then.split_hz or then.split_size_hz
+    if first_hz is None or now.split_hz is None:
         return None
     rise_k = 0.0
     if then.drive_hz is not None and now.drive_hz is not None:
@@ -226,13 +227,13 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
     elif then.temperature_c is not None and now.temperature_c is not None:
         rise_k = now.temperature_c.value - then.temperature_c.value
     per_k = Kept(value=0.0, u=0.01) if then.split_hz_k is None else then.split_hz_k
-    moved_hz = now.split_hz.value - then.split_hz.value - per_k.value * rise_k
-    u_hz = math.hypot(now.split_hz.u, then.split_hz.u, per_k.u * rise_k)
+    moved_hz = abs(now.split_hz.value) - abs(first_hz.value) - per_k.value * rise_k
+    u_hz = math.hypot(now.split_hz.u, first_hz.u, per_k.u * rise_k)
     if abs(moved_hz) <= max(2.0 * u_hz, _CHARGED_SPLIT_HZ):
         return None
     return (
-        f"the split has changed by {moved_hz:+.3f} Hz (u {u_hz:.2g}) beyond what temperature does: charges on the "
-        "combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
+        f"the split has changed by {moved_hz:+.3f} Hz in size (u {u_hz:.2g}) beyond what temperature does: charges on "
+        "the combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
     )
 
 

@@ -40,7 +40,9 @@ quality factors make of it: 0 where nothing else is at work.
 
 def beside(found: Health, known: Characteristics) -> Characteristics:
     """Return the characteristics for the device store, beside those `known` otherwise."""
-    return structs.replace(known, **{name: each.kept() for name, each in found.items()})
+    seen = {name: each.kept() for name, each in found.items()}
+    only_size = {"split_size_hz": None} if "split_hz" in seen else {}
+    return structs.replace(known, **only_size, **seen)
 
 
 def unchanged(found: Health, then: Characteristics) -> Health:

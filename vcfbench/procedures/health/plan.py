@@ -69,7 +69,8 @@ class Modes(Struct, frozen=True):
         """Return the response of both to V_Vc, `share` being that of the in-phase mode at the drive's own frequency."""
         stiff = [(1.0 / each).real for each in self.answers(0.0)]
         anti_phase, in_phase = self.answers(offset_hz)
-        return -((1.0 - share) * stiff[0] * anti_phase + share * stiff[1] * in_phase)
+        moved = (1.0 - share) * stiff[0] * anti_phase + share * stiff[1] * in_phase
+        return math.copysign(1.0, stiff[0]) * moved
 
 
 def modes_of(decay: SenseDecay) -> Modes:

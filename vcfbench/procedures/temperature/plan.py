@@ -125,7 +125,7 @@ def temperature_characteristics(settings: TemperatureSettings, found: results.Te
         temperature_c=None if frequency is None else Measured(value=found.reference_c, u=settings.u_temperature_k),
         drive_hz=None if frequency is None else frequency.kept(),
         drive_ppm_k=None if found.frequency_tc is None else found.frequency_tc.kept(),
-        split_hz=None if found.split is None else found.split.kept(),
+        split_size_hz=None if found.split is None else found.split.kept(),
         split_hz_k=None if found.split_tc is None else found.split_tc.kept(),
         table_slope_ppm_k=found.scale_factor_tc.kept() if by_table else None,
         v_vc_slope_ppm_k=None if by_table else found.scale_factor_tc.kept(),

@@ -6,12 +6,13 @@ assumed as wide as the class of silicon tuning forks has it, and named; what is 
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
+from statistics import fmean
 
 from msgspec import Struct, structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
-from vcfbench.records.devices import Characteristics, Measured, Sensitivity
+from vcfbench.records.devices import Characteristics, Measured, Sensitivity, with_sign
 from vcfbench.reports.document import Table, heads
 
 
@@ -37,7 +38,7 @@ _QUANTITIES: Mapping[str, tuple[str, float, float]] = {
 """Units of the quantities that K_Vc depends on, and what is assumed where nobody measured them: value and limit.
 
 Frequencies and Q are those of the paper's class; both amplitudes count as a ratio alone, so that their size is free;
-combs of one mask differ by 1 % at most; the limits are assumed."""
+combs of one mask differ by 1 % at most; the limits are assumed. The split is on either side."""
 ASSUMED = {name: _within(value, limit) for name, (_, value, limit) in _QUANTITIES.items()}
 UNITS = {name: unit for name, (unit, _, _) in _QUANTITIES.items()} | {"temperature_c": "K", "rails_v": "V"}
 
@@ -81,9 +82,26 @@ _AMPLITUDES = ("drive_amplitude_v", "carrier_amplitude_v")
 _Inputs = dict[str, Measured]
 
 
-def _inputs(known: Characteristics) -> _Inputs:
-    """Return the inputs of the closed form; amplitudes that were not both measured count as equal."""
-    return {name: getattr(known, name) or ASSUMED[name] for name in QUANTITIES}
+def inputs_of(*known: Characteristics) -> list[_Inputs]:
+    """Return the inputs of the closed form by the first of `known`: twice where none of them has the split's sign.
+
+    Amplitudes that were not both measured count as equal. The modes' shares have the signs of their stiffnesses.
+    """
+    split_hz = next((each.split_hz.value for each in known if each.split_hz is not None), None)
+    found = []
+    for sign in (1.0, -1.0) if split_hz is None else (split_hz,):
+        inputs = {name: getattr(known[0], name) or each for name, each in ASSUMED.items()}
+        inputs["split_hz"] = known[0].split_hz or with_sign(known[0].split_size_hz or ASSUMED["split_hz"], sign)
+        if known[0].in_phase_share is None:
+            inputs["in_phase_share"] = with_sign(ASSUMED["in_phase_share"], sign * inputs["in_phase_split_hz"].value)
+        found.append(inputs)
+    return found
+
+
+def _of_either(found: Sequence[Measured]) -> Measured:
+    """Return the mean of the values by either sign of the split, each as likely."""
+    middle = fmean(each.value for each in found)
+    return Measured(value=middle, u=math.sqrt(fmean(each.u**2 + (each.value - middle) ** 2 for each in found)))
 
 
 def _gyroscope(values: Mapping[str, float]) -> Gyroscope:
@@ -95,18 +113,14 @@ def k_vc_sensitivities(known: Characteristics) -> tuple[Sensitivity, ...]:
 
     Their uncertainties are what those of all the quantities leave.
     """
-    inputs = _inputs(known)
-    values = {name: each.value for name, each in inputs.items()}
-    found = sensitivities(_gyroscope(values))
-    variances = dict.fromkeys(QUANTITIES, 0.0)
-    for name, each in inputs.items():
-        if each.u:
-            up, down = (sensitivities(_gyroscope(_moved(values, name, sign * each.u))) for sign in (1.0, -1.0))
-            for other in QUANTITIES:
-                variances[other] += (0.5 * (up[other] - down[other])) ** 2
+    of_each = [_sensitivities(inputs) for inputs in inputs_of(known)]
     per_k, measured_k = temperature_coefficient(known)
     per_v = known.k_vc_ppm_v or ASSUMED_PPM_V
-    rows = [(name, found[name], math.sqrt(variances[name]), getattr(known, name) is None) for name in QUANTITIES]
+    rows = [
+        (name, by.value, by.u, getattr(known, name) is None)
+        for name in QUANTITIES
+        for by in [_of_either([each[name] for each in of_each])]
+    ]
     rows += [
         ("temperature_c", per_k.value, per_k.u, not measured_k),
         ("rails_v", per_v.value, per_v.u, known.k_vc_ppm_v is None),
@@ -117,13 +131,31 @@ def k_vc_sensitivities(known: Characteristics) -> tuple[Sensitivity, ...]:
     )
 
 
-_BOUNDS = {"in_phase_share": (0.0, 0.95), "split_hz": (0.01, math.inf), "q_anti_phase": (1.0, math.inf)}
-"""Beyond which no value means anything; uncertainties that reach further are cut there."""
+def _sensitivities(inputs: _Inputs) -> dict[str, Measured]:
+    values = {name: each.value for name, each in inputs.items()}
+    found, variances = sensitivities(_gyroscope(values)), dict.fromkeys(QUANTITIES, 0.0)
+    for name, each in inputs.items():
+        if each.u:
+            up, down = (sensitivities(_gyroscope(_moved(values, name, sign * each.u))) for sign in (1.0, -1.0))
+            for other in QUANTITIES:
+                variances[other] += (0.5 * (up[other] - down[other])) ** 2
+    return {name: Measured(value=found[name], u=math.sqrt(variances[name])) for name in QUANTITIES}
+
+
+_LEAST_SPLIT_HZ, _LEAST_Q, _MOST_SHARE = 0.01, 1.0, 0.95
+"""Beyond which no value means anything; uncertainties that reach further are cut there. A mode stays on its side."""
 
 
 def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float]:
-    low, high = _BOUNDS.get(name, (-math.inf, math.inf))
-    return {**values, name: min(max(values[name] + by, low), high)}
+    value = values[name] + by
+    if name in {"split_hz", "in_phase_split_hz"}:
+        side = math.copysign(1.0, values[name])
+        value = side * max(side * value, _LEAST_SPLIT_HZ)
+    elif name in {"q_anti_phase", "q_in_phase"}:
+        value = max(value, _LEAST_Q)
+    elif name == "in_phase_share":
+        value = min(value, _MOST_SHARE)
+    return {**values, name: value}
 
 
 def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) -> tuple[Measured, bool]:
@@ -134,30 +166,31 @@ def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) 
     """
     if known.k_vc_ppm_k is not None and not seen:
         return known.k_vc_ppm_k, True
-    inputs = _inputs(known)
     coefficients = {
         "drive": known.drive_ppm_k or ASSUMED_DRIVE_PPM_K,
         "split": known.split_hz_k or ASSUMED_SPLIT_HZ_K,
         "q": known.q_per_k or ASSUMED_Q_PER_K,
     }
-    values = {name: each.value for name, each in {**inputs, **coefficients}.items()}
 
     def ppm_k(at: Mapping[str, float]) -> float:
         by = sensitivities(_gyroscope(at))
         parts = {name: by[name] * at[name] * at["q"] for name in ("q_anti_phase", "q_in_phase")}
-        parts["split_hz"] = by["split_hz"] * at["split"]
+        parts["split_hz"] = by["split_hz"] * math.copysign(at["split"], at["split"] * at["split_hz"])
         if known.k_vc_ppm_k is not None:
             return known.k_vc_ppm_k.value - math.fsum(part for name, part in parts.items() if name in seen)
         return -at["drive"] + math.fsum(part for name, part in parts.items() if name not in seen)
 
-    moved = [
-        0.5 * (ppm_k(_moved(values, name, each.u)) - ppm_k(_moved(values, name, -each.u)))
-        for name, each in {**inputs, **coefficients}.items()
-        if each.u
-    ]
-    whole = known.k_vc_ppm_k
-    u = math.hypot(_LEFT_PPM_K if whole is None else whole.u, *moved)
-    return Measured(value=ppm_k(values), u=u), known.drive_ppm_k is not None or whole is not None
+    whole, found = known.k_vc_ppm_k, []
+    for inputs in inputs_of(known):
+        of = {**inputs, **coefficients}
+        values = {name: each.value for name, each in of.items()}
+        moved = [
+            0.5 * (ppm_k(_moved(values, name, each.u)) - ppm_k(_moved(values, name, -each.u)))
+            for name, each in of.items()
+            if each.u
+        ]
+        found.append(Measured(value=ppm_k(values), u=math.hypot(_LEFT_PPM_K if whole is None else whole.u, *moved)))
+    return _of_either(found), known.drive_ppm_k is not None or whole is not None
 
 
 _LEFT_PPM_K = 0.05
@@ -178,11 +211,14 @@ def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteris
         if known.drive_hz is not None and known.drive_ppm_k is not None:
             per_ppm = 1e-6 * known.drive_hz.value
             drive_hz_k = Measured(value=per_ppm * known.drive_ppm_k.value, u=per_ppm * known.drive_ppm_k.u)
-        for name, per_k in (("drive_hz", drive_hz_k), ("split_hz", known.split_hz_k)):
+        per_kelvin = (("drive_hz", drive_hz_k), ("split_hz", known.split_hz_k), ("split_size_hz", known.split_hz_k))
+        for name, per_k in per_kelvin:  # that of a split is of its size
             found: Measured | None = getattr(known, name)
             if found is not None and per_k is not None and rise_k:
-                u = math.hypot(found.u, per_k.u * rise_k)
-                moved[name] = Measured(value=found.value + per_k.value * rise_k, u=u)
+                size = abs(found.value) + per_k.value * rise_k
+                moved[name] = Measured(
+                    value=math.copysign(size, found.value * size), u=math.hypot(found.u, per_k.u * rise_k)
+                )
     return structs.replace(known, **moved)
 
 
@@ -220,8 +256,8 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     Temperature counts where the drive frequency was not measured both times, which shows it; the rails where the
     amplitudes of drive and carrier were not. What both measurements share (`Share.of`) cancels.
     """
-    first = _inputs(then)
-    seen = {name: found for name in QUANTITIES if getattr(then, name) and (found := getattr(now, name))}
+    known = then if then.split_size_hz is None else structs.replace(then, split_hz=then.split_size_hz)
+    seen = {name: found for name in QUANTITIES if getattr(known, name) and (found := getattr(now, name))}
     if any(name not in seen for name in _AMPLITUDES):  # one of them alone says nothing of their ratio
         seen = {name: each for name, each in seen.items() if name not in _AMPLITUDES}
     # Temperature and rails, where the quantities that they act by were not measured
@@ -233,22 +269,32 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
         per_v = then.k_vc_ppm_v or ASSUMED_PPM_V
         steps.append(_step("rails_v", per_v, then.positive_rail_v, now.positive_rail_v))
 
+    of_each = [_changes(first, seen) for first in inputs_of(then, now)]
+    by_values = [
+        KvcPart(name, UNITS[name], then_value, now_value, by.value, by.u)
+        for name, (then_value, now_value, _) in of_each[0][1].items()
+        for by in [_of_either([parts[name][2] for _, parts in of_each])]
+    ]
+    together, parts = _of_either([whole for whole, _ in of_each]), [*by_values, *steps]
+    u = math.hypot(together.u, *(each.u_ppm for each in steps))
+    whole = together.value + math.fsum(each.ppm for each in steps)
+    beyond = whole - math.fsum(part.ppm for part in parts)
+    return KvcChange(whole, u, tuple(sorted(parts, key=lambda part: -abs(part.ppm))), beyond)
+
+
+def _changes(first: _Inputs, seen: _Inputs) -> tuple[Measured, dict[str, tuple[float, float, Measured]]]:
+    """Return the change of K_Vc by all quantities that were `seen`, ppm; and then, now and the change by each."""
+
     def total(before: Mapping[str, float], after: Mapping[str, float]) -> float:
         return change_ppm(_gyroscope(before), after)
 
     before = {name: each.value for name, each in first.items()}
     after = {name: each.value for name, each in seen.items()}
-    parts = [
-        KvcPart(
-            *(name, UNITS[name], before[name], value, total(before, {name: value})),
-            _u_of(total, {name: first[name]}, {name: seen[name]}, before),
-        )
-        for name, value in after.items()
-    ] + steps
-    u = math.hypot(_u_of(total, first, seen, before), *(each.u_ppm for each in steps))
-    whole = total(before, after) + math.fsum(each.ppm for each in steps)
-    beyond = whole - math.fsum(part.ppm for part in parts)
-    return KvcChange(whole, u, tuple(sorted(parts, key=lambda part: -abs(part.ppm))), beyond)
+    parts = {}
+    for name, value in after.items():
+        u = _u_of(total, {name: first[name]}, {name: seen[name]}, before)
+        parts[name] = before[name], value, Measured(value=total(before, {name: value}), u=u)
+    return Measured(value=total(before, after), u=_u_of(total, first, seen, before)), parts
 
 
 def _step(name: str, per_unit: Measured, then: Measured, now: Measured) -> KvcPart:
