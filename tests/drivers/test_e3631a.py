@@ -146,12 +146,15 @@ def test_safe_is_off_and_measured_near_zero() -> None:
         NO_ERROR,
         ("OUTP?", "0"),
         *[(f"MEAS:VOLT? {output}", answer) for output, answer in (("P6V", "0"), ("P25V", "+6.1"), ("N25V", "-0.1"))],
-        *[(f"MEAS:VOLT? {output}", answer) for output, answer in (("P6V", "0"), ("P25V", "+0.2"), ("N25V", "-0.1"))],
+        *[
+            (f"MEAS:VOLT? {output}", answer)
+            for output, answer in (("P6V", "-0.69"), ("P25V", "+0.19"), ("N25V", "+0.5"))
+        ],
     ]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
         report = supply.make_safe(Deadline.after(supply.clock, 10.0))
         assert report.safe
-        assert report.detail == "outputs off, no more than 0.2 V at the terminals"
+        assert report.detail == "outputs off, P6V -0.69 V, P25V +0.19 V, N25V +0.5 V at the terminals"
 
 
 def test_a_terminal_that_stays_live_is_not_safe() -> None:
@@ -160,7 +163,7 @@ def test_a_terminal_that_stays_live_is_not_safe() -> None:
     with expected_exchange(OPEN, [*OPENING, BLIND, *[*once, *measured] * 3, BLIND]) as supply:
         report = supply.make_safe(Deadline.after(supply.clock, 0.1))
         assert not report.safe
-        assert "P25V still measures 9.9 V" in report.detail
+        assert "P25V +9.9 V: not discharged yet" in report.detail
 
 
 def test_a_measured_overload_is_no_voltage() -> None:
@@ -283,9 +286,9 @@ def test_a_terminal_that_discharges_is_waited_for_whatever_its_sign(live: str) -
     sign = -1.0 if live == "N25V" else 1.0
     safe: list[Exchange] = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     with expected_exchange(
-        OPEN, [*OPENING, BLIND, *safe, *measured(5.0 * sign), *measured(0.6 * sign), *measured(0.4 * sign)]
+        OPEN, [*OPENING, BLIND, *safe, *measured(5.0 * sign), *measured(0.2 * sign), *measured(-0.6 * sign)]
     ) as supply:
         begin_s = supply.clock.now()
         report = supply.make_safe(Deadline.after(supply.clock, 10.0))
-        assert (report.safe, report.detail) == (True, "outputs off, no more than 0.4 V at the terminals")
+        assert (report.safe, f"{live} {-0.6 * sign:+.3g} V" in report.detail) == (True, True)
         assert supply.clock.now() - begin_s == pytest.approx(0.2)

@@ -32,7 +32,7 @@ SAFE: list[tuple[Callable[..., Any], str, list[Exchange], list[Exchange], str]] 
             ("OUTP?", "0"),
             *((f"MEAS:VOLT? {name}", ZERO) for name in ("P6V", "P25V", "N25V")),
         ],
-        "outputs off, no more than 0 V at the terminals",
+        "outputs off, P6V +0 V, P25V +0 V, N25V +0 V at the terminals",
     ),
     (
         Agilent33220A,

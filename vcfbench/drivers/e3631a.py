@@ -32,8 +32,11 @@ OUTPUTS: Final[Mapping[str, Output]] = MappingProxyType(
     }
 )
 
-_SAFE_V = 0.5
-"""Switched off, an output may keep up to 0.6 V of reverse voltage when something drives it (guide p. 90)."""
+_FORWARD_V = 0.2
+"""Below this an output that is off has discharged (chosen: no part of a PCB works on it)."""
+_REVERSE_V = 0.7
+"""Off, without load, an output has less than 0.6 V of opposite polarity (guide p. 96; 0.481 V was measured on one), and
+its voltmeter an error of 10 mV (p. 186); the rest is for a diode in the cold, -2 mV/K. E36312A: unverified."""
 
 _POLL_S = 0.1
 _REGULATION = MappingProxyType(
@@ -149,7 +152,7 @@ class E3631A(ScpiInstrument):
         return Regulation.OFF if condition == 0 and not self.outputs_enabled() else _REGULATION[condition]
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Switch the outputs off and wait until each measures near 0 V."""
+        """Switch the outputs off and wait until each has discharged."""
         return safely(self, self._prove_off, deadline)
 
     def _prove_off(self, deadline: Deadline) -> str:
@@ -157,20 +160,25 @@ class E3631A(ScpiInstrument):
         self._session.write(*self.safe_words, deadline=deadline)
         if self._switched_on(deadline):
             raise self._error(InstrumentError, "the outputs stay on", command=self.switch_question)
-        highest_v = self._wait_for_discharge(deadline)
-        return f"outputs off, no more than {highest_v:.3g} V at the terminals"
+        return f"outputs off, {self._wait_for_discharge(deadline)} at the terminals"
 
-    def _wait_for_discharge(self, deadline: Deadline) -> float:
+    def _wait_for_discharge(self, deadline: Deadline) -> str:
+        """Return the voltages in words once they are those of outputs that are off; they go on being switched off."""
         while True:
-            voltages = {
-                output: self._session.query_reading(self._said(self.reading_question, output, header="VOLT"), deadline)
-                for output in self.outputs
-            }
-            worst = max(voltages, key=lambda output: abs(voltages[output]))
-            if abs(voltages[worst]) < _SAFE_V:
-                return abs(voltages[worst])
-            if deadline.remaining() <= _POLL_S:
-                raise self._error(
-                    MeasurementError, f"outputs are off but {worst} still measures {voltages[worst]:.3g} V"
-                )
+            began_s, said, wrong = self.clock.now(), list[str](), list[str]()
+            for output, ratings in self.outputs.items():
+                asked = self._said(self.reading_question, output, header="VOLT")
+                voltage_v = self._signed(output, self._session.query_reading(asked, deadline))
+                forward_v = voltage_v if ratings.high_v > 0.0 else -voltage_v
+                said.append(f"{output} {voltage_v:+.3g} V")
+                if forward_v >= _FORWARD_V:
+                    wrong.append(f"{said[-1]}: not discharged yet, or fed from elsewhere")
+                elif forward_v <= -_REVERSE_V:
+                    wrong.append(
+                        f"{said[-1]}: more reverse than the {_REVERSE_V:g} V of an open output, something feeds it"
+                    )
+            if not wrong:
+                return ", ".join(said)
+            if deadline.remaining() <= 3.0 * (self.clock.now() - began_s) + _POLL_S:  # before the next is cut off
+                raise self._error(MeasurementError, f"outputs are off, but {'; '.join(wrong)}")
             sleep(self.clock, _POLL_S)

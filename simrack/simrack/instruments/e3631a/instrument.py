@@ -236,7 +236,9 @@ class SimulatedE3631A(ScpiTwin):
     def drive(self) -> None:
         """Send every output towards its setting."""
         for name, output in self.outputs.items():
-            output.head_for(self.open_circuit_v(name) if self.is_on(name) else 0.0)
+            on = self.is_on(name)
+            output.head_for(self.open_circuit_v(name) if on else 0.0)
+            output.reverse_v = 0.0 if on else output.errors.reverse_v
         self.regulate()
 
     def open_circuit_v(self, name: str) -> float:

@@ -77,6 +77,7 @@ class SupplyOutput:
         "rail",
         "ramp",
         "register",
+        "reverse_v",
         "rippling",
         "terminal",
         "triggered_amps",
@@ -101,6 +102,8 @@ class SupplyOutput:
         """The voltage at its terminals."""
         self.turns_s = math.inf
         """When it will have come to its current limit, or off it, by its own movement."""
+        self.reverse_v = 0.0
+        """What its voltmeter reads the wrong way round, because it is off."""
         self.current_a = 0.0
         self.limited = False
         self.rippling = False
@@ -257,6 +260,7 @@ class SupplyOutput:
     def voltage_reading(self) -> float:
         """Return the reading of the output's voltmeter."""
         reading = self.voltage_v * (1.0 + self.errors.readback_gain) + self.errors.readback_offset_v
+        reading -= self.kind.sign * self.reverse_v
         return stepped(reading, self.kind.volt_step) if self.quantised else reading
 
     def current_reading(self) -> float:
