@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import math
 import re
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+import vcfbench
 from benchmarks.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
 from tests.procedures.fakes import make_settings
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.steady.jumps import note, require_no_jump
+from vcfbench.procedures.shared.steady.jumps import (
+    _covariance,
+    _free_orders,
+    largest_jump,
+    note,
+    require_no_jump,
+)
 from vcfbench.procedures.shared.steady.walk import Limits, Walk
 from vcfbench.procedures.shared.sweep.schedule import Order, Zeros
 from vcfbench.records.schema import Point
@@ -47,6 +55,69 @@ def walked(added_v: NDArray[np.float64], rates: Sequence[float] = RATES, **setti
 
 def test_a_gyroscope_that_is_not_straight_is_believed() -> None:
     require_no_jump(walked(np.zeros(len(RATES))))
+
+
+def by_columns(walk: Walk) -> float:
+    """Return the sigmas of the largest pattern, a column for each, as in the definition."""
+    windows = walk.windows
+    count, x = len(windows), np.array([each.table_deg_s for each in windows])
+    x, at_s = x / np.abs(x).max(), np.array([each.middle_s for each in windows])
+    free = np.column_stack([x**order for order in range(_free_orders(windows) + 1)])
+    place = np.arange(count)
+    patterns = [
+        ((place >= first) & (place <= last)).astype(float)
+        for first in range(count)
+        for last in range(first, count)
+        if last - first < count - 1
+    ]
+    patterns += [np.maximum(0.0, at_s - at_s[first - 1]) / (at_s[-1] - at_s[0]) for first in range(1, count - 1)]
+    inverse = np.linalg.inv(_covariance(walk, windows, x, free))
+    output = np.array([each.point.output_v for each in windows])
+    found = [0.0]
+    for pattern in patterns:
+        weighted = inverse - inverse @ free @ np.linalg.solve(free.T @ inverse @ free, free.T @ inverse)
+        shows = float(pattern @ weighted @ pattern)
+        if shows > 1e-4 * float(pattern @ inverse @ pattern):
+            found.append(float(pattern @ weighted @ output) / math.sqrt(shows))
+    return max(found, key=abs)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_largest_jump_is_that_of_the_definition(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(12, 30))
+    rates = rng.choice(np.array([200.0, 50.0, 10.0, 0.0, -20.0, -100.0, -200.0]), count)
+    added, (first, last) = np.zeros(count), sorted(rng.integers(0, count, 2))
+    added[first:last] = 1e-4 * rng.normal()
+    walk = walked(added, rates)
+    found = largest_jump(walk, walk.windows)
+    assert found is not None
+    assert abs(found.sigmas) == pytest.approx(abs(by_columns(walk)), rel=1e-6)
+
+
+def test_the_look_at_many_windows_needs_memory_with_their_square() -> None:
+    """Of 45 repeats of a turntable: their patterns, a column each, would take 2.4 GB."""
+    rates = np.random.default_rng(1).choice(np.array(RATES), 855)
+    walk = walked(np.zeros(855), rates)
+    tracemalloc.start()
+    try:
+        assert largest_jump(walk, walk.windows) is not None
+        assert tracemalloc.get_traced_memory()[1] < 300e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("failure", [MemoryError("no more"), np.linalg.LinAlgError("not positive definite")])
+def test_a_look_that_cannot_be_had_costs_no_run(failure: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*_: object) -> None:
+        raise failure
+
+    monkeypatch.setattr("vcfbench.procedures.shared.steady.jumps.largest_jump", fails)
+    settings = {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}
+    done = vcfbench.run("turntable", "lab", settings=settings, runs=None)
+    assert done.status == "complete"
+    assert done.results.scale_factor.value == pytest.approx(-0.0125, rel=0.01)
+    assert [each.split(":")[0] for each in done.not_checked] == ["whether the output stepped or walked between windows"]
 
 
 def test_two_levels_there_and_back_are_a_line() -> None:
