@@ -136,7 +136,10 @@ def decode(kind: str, data: bytes, at: int, order: Order) -> float:
     if at < 0 or len(raw) != _SIZES[kind]:
         raise FramingError(f"a frame of {len(data)} bytes has no {kind} at byte {at}")
     if kind == "f32":
-        return float(struct.unpack(_FLOATS[order], raw)[0])
+        value = float(struct.unpack(_FLOATS[order], raw)[0])
+        if not -replies.OVERLOAD < value < replies.OVERLOAD:
+            raise FramingError(f"expected a number, came {raw.hex(' ')}, {value:g}")
+        return value
     word = int.from_bytes(raw, order, signed=kind in _SIGNED)
     return float(-(word ^ _SIGN) if kind == "i24sm" and word & _SIGN else word)
 
@@ -147,7 +150,7 @@ def text_value(kind: TextType, text: str) -> float:
         return replies.number(text.strip())
     try:
         return float(int(text, 16))
-    except ValueError:
+    except (ValueError, OverflowError):
         raise FramingError(f"expected a hexadecimal number, came {text[:60]!r}") from None
 
 

@@ -130,10 +130,22 @@ def test_long_records_are_raw() -> None:
         assert scope.waveform(1, 100_000).voltage_v.shape == (100_000,)
 
 
-@pytest.mark.parametrize("fields", [(0.0,) * 9, (4.0, *(1.0,) * 9), (0.0, 0.0, 1.0, 1.0, 0.0, *(1.0,) * 5)])
-def test_preambles_that_are_none(fields: tuple[float, ...]) -> None:
-    with pytest.raises(FramingError):
-        Preamble.parse(fields)
+NONE = ("+9.9E+37", "-9.9E37", "9.91E37", "9.8999999999999999E+37", "1E400", "NAN", "INF", "")
+
+
+@pytest.mark.parametrize(
+    "preamble",
+    [
+        *("+0", ",".join("0" * 9), "4" + ",1" * 9, "0,0,1,1,0,1,1,1,1,1", "0,0,1,1,1,1,1,0,1,1", "0,0,0,1,1,1,1,1,1,1"),
+        *(",".join(["0,0", *("1" * field), none, *("1" * (7 - field))]) for field in range(8) for none in NONE),
+    ],
+)
+def test_preambles_that_are_none(preamble: str) -> None:
+    with (
+        expected_exchange(OPEN, [*OPENING, *DOWNLOAD[:-1], (":WAV:PRE?", preamble)]) as scope,
+        pytest.raises(FramingError, match=r"^oscilloscope at SCRIPT: expected .*, came .*, command ':WAV:PRE\?'"),
+    ):
+        scope.waveform(1)
 
 
 def test_channels_it_does_not_have_are_not_sent() -> None:
@@ -226,7 +238,7 @@ def test_long_records_are_given_the_time_that_they_take() -> None:
 
 def test_instants_count_from_the_reference_point() -> None:
     """Steps from the reference, and the origin: (i - reference) step + origin."""
-    preamble = Preamble.parse((0.0, 0.0, 3.0, 1.0, 2.0, 5.0, 1.0, 0.5, 10.0, 100.0))
+    preamble = Preamble.parse("0,0,3,1,2,5,1,0.5,10,100")
     waveform = preamble.waveform(np.array([98, 100, 102], np.uint8))
     assert waveform.time_s.tolist() == [3.0, 5.0, 7.0]
     assert waveform.voltage_v.tolist() == [9.0, 10.0, 11.0]

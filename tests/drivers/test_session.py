@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
@@ -207,7 +208,8 @@ def test_the_deadline_covers_command_pause_and_error_queue() -> None:
 def test_every_kind_of_question() -> None:
     exchanges: list[Exchange] = [
         ("F?", "+1.5E+00"),
-        ("N?", "9.9E37"),
+        ("N?", "9.8E37"),
+        ("O?", "9.9E37"),
         ("L?", "1,2,3"),
         ("I?", "+7"),
         ("B?", "0"),
@@ -215,7 +217,8 @@ def test_every_kind_of_question() -> None:
     ]
     with expected_exchange(OPEN, exchanges) as session:
         assert session.query_reading("F?") == 1.5
-        assert session.query_number("N?") == 9.9e37
+        assert session.query_number("N?") == 9.8e37
+        assert session.query_ohms("O?") == math.inf
         assert session.query_numbers("L?") == (1.0, 2.0, 3.0)
         assert session.query_int("I?") == 7
         assert session.query_bool("B?") is False

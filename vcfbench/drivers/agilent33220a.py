@@ -20,9 +20,6 @@ FREQUENCY_STEP_HZ = 1e-6
 LEAST_OFFSET_STEP_V = 1e-3
 """Offsets are held to four digits, and to no less than this (unverified)."""
 
-OPEN_OHM = replies.OVERLOAD * (1.0 - 1e-9)
-"""Answer of OUTPut:LOAD? for infinity, its last digit apart: no double holds 9.9E37 to fifteen decimals."""
-
 
 class Agilent33220A(ScpiInstrument):
     """The generator speaks of voltages into its load; the load is a high impedance here (``OUTP:LOAD INF``)."""
@@ -110,8 +107,8 @@ class Agilent33220A(ScpiInstrument):
             self._switch("off")
         self._take_over(self.left)
         self._session.write(f"{self.output}:LOAD INF")
-        load_ohm = self._session.query_number(f"{self.output}:LOAD?")  # infinity is answered as 9.9E+37
-        if load_ohm < OPEN_OHM:
+        load_ohm = self._session.query_ohms(f"{self.output}:LOAD?")
+        if not math.isinf(load_ohm):
             raise self._disagreement(f"{self.output}:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
 
     def _level_v(self, sent: str) -> float:

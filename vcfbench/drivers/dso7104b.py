@@ -52,10 +52,11 @@ class Preamble(Struct, frozen=True):
     y_reference: float
 
     @classmethod
-    def parse(cls, fields: tuple[float, ...]) -> Self:
+    def parse(cls, reply: str) -> Self:
         """Read ``:WAV:PRE?``: format, type, points, count, then increment, origin and reference of x and of y."""
-        if len(fields) != 10 or fields[0] not in {0.0, 1.0} or fields[4] <= 0.0:
-            raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, came {fields}")
+        fields = replies.numbers(reply)
+        if len(fields) != 10 or fields[0] not in {0.0, 1.0} or fields[2] < 1.0 or min(fields[4], fields[7]) <= 0.0:
+            raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, came {reply!r}")
         return cls(int(fields[2]), fields[4], fields[5], fields[6], fields[7], fields[8], fields[9])
 
     def waveform(self, codes: NDArray[np.unsignedinteger[Any]]) -> Waveform:
@@ -164,7 +165,7 @@ class Dso7104B(ScpiInstrument):
                 f":WAV:POIN:MODE {'NORM' if points <= _NORMAL_RECORD else 'RAW'}",
                 f":WAV:POIN {points}",
             )
-            preamble = Preamble.parse(self._session.query_numbers(":WAV:PRE?"))
+            preamble = self._session.query_as(":WAV:PRE?", Preamble.parse)
             # 20 Mbit/s are what VXI-11 over 100-Mbit LAN was seen to give at worst.
             deadline = self._session.deadline(self._session.timeout_s + preamble.points / 250_000.0)
             codes = np.frombuffer(self._session.query_block(":WAV:DATA?", deadline), dtype=_CODES[self._format])

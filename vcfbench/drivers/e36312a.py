@@ -58,10 +58,15 @@ class E36312A(E3631A):
         return any(self._states(deadline).values())
 
     def _states(self, deadline: Deadline | None) -> dict[str, bool]:
-        answers = self._session.query_numbers(self.switch_question, deadline)
-        if len(answers) != len(self.outputs) or any(answer not in {0.0, 1.0} for answer in answers):
-            raise self._error(FramingError, f"expected three states, came {answers}", command=self.switch_question)
+        answers = self._session.query_as(self.switch_question, _three_states, deadline)
         states = {output: bool(answer) for output, answer in zip(self.outputs, answers, strict=True)}
         on = [output for output, state in states.items() if state]
         self._session.note_read(f"{', '.join(on)} on" if on else "outputs off")
         return states
+
+
+def _three_states(reply: str) -> tuple[float, ...]:
+    states = replies.numbers(reply)
+    if len(states) != 3 or any(state not in {0.0, 1.0} for state in states):
+        raise FramingError(f"expected three states, came {reply!r}")
+    return states

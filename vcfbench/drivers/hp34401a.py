@@ -1,6 +1,5 @@
 """HP (Agilent, Keysight) 34401A multimeter, after its user's guide 34401-90004."""
 
-import math
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -158,10 +157,10 @@ class Hp34401A(ScpiInstrument):
             self._session.send(self.begin_words, deadline=deadline)
             if self.waits_for_readings:
                 self._session.query_int("*OPC?", deadline)
-            first, again = (self._session.query_number("FETC?", deadline, self.reading_form) for _ in range(2))
+            first, again = (self._session.query_ohms("FETC?", deadline, self.reading_form) for _ in range(2))
         if first != again:
             raise self._unbelievable(f"one reading was answered as {first:.9g} ohm and as {again:.9g} ohm")
-        return first if abs(first) < replies.OVERLOAD else math.inf
+        return first
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""

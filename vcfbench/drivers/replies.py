@@ -3,6 +3,7 @@
 Each raises :class:`~vcfbench.errors.FramingError` for anything that is not of its form.
 """
 
+import math
 import re
 from collections.abc import Sequence
 
@@ -10,8 +11,11 @@ from msgspec import Struct
 
 from vcfbench.errors import FramingError, MeasurementError
 
-OVERLOAD = 9.9e37
-"""From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number)."""
+OVERLOAD = 9.9e37 * (1.0 - 1e-9)
+"""From this magnitude on a number means "no value" (SCPI-99 vol. 1, 7.2.1.4: 9.9E37 infinity, 9.91E37 not a number).
+
+Its last digit is apart: no double holds 9.9E37 to the fifteen decimals of some answers.
+"""
 
 _ANY_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
@@ -69,18 +73,27 @@ def text(reply: bytes) -> str:
 
 
 def number(reply: str, form: NumberForm = ANY_NUMBER) -> float:
-    """Return a decimal number of `form`, whatever its magnitude."""
-    if form.pattern.fullmatch(reply) is None:
+    """Return a decimal number of `form`; 9.9E37 and what is beyond it are none."""
+    if form.pattern.fullmatch(reply) is None or not -OVERLOAD < (value := float(reply)) < OVERLOAD:
         raise _refuse(form.words, reply)
-    return float(reply)
+    return value
 
 
 def reading(reply: str, form: NumberForm = ANY_NUMBER) -> float:
     """Return a measured number; raises MeasurementError for 9.9E37, which means overload or nothing to measure."""
-    value = number(reply, form)
+    if form.pattern.fullmatch(reply) is None:
+        raise _refuse(form.words, reply)
+    value = float(reply)
     if not -OVERLOAD < value < OVERLOAD:
         raise MeasurementError(f"overload or not measurable (the instrument answers {reply})")
     return value
+
+
+def ohms(reply: str, form: NumberForm = ANY_NUMBER) -> float:
+    """Return a resistance, of a load or a lead; 9.9E37 is an open circuit, inf."""
+    if form.pattern.fullmatch(reply) is None or (value := float(reply)) <= -OVERLOAD:
+        raise _refuse(form.words, reply)
+    return value if value < OVERLOAD else math.inf
 
 
 def numbers(reply: str) -> tuple[float, ...]:

@@ -72,35 +72,43 @@ class Session(Conversation):
 
     def query(self, command: str, deadline: Deadline | None = None) -> str:
         """Ask `command` and return the answer, without its terminator."""
-        return self._ask(command, str, deadline)
+        return self.query_as(command, str, deadline)
+
+    def query_as(self, command: str, read: Callable[[str], _T], deadline: Deadline | None = None) -> _T:
+        """Ask `command`; `read` makes a value of the text of the line that is answered, or says why it is none."""
+        return self._exchange(command, self._read_line, lambda line: read(replies.text(line)), deadline)
 
     def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
-        return self._ask(command, lambda text: replies.reading(text, form), deadline)
+        return self.query_as(command, lambda text: replies.reading(text, form), deadline)
 
     def query_number(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
-        """Ask for a number in the `form` that the model promises; it may be 9.9E37, which then means infinity."""
-        return self._ask(command, lambda text: replies.number(text, form), deadline)
+        """Ask for a number in the `form` that the model promises; 9.9E37 is none."""
+        return self.query_as(command, lambda text: replies.number(text, form), deadline)
+
+    def query_ohms(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
+        """Ask for a resistance in the `form` that the model promises; 9.9E37 is inf, an open circuit."""
+        return self.query_as(command, lambda text: replies.ohms(text, form), deadline)
 
     def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
         """Ask for comma-separated numbers."""
-        return self._ask(command, replies.numbers, deadline)
+        return self.query_as(command, replies.numbers, deadline)
 
     def query_readings(
         self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER
     ) -> tuple[float, ...]:
         """Ask for comma-separated measured values, each in the `form`; raises MeasurementError for a 9.9E37."""
-        return self._ask(
+        return self.query_as(
             command, lambda text: tuple(replies.reading(field, form) for field in text.split(",")), deadline
         )
 
     def query_int(self, command: str, deadline: Deadline | None = None) -> int:
         """Ask for a whole number."""
-        return self._ask(command, replies.integer, deadline)
+        return self.query_as(command, replies.integer, deadline)
 
     def query_bool(self, command: str, deadline: Deadline | None = None) -> bool:
         """Ask for a switch, ``0`` or ``1``."""
-        return self._ask(command, replies.boolean, deadline)
+        return self.query_as(command, replies.boolean, deadline)
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
@@ -151,7 +159,7 @@ class Session(Conversation):
     def _raise_errors(self, deadline: Deadline, command: str | None) -> None:
         queued: list[tuple[int, str]] = []
         while len(queued) < _DEEPEST_QUEUE:
-            entry = self._ask(*self._error_question, deadline)
+            entry = self.query_as(*self._error_question, deadline)
             if entry[0] == 0:
                 break
             queued.append(entry)
@@ -289,10 +297,6 @@ class Session(Conversation):
         self.close()
 
     # One exchange
-
-    def _ask(self, command: str, read: Callable[[str], _T], deadline: Deadline | None) -> _T:
-        """Ask `command`; `read` makes a value of the text of the line that is answered."""
-        return self._exchange(command, self._read_line, lambda line: read(replies.text(line)), deadline)
 
     def _exchange(
         self, command: str, take: Callable[[Deadline], bytes], read: Callable[[bytes], _T], deadline: Deadline | None

@@ -31,6 +31,7 @@ from vcfbench.steps.scope import (
     ScopeReady,
     SineRecord,
     SineRecords,
+    downloaded,
 )
 from vcfbench.steps.source import (
     ConfigureGenerator,

@@ -4,9 +4,8 @@ from statistics import fmean
 
 from msgspec import Struct
 
-from vcfbench.clock import Clock
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import AveragesWaveforms, Oscilloscope
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, Waveform
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does
 
@@ -78,6 +77,11 @@ class ConfigureScope(Step, Struct, frozen=True):
         return ScopeReady(0.0)
 
 
+def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
+    """Download what `channel` shows; the record stands, so that it can be asked for twice."""
+    return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
+
+
 @does(Effect.CHECKS, "drive signal", overhead_s=0.4)
 class FindDrive(Step, Struct, frozen=True):
     """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
@@ -99,16 +103,16 @@ class FindDrive(Step, Struct, frozen=True):
         for channel in channels:
             scope.configure_channel(channel, self.largest_v / _DIVISIONS)
         scope.acquire(*channels)
-        return DriveAmplitudes(*(_amplitude_or_none(scope, channel) for channel in channels))
+        return DriveAmplitudes(*(_amplitude_or_none(context, channel) for channel in channels))
 
     def predict(self, gyro: LinearGyro) -> DriveAmplitudes:
         return DriveAmplitudes(self.expected_v, self.expected_v)
 
 
-def _amplitude_or_none(scope: Oscilloscope, channel: int) -> float:
+def _amplitude_or_none(context: Context, channel: int) -> float:
     """Measure an amplitude where there may be no signal yet, V; 0 when there is none."""
     try:
-        return scope.measure_amplitude_v(channel)
+        return context.believable(lambda: context.bench.oscilloscope.measure_amplitude_v(channel))
     except MeasurementError:
         return 0.0
 
@@ -137,9 +141,9 @@ class MeasureDrive(Step, Struct, frozen=True):
         scope.acquire(self.drive_channel, self.carrier_channel)
         try:
             measured = (
-                scope.measure_frequency_hz(self.drive_channel),
-                scope.measure_amplitude_v(self.drive_channel),
-                scope.measure_phase_deg(self.drive_channel, self.carrier_channel),
+                context.believable(lambda: scope.measure_frequency_hz(self.drive_channel)),
+                context.believable(lambda: scope.measure_amplitude_v(self.drive_channel)),
+                context.believable(lambda: scope.measure_phase_deg(self.drive_channel, self.carrier_channel)),
             )
         except MeasurementError as error:
             return DriveReading(0.0, 0.0, 0.0, clock.now(), error.what)
@@ -200,14 +204,15 @@ class CaptureSines(Step, Struct, frozen=True):
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, amplitude_v / _DIVISIONS)
-        return SineRecords(self.channels, tuple(self._record(scope, context.bench.clock) for _ in range(self.count)))
+        return SineRecords(self.channels, tuple(self._record(context) for _ in range(self.count)))
 
-    def _record(self, scope: Oscilloscope, clock: Clock) -> SineRecord:
+    def _record(self, context: Context) -> SineRecord:
         from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
 
+        clock = context.bench.clock
         next_s = clock.now() + self.spacing_s
-        self.acquire(scope)
-        taken = [scope.waveform(channel) for channel in self.channels]
+        self.acquire(context.bench.oscilloscope)
+        taken = [downloaded(context, channel) for channel in self.channels]
         interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
         first = fit_sine(taken[0].voltage_v, interval_s)
         others = [
@@ -280,7 +285,7 @@ class FindAmplitudes(Step, Struct, frozen=True):
             for channel, scale in zip(self.channels, scales, strict=True):
                 scope.configure_channel(channel, scale)
             scope.acquire(*self.channels)
-            seen_v = [float(abs(scope.waveform(channel).voltage_v).max()) for channel in self.channels]
+            seen_v = [float(abs(downloaded(context, channel).voltage_v).max()) for channel in self.channels]
             levels_v = [max(level_v, _DIGIT * scale) for level_v, scale in zip(seen_v, scales, strict=True)]
         return Amplitudes(self.channels, tuple(levels_v))
 
@@ -336,13 +341,13 @@ class CaptureRotations(Step, Struct, frozen=True):
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))
-        return Rotations(tuple(self._record(scope) for _ in range(self.count)))
+        return Rotations(tuple(self._record(context) for _ in range(self.count)))
 
-    def _record(self, scope: Oscilloscope) -> RotationRecord:
+    def _record(self, context: Context) -> RotationRecord:
         from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
 
-        scope.acquire(*self.channels)
-        drive, sense, output = (scope.waveform(channel, self.points) for channel in self.channels)
+        context.bench.oscilloscope.acquire(*self.channels)
+        drive, sense, output = (downloaded(context, channel, self.points) for channel in self.channels)
         interval_s = float(drive.time_s[1] - drive.time_s[0])
         found = fit_rotation(drive.voltage_v, sense.voltage_v, output.voltage_v, interval_s, self.difference_hz)
         return RotationRecord(found.drive_hz, found.difference_hz, found.reference_deg, found.turning, found.output)

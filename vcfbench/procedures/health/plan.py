@@ -18,7 +18,7 @@ from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
+from vcfbench.interfaces import AveragesWaveforms, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.resonance import SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
@@ -28,7 +28,7 @@ from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
 from vcfbench.steps.drive_check import one_two_five
-from vcfbench.steps.step import Routine
+from vcfbench.steps.step import Context, Routine
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
@@ -125,13 +125,13 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
     The last of `channels` is not looked at.
     """
 
-    def _record(self, scope: Oscilloscope) -> steps.RotationRecord:
-        first, second, _ = self.channels
+    def _record(self, context: Context) -> steps.RotationRecord:
+        scope, (first, second, _) = context.bench.oscilloscope, self.channels
         if isinstance(scope, AveragesWaveforms):  # a feed-through that matters is a ten-thousandth of the screen
             scope.acquire_fine(first, second)
         else:
             scope.acquire(first, second)
-        drive, sense = (scope.waveform(channel, self.points) for channel in (first, second))
+        drive, sense = (steps.downloaded(context, channel, self.points) for channel in (first, second))
         interval_s = float(drive.time_s[1] - drive.time_s[0])
         found = fit_rotation(drive.voltage_v, sense.voltage_v, drive.voltage_v, interval_s, self.difference_hz)
         return steps.RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
