@@ -124,7 +124,16 @@ def test_line_and_limit_by_hand() -> None:
     line = Line.of([0.0, 1.0, -1.0, -1.0, 1.0, 0.0], [0.5, 2.5, -1.5, -1.5, 2.5, 0.5])
     assert (line.zero_v, line.slope) == pytest.approx((0.5, 2.0))
     assert sum(line.weights(7.0, SHARE)) == pytest.approx(1.0)
-    found = limit_of(line, SHARE, [3.0, 4.0, 3.5], [6.5, 6.6, 6.6])
+    found = limit_of(line, SHARE, [3.0, 4.0, 3.5], [6.5, 6.6, 6.6], 0)
     assert found is not None
     assert (found.at, found.half_width, found.first, found.rises) == pytest.approx((3.25, 0.25, 2, 0.0))
-    assert limit_of(line, SHARE, [3.0, 4.0], [6.5, 8.5]) is None
+    assert limit_of(line, SHARE, [3.0, 4.0], [6.5, 8.5], 0) is None
+
+
+@pytest.mark.parametrize("second_order_per_v", [0.03, -0.03])
+def test_output_that_bends_at_the_line_itself_has_limits_beyond_the_line(second_order_per_v: float) -> None:
+    """The line goes through both small rates; a square leaves one of them above it by 2 %, its opposite below."""
+    found = run(ideal({"second_order_per_v": second_order_per_v}), by="table").results
+    limits = [side.limit for side in (found.positive, found.negative)]
+    assert all(limit is None or abs(limit.value) > 50.0 for limit in limits)
+    assert sum(limit is not None and abs(limit.value) < 51.0 for limit in limits) == 1

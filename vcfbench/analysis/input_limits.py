@@ -99,14 +99,19 @@ class Limit(Struct, frozen=True):
     leaves: float
 
 
-def limit_of(line: Line, may_lack: float, inputs: Sequence[float], outputs_v: Sequence[float]) -> Limit | None:
-    """Return the limit of inputs of one sign; None where the output followed all of them."""
+def limit_of(
+    line: Line, may_lack: float, inputs: Sequence[float], outputs_v: Sequence[float], of_line: int
+) -> Limit | None:
+    """Return the limit of inputs of one sign; None where the output followed all of them.
+
+    The first `of_line` inputs are those that the line goes through: where the output curves, one of them lies above it
+    and its opposite below, and neither is a limit.
+    """
     order = np.argsort(np.abs(inputs))
-    short = [int(each) for each in order if line.lacks(inputs[each], outputs_v[each]) > may_lack]
-    followed = [int(each) for each in order if each not in short]
+    short = [int(i) for i in order if i >= of_line and line.lacks(inputs[i], outputs_v[i]) > may_lack]
     if not short:
         return None
-    first, last = short[0], followed[-1]
+    first, last = short[0], next(int(i) for i in order[::-1] if abs(inputs[i]) < abs(inputs[short[0]]))
     beyond = next((each for each in short if abs(inputs[each]) >= _NEAR * abs(inputs[first])), last)
     rise_v, apart = outputs_v[beyond] - outputs_v[first], inputs[beyond] - inputs[first]
     rises = rise_v / apart / line.slope if apart else 0.0

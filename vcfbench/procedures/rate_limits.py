@@ -185,7 +185,8 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     own = [each for each, point in enumerate(points) if point.rate_deg_s * sign > 0.0]
     tried = [each for each in own if points[each].step != _BACK]
     inputs = [settings.input_of(points[each]) for each in tried]
-    found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried])
+    of_line = sum(points[each].step == _LINE for each in tried)
+    found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried], of_line)
     if found is None:
         most = max(inputs, key=abs)
         return RateLimit(None, line.slope * most / slope, most)
