@@ -24,5 +24,5 @@ def taken_over(left: Sequence[Left], **names: object) -> list[Exchange]:
     """What is said once of what a last user may have left: what is asked is as it should be."""
     rows = [(each.header.format(**names), each.value.format(**names), each.refused) for each in left]
     asked: list[Exchange] = [(f"{header}?", value) for header, value, refused in rows if refused]
-    told: list[Exchange] = [(f"{header} {value}", None) for header, value, refused in rows if not refused]
+    told: list[Exchange] = [(f"{header} {value}".rstrip(), None) for header, value, refused in rows if not refused]
     return [*asked, *told, *([NO_ERROR] if told else [])]

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.dso7104b import Dso7104B, Preamble
 from vcfbench.errors import DeadlineExceeded, FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("AGILENT TECHNOLOGIES,DSO7104B,MY49520121,06.00.0003")
+LEFT = taken_over(Dso7104B.left)
 OPEN = over_visa(Dso7104B, name="oscilloscope")
 
 # A live preamble of the 6000 series: 1000 points, 20 ns/div, 1 V/div, offset 12.5 mV.
@@ -27,6 +28,11 @@ DOWNLOAD: list[Exchange] = [
 ]
 
 
+def left_of(channel: int) -> list[Exchange]:
+    """What is said once of the oscilloscope, then of a channel."""
+    return [*LEFT, *taken_over(Dso7104B.left_of_channel, source=f"CHAN{channel}", probe="1")]
+
+
 def block(data: bytes) -> bytes:
     return f"#8{len(data):08d}".encode() + data + b"\n"
 
@@ -40,27 +46,57 @@ def test_channel() -> None:
         (":CHAN2:OFFS -0.1", None),
         NO_ERROR,
     ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+    with expected_exchange(OPEN, [*OPENING, *left_of(2), *exchanges]) as scope:
         scope.configure_channel(2, 0.5, -0.1)
 
 
-def test_timebase_and_trigger() -> None:
-    exchanges: list[Exchange] = [
-        (":TIM:MODE MAIN", None),
-        (":TIM:REF CENT", None),
-        (":TIM:SCAL 0.0002", None),
-        (":TIM:POS 0", None),
-        NO_ERROR,
-        (":TRIG:MODE EDGE", None),
-        (":TRIG:EDGE:SOUR CHAN1", None),
-        (":TRIG:EDGE:SLOP POS", None),
-        (":TRIG:EDGE:LEV 0", None),
-        (":TRIG:SWE AUTO", None),
-        NO_ERROR,
-    ]
-    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+TRIGGER: list[Exchange] = [
+    (":TRIG:MODE EDGE", None),
+    (":TRIG:EDGE:SOUR CHAN2", None),
+    (":TRIG:EDGE:SLOP POS", None),
+    (":TRIG:EDGE:LEV 0.25", None),
+    (":TRIG:SWE AUTO", None),
+    NO_ERROR,
+]
+CHANNEL: list[Exchange] = [
+    *((f":CHAN2:{each}", None) for each in ("DISP 1", "COUP DC", "IMP ONEM", "SCAL 0.5", "OFFS 0")),
+    NO_ERROR,
+]
+RECORD: list[Exchange] = [(":ACQ:TYPE NORM", None), (":DIG CHAN2", None), ("*OPC?", "1"), NO_ERROR]
+
+
+def test_timebase() -> None:
+    timebase = [":TIM:MODE MAIN", ":TIM:REF CENT", ":TIM:SCAL 0.0002", ":TIM:POS 0"]
+    with expected_exchange(OPEN, [*OPENING, *LEFT, *((each, None) for each in timebase), NO_ERROR]) as scope:
         scope.configure_timebase(200e-6)
-        scope.configure_trigger(1)
+
+
+def test_the_trigger_is_set_after_its_channel_and_read_back() -> None:
+    level: Exchange = (":TRIG:EDGE:LEV?", "+2.50E-001")
+    exchanges = [*left_of(2), *CHANNEL, *TRIGGER, level, *RECORD, *RECORD, *CHANNEL, *TRIGGER, level, *RECORD]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+        scope.configure_trigger(2, 0.25)
+        scope.configure_channel(2, 0.5)
+        scope.acquire(2)
+        scope.acquire(2)  # it is set already
+        scope.configure_channel(2, 0.5)
+        scope.acquire(2)
+
+
+@pytest.mark.parametrize("found", ["+0.00E+000", "+3.00E-002", "+2.30E-001", "-2.50E-001", "+9.90E+037"])
+def test_a_level_that_was_cut_to_the_screen_is_an_error(found: str) -> None:
+    exchanges = [*left_of(2), *CHANNEL, *TRIGGER, (":TRIG:EDGE:LEV?", found)]
+    with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
+        scope.configure_channel(2, 0.5)
+        scope.configure_trigger(2, 0.25)
+        with pytest.raises(InstrumentError, match=r"was set to 0\.25 V but reads back"):
+            scope.acquire(2)
+
+
+def test_a_probe_of_another_factor_than_the_bench_files_is_refused() -> None:
+    asked: list[Exchange] = [*LEFT, (":CHAN2:PROB?", "+1.00000E+001")]
+    with expected_exchange(OPEN, [*OPENING, *asked]) as scope, pytest.raises(InstrumentError, match="probe factor"):
+        scope.configure_channel(2, 0.5)
 
 
 def test_a_record_is_digitized_and_waited_for() -> None:
@@ -177,14 +213,16 @@ def test_running_is_an_instrument_error() -> None:
 def test_the_ends_of_the_vertical_scale_are_sent(scale: float) -> None:
     """2 mV/div, and 5 V/div at a probe of 1000:1; the offset is 0 unless it is told."""
     setting = ["DISP 1", "COUP DC", "IMP ONEM", f"SCAL {scale:g}", "OFFS 0"]
-    with expected_exchange(OPEN, [*OPENING, *((f":CHAN4:{each}", None) for each in setting), NO_ERROR]) as scope:
+    with expected_exchange(
+        OPEN, [*OPENING, *left_of(4), *((f":CHAN4:{each}", None) for each in setting), NO_ERROR]
+    ) as scope:
         scope.configure_channel(4, scale)
 
 
 @pytest.mark.parametrize("scale", [500e-12, 50.0])
 def test_the_ends_of_the_time_base_are_sent(scale: float) -> None:
     setting = ["MODE MAIN", "REF CENT", f"SCAL {scale:g}", "POS 0"]
-    with expected_exchange(OPEN, [*OPENING, *((f":TIM:{each}", None) for each in setting), NO_ERROR]) as scope:
+    with expected_exchange(OPEN, [*OPENING, *LEFT, *((f":TIM:{each}", None) for each in setting), NO_ERROR]) as scope:
         scope.configure_timebase(scale)
 
 
@@ -205,7 +243,7 @@ def test_scales_it_does_not_have_are_not_sent() -> None:
 def test_a_record_is_waited_for_as_long_as_two_of_them_take(scale_s: float | None, waits_s: float) -> None:
     """Ten divisions, twice; a second for the automatic trigger, and the time-out of 1 s. After a reset, 100 us/div."""
     timebase = [":TIM:MODE MAIN", ":TIM:REF CENT", ":TIM:SCAL 0.5", ":TIM:POS 0"]
-    before: list[Exchange] = [] if scale_s is None else [*((each, None) for each in timebase), NO_ERROR]
+    before: list[Exchange] = [] if scale_s is None else [*LEFT, *((each, None) for each in timebase), NO_ERROR]
     record: list[Exchange] = [(":ACQ:TYPE NORM", None), (":DIG CHAN1", None), ("*OPC?", None)]
     with expected_exchange(OPEN, [*OPENING, *before, *record]) as scope:
         if scale_s is not None:

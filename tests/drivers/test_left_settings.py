@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -9,9 +10,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 from simrack.sources import Drive
 
-from tests.drivers.boxes import GENERATORS, INPUT_V, METERS, box
+from tests.drivers.boxes import GENERATORS, INPUT_V, METERS, SCOPES, SINE, box
 from vcfbench.clock import sleep
 from vcfbench.drivers.agilent33220a import Agilent33220A
+from vcfbench.drivers.dso7104b import Dso7104B
 from vcfbench.errors import BenchError, InstrumentError
 
 if TYPE_CHECKING:
@@ -266,3 +268,105 @@ def test_what_is_left_in_a_generator_is_seen_without_the_table(
 def _switch_where_asked(generator: Any, wanted: str, deadline: Any = None) -> None:
     if generator._configured or deadline is not None:
         generator._session.write(f"{generator.output} {wanted.upper()}")
+
+
+OF_SCOPES = [
+    (model, cell)
+    for model in SCOPES
+    for cell in (
+        left(":CHAN1:INV 1"),
+        left(":CHAN1:PROB 10", named="probe factor"),
+        left(":CHAN1:UNIT AMP", idle=True),
+        left(":CHAN1:BWL 1", idle=True),
+        left(":CHAN1:PROB:SKEW 1E-7", idle=True),
+        left(":CHAN1:COUP AC", idle=True),
+        left(":CHAN1:OFFS 3", idle=True),
+        left(":CHAN1:SCAL 0.01;OFFS 0.04", idle=True),
+        left(":CHAN3:DISP 1;:CHAN4:DISP 1", idle=True),
+        left(":ACQ:MODE SEGM", idle=True),
+        left(":ACQ:MODE ETIM", idle=True),
+        left(":ACQ:TYPE AVER;COUN 4096", idle=True),
+        left(":ACQ:TYPE PEAK", idle=True),
+        *(left(f":TIM:MODE {each}", idle=True) for each in ("WIND", "XY", "ROLL")),
+        *(left(f":TIM:REF {each}", idle=True) for each in ("LEFT", "RIGH")),
+        left(":TIM:POS 1E-3", idle=True),
+        *(left(f":TRIG:MODE {each}", idle=True) for each in ("GLIT", "TV")),
+        left(":TRIG:SWE NORM", idle=True),
+        left(":TRIG:EDGE:SOUR EXT;SLOP NEG", idle=True),
+        left(":TRIG:HOLD 5"),
+        left(":TRIG:EDGE:COUP AC"),
+        left(":TRIG:EDGE:REJ LF", idle=True),
+        left(":TRIG:HFR 1", idle=True),
+        left(":TRIG:NREJ 1", idle=True),
+        left(":MEAS:DEF THR,ABS,0.3,0.2,0.1", idle=True),
+        left(":WAV:VIEW ALL", idle=True),
+        left(":WAV:BYT MSBF;FORM WORD;UNS 0", idle=True),
+        left(":FUNC:DISP 1", idle=True),
+        left(":RUN", idle=True),
+        left(":SYST:LOCK 1", idle=True),
+    )
+]
+CLIPPED = left(":CHAN1:SCAL 0.01;OFFS 0.5")
+"""With it a level of 0.5 V is not on the screen until the channel is set."""
+
+
+def seen_by(of: Box, cell: Left) -> list[float]:
+    """Return what a first record tells: frequency, amplitude, volts and times of two samples; and its bench time."""
+    leave(of, cell)
+    with of.driven() as scope:
+        begun_s = of.clock.now()
+        scope.configure_timebase(2e-4)
+        scope.configure_trigger(1, 0.5)
+        scope.configure_channel(1, 1.0)
+        scope.configure_channel(2, 1.0)
+        scope.acquire(1, 2)
+        record = scope.waveform(1)
+        scope.acquire_mean(16, 1, 2)
+        told = [
+            scope.measure_frequency_hz(1),
+            scope.measure_amplitude_v(1),
+            scope.measure_phase_deg(1, 2),
+            float(record.voltage_v[500]),
+            float(record.voltage_v[600]),
+            float(record.time_s[500]),
+            float(record.time_s[600]),
+            float(record.time_s.size),
+        ]
+        return [*told, float(of.clock.now() - begun_s < 1.0)]
+
+
+RIGHT = [1e3, SINE.amplitude_v, 0.0, 0.5, 2.2, 0.0, 2e-4, 1000.0, 1.0]
+WITHIN = [2.0, 0.1, 2.0, 0.2, 0.3, 5e-6, 5e-6, 0.0, 0.0]
+
+
+def is_seen_right(of: Box, cell: Left) -> bool:
+    try:
+        seen = seen_by(of, cell)
+    except InstrumentError as error:
+        return bool(cell.named) and cell.named in str(error)
+    return not cell.named and all(
+        abs(each - right) <= within for each, right, within in zip(seen, RIGHT, WITHIN, strict=True)
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"),
+    [*OF_SCOPES, *((model, CLIPPED) for model in SCOPES)],
+    ids=lambda each: each if isinstance(each, str) else each.words[0],
+)
+def test_an_oscilloscope_is_right_whatever_was_left(model: str, cell: Left) -> None:
+    assert is_seen_right(box(model), cell)
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"),
+    [each for each in OF_SCOPES if not each[1].idle],
+    ids=lambda each: each if isinstance(each, str) else each.words[0],
+)
+def test_what_is_left_in_an_oscilloscope_is_seen_without_the_table(
+    model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Dso7104B, "left", ())
+    monkeypatch.setattr(Dso7104B, "left_of_channel", ())
+    with suppress(BenchError):
+        assert not is_seen_right(box(model), replace(cell, named=""))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal, Self
 from msgspec import Struct
 
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, VisaSettings, decimal, require_within, safely
 from vcfbench.errors import FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.interfaces import Waveform
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from vcfbench.clock import Deadline
+    from vcfbench.drivers.session import Session
     from vcfbench.interfaces import SafeReport
 
 CHANNELS: Final = (1, 2, 3, 4)
@@ -38,6 +39,9 @@ _RUNNING = 1 << 3
 
 _AUTO_TRIGGER_S = 1.0
 """Allowance for the automatic sweep to trigger by itself (unverified; tens of milliseconds at fast time bases)."""
+_RECORDS_A_TRIGGER, _REARM_S, _LEAST_MEAN_S = 3.1, 2e-3, 10.0
+"""A mean takes 2 records and 1.1 times the time between triggers, which come at least once a record, for each of its
+records, and not less than 10 s are to be allowed (the maker's sample program); what re-arming takes is unverified."""
 
 
 class Preamble(Struct, frozen=True):
@@ -75,14 +79,60 @@ class Dso7104B(ScpiInstrument):
     least_scale_v: ClassVar[float] = 2e-3
     first_answer_s: ClassVar[float] = 15.0  # older units were seen to take 10 s for the first answer on LAN
 
+    left: ClassVar[tuple[Left, ...]] = (
+        Left(":STOP", "", "it may run while nobody looks"),
+        *(
+            Left(f":CHAN{channel}:DISP", "0", "a channel that is shown takes memory and sample rate")
+            for channel in CHANNELS
+        ),
+        Left(":ACQ:MODE", "RTIM", "ACQuire commands: segmented, equivalent time"),
+        Left(":ACQ:COMP", "100", "ACQuire commands"),
+        Left(":TRIG:HFR", "0", "TRIGger commands"),
+        Left(":TRIG:NREJ", "0", "TRIGger commands"),
+        Left(":TRIG:HOLD", "6E-8", "TRIGger commands: the least"),
+        Left(":TRIG:EDGE:COUP", "DC", "TRIGger commands"),
+        Left(":TRIG:EDGE:REJ", "OFF", "TRIGger commands"),
+        Left(":MEAS:DEF", "THR,STAN", "MEASure commands: 10, 50 and 90 %"),
+        Left(":WAV:VIEW", "MAIN", "WAVeform commands"),
+    )
+    left_of_channel: ClassVar[tuple[Left, ...]] = (
+        Left(
+            ":{source}:PROB",
+            "{probe}",
+            "CHANnel commands",
+            "its probe factor is not what [oscilloscope] probe in the bench file says",
+        ),
+        Left(":{source}:INV", "0", "CHANnel commands"),
+        Left(":{source}:UNIT", "VOLT", "CHANnel commands"),
+        Left(":{source}:BWL", "0", "CHANnel commands"),
+        Left(":{source}:PROB:SKEW", "0", "CHANnel commands"),
+        Left(":{source}:VERN", "1", "CHANnel commands: scales between 1, 2 and 5"),
+    )
+
     _record_s = 1e-3
+    _trigger: tuple[str, str] | None = None
+    """Source and level that were asked for."""
+    _armed = False
+    """Whether they are set, with the channel as it is."""
     _format: Literal["BYTE", "WORD"] = "BYTE"
+
+    def __init__(self, session: Session, *, probe: float = 1.0, serial_number: str | None = None) -> None:
+        super().__init__(session, serial_number=serial_number)
+        self._probe = probe
+        self._scales_v: dict[str, float] = {}
+
+    @classmethod
+    def opened(cls, session: Session, settings: VisaSettings) -> Self:
+        """Return the driver on an open session; what its probes divide by is the bench's to say."""
+        return cls(session, probe=settings.probe, serial_number=settings.serial_number)
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
         source = self._source(channel)
         most = 5e3  # 5 V/div at a 1000:1 probe
         require_within(self, f"scale of channel {channel}", scale_v_per_div, (self.least_scale_v, most), "V/div")
+        self._take_over(self.left)
+        self._take_over(self.left_of_channel, source=source, probe=f"{self._probe:g}")
         self._session.write(
             f":{source}:DISP 1",
             f":{source}:COUP DC",
@@ -90,22 +140,37 @@ class Dso7104B(ScpiInstrument):
             f":{source}:SCAL {decimal(scale_v_per_div)}",
             f":{source}:OFFS {decimal(offset_v)}",
         )
+        self._scales_v[source] = scale_v_per_div
+        if self._trigger is not None and source == self._trigger[0]:
+            self._armed = False  # what its level can be depends on scale and offset
 
     def configure_timebase(self, scale_s_per_div: float) -> None:
         """Set the main time base, trigger in the centre."""
         require_within(self, "time base", scale_s_per_div, (500e-12, 50.0), "s/div")
+        self._take_over(self.left)
         self._session.write(":TIM:MODE MAIN", ":TIM:REF CENT", f":TIM:SCAL {decimal(scale_s_per_div)}", ":TIM:POS 0")
         self._record_s = 10.0 * scale_s_per_div
 
     def configure_trigger(self, channel: int, level_v: float = 0.0) -> None:
-        """Select the rising-edge trigger on `channel`, automatic sweep."""
+        """Have a rising edge on `channel` trigger, with an automatic sweep; set before a record, after the channels."""
+        self._trigger, self._armed = (self._source(channel), decimal(level_v)), False
+
+    def _arm(self) -> None:
+        """Set the trigger that was asked for: a level must lie on the screen, which scale and offset make."""
+        if self._trigger is None or self._armed:
+            return
+        source, level = self._trigger
         self._session.write(
             ":TRIG:MODE EDGE",
-            f":TRIG:EDGE:SOUR {self._source(channel)}",
+            f":TRIG:EDGE:SOUR {source}",
             ":TRIG:EDGE:SLOP POS",
-            f":TRIG:EDGE:LEV {decimal(level_v)}",
+            f":TRIG:EDGE:LEV {level}",
             ":TRIG:SWE AUTO",  # or an untriggered :DIGitize would block the instrument for good
         )
+        # Three digits come back; how finely levels are set is unverified
+        step_v = 0.005 * abs(float(level)) + 0.02 * self._scales_v.get(source, self.least_scale_v)
+        self._read_back(":TRIG:EDGE:LEV?", level, step_v, "V", form=self.reading_form)
+        self._armed = True
 
     def acquire(self, *channels: int) -> None:
         """Take one record of `channels` and stop."""
@@ -125,7 +190,10 @@ class Dso7104B(ScpiInstrument):
 
     def _digitize(self, channels: tuple[int, ...], count: int, *how: str) -> None:
         sources = ",".join(self._source(channel) for channel in channels)
-        lasts_s = _AUTO_TRIGGER_S + 2.0 * self._record_s * count
+        self._arm()
+        lasts_s = _AUTO_TRIGGER_S + 2.0 * self._record_s
+        if count > 1:
+            lasts_s += max(count * (_RECORDS_A_TRIGGER * self._record_s + _REARM_S), _LEAST_MEAN_S)
         deadline = self._session.deadline(self._session.timeout_s + lasts_s)
         with self._session.exclusive():
             self._session.send(*how, f":DIG {sources}", deadline=deadline)

@@ -30,6 +30,8 @@ class VisaSettings(Struct, frozen=True):
     serial: SerialLine | None = None
     serial_number: str | None = None
     mains_hz: float = 50.0
+    probe: float = 1.0
+    """What the probes of an oscilloscope divide by."""
     serial_pause_s: float | None = None
     """Pause after a command on RS-232; None is the model's own."""
     upon_connecting: Callable[[Session, tuple[str, ...]], None] | None = None

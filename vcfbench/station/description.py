@@ -56,7 +56,7 @@ CALIBRATION_KEYS = (*_Calibrated.__struct_fields__, "calibration", "calibration_
 
 
 class VisaRole(_Calibrated, frozen=True, kw_only=True):
-    """An instrument reached through VISA; generators, oscilloscope and chamber have no further keys."""
+    """An instrument reached through VISA; generators and chamber have no further keys."""
 
     resource: Resource
     timeout_s: bounds.Seconds = 5.0
@@ -93,6 +93,12 @@ class OutputMeterRole(MultimeterRole, frozen=True, kw_only=True):
 
     by: By = None
     resolution_v: Annotated[float, Meta(ge=1e-9, le=1.0)] | None = None
+
+
+class OscilloscopeRole(VisaRole, frozen=True, kw_only=True):
+    """The oscilloscope; `probe` is what its probes divide by, as each channel that is used must have it set."""
+
+    probe: Annotated[float, Meta(ge=0.1, le=1000.0)] = 1.0
 
 
 class RateTableRole(_Calibrated, frozen=True, kw_only=True):
@@ -271,7 +277,7 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     power: PowerRole | None = None
     rate_source: VisaRole | None = None
     multimeter: OutputMeterRole | None = None
-    oscilloscope: VisaRole | None = None
+    oscilloscope: OscilloscopeRole | None = None
     rate_table: RateTableRole | None = None
     vibration_source: VisaRole | None = None
     v_vc_meter: MultimeterRole | None = None
