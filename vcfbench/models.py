@@ -64,6 +64,7 @@ class Model(Struct, frozen=True):
         own: what tells it from the other models of its driver's class and its twin's, as ``{"sine_hz": 20e6}``; both
             then have a class method ``of_model(name, **own)``. None where it has classes of its own.
         own_watchdog: what its manual says of a watchdog in it, and why none is armed.
+        terminals: of a supply: by output, its terminal for the rail and the one for ground.
     """
 
     name: str
@@ -77,6 +78,7 @@ class Model(Struct, frozen=True):
     answers: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     own: Mapping[str, Any] | None = None
     own_watchdog: str = NO_WATCHDOG
+    terminals: Mapping[str, tuple[str, str]] = field(default_factory=lambda: MappingProxyType({}))
 
     @property
     def places(self) -> tuple[str, ...]:
@@ -171,6 +173,7 @@ MODELS: Final[tuple[Model, ...]] = (
         specifications="vcfbench.specifications:KEYSIGHT_E3631A",
         rs232=True,
         answers={"*IDN?": "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0", "OUTP?": "0", "MEAS:VOLT?": "+0.0"},
+        terminals={"P6V": ("+ of +6V", "- of +6V"), "P25V": ("+ of +-25V", "COM"), "N25V": ("- of +-25V", "COM")},
     ),
     Model(
         "E36312A",
@@ -184,6 +187,12 @@ MODELS: Final[tuple[Model, ...]] = (
             "*IDN?": "Keysight Technologies,E36312A,MY59002391,2.1.0-1.0.4-1.12",
             "OUTP? (@1,2,3)": "0,0,0",
             "MEAS:VOLT?": "+0.0",
+        },
+        # Three outputs that float; the third stands for N25V, turned round
+        terminals={
+            "P6V": ("+ of output 1", "- of output 1"),
+            "P25V": ("+ of output 2", "- of output 2"),
+            "N25V": ("- of output 3", "+ of output 3"),
         },
     ),
     Model(
@@ -297,6 +306,16 @@ def own_watchdog(name: str, like: str | None = None) -> str:
     """Return what is known of a watchdog in the model or table language `name`, which may speak as the model `like`."""
     row = find_model(name) or find_language(name) or (find_model(like) if like else None)
     return NO_WATCHDOG if row is None else row.own_watchdog
+
+
+def rail_terminals(name: str, like: str | None, positive: str, negative: str) -> str:
+    """Say where the rails are connected at a supply `name`, which may speak as the model `like`, by their outputs."""
+    rows = [row for each in (name, like) if each and (row := find_model(each)) is not None and row.terminals]
+    if not rows:
+        return f"the terminals of a {name} are not known here: measure both rails at the plug before the PCB is on it"
+    (plus, one), (minus, other) = (rows[0].terminals[each] for each in (positive, negative))
+    ground = " and ".join(dict.fromkeys((one, other)))
+    return f"{rows[0].name}: positive rail to {plus}, negative rail to {minus}, ground to {ground}"
 
 
 def twin_of(row: Model | TableLanguage) -> Any:

@@ -158,6 +158,18 @@ def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file
     assert "nobody answers" in answer["instruments"]["rate_source"]["problem"]
     assert "it turns at 12.5 deg/s" in answer["instruments"]["rate_table"]["problem"]
     assert {role for role, each in answer["instruments"].items() if each["safe"]} == set(fakes.instruments)
+    assert set(answer["procedures"].values()) >= {"turntable opens rate_source and rate_table, not ready"}
+    assert None not in answer["procedures"].values()
+    said = vcfbench("bench", "check", "--bench", bench_file).stdout
+    assert "can run: no procedure: rate_source, rate_table not ready\n" in said
+    assert "cannot run" not in said
+
+
+def test_what_needs_no_instrument_that_fails_can_run(rack: Callable[..., FakeRack], bench_file: str) -> None:
+    rack(oscilloscope="missing")
+    answer = json.loads(vcfbench("bench", "check", "--bench", bench_file, "--json").stdout)
+    assert answer["procedures"]["electrical"] is None
+    assert answer["procedures"]["turntable"] == "turntable opens oscilloscope, not ready"
 
 
 def test_check_says_what_it_could_not_make_safe(rack: Callable[..., FakeRack], bench_file: str) -> None:

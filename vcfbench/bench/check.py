@@ -52,9 +52,13 @@ class BenchCheck(Struct, frozen=True):
 
     def failure(self) -> BenchError | None:
         """Return the error that the check amounts to: NotSafe before all else, None when all is well."""
-        bad = [each.role for each in self.instruments if each.problem is not None]
-        bad += ["watchdog"] if self.watchdog.problem else []
+        bad = self.not_ready()
         return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
+
+    def not_ready(self) -> list[str]:
+        """Return the roles that have a problem, and the watchdog if it has."""
+        bad = [each.role for each in self.instruments if each.problem is not None]
+        return [*bad, "watchdog"] if self.watchdog.problem else bad
 
 
 def check_bench(description: BenchDescription, *, trust: Trust = False, operator: Operator | None = None) -> BenchCheck:

@@ -7,7 +7,7 @@ import typer
 from msgspec import to_builtins
 from msgspec.structs import asdict, astuple
 
-from vcfbench.bench.check import CheckedWatchdog, check_bench
+from vcfbench.bench.check import CheckedInstrument, CheckedWatchdog, check_bench
 from vcfbench.cli import options
 from vcfbench.cli.answer import answer, print_json
 from vcfbench.cli.bench_new import new
@@ -118,9 +118,10 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
 
     def show() -> None:
         station: dict[str, Any] = {
+            "wiring": description.rails_at,
             "limits": to_builtins(description.limits),
             "acceptance": to_builtins(description.acceptance),
-            "procedures": what_can_run(description),
+            "procedures": what_can_run(description, done.not_ready()),
         }
         if json:
             safe = {report.instrument: report.safe for report in done.safe_reports}
@@ -131,9 +132,9 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                     "ok": each.problem is None,
                     "problem": each.problem,
                     "safe": safe.get(each.role),
-                    **{key: equipment[key] for key in _CALIBRATION},
+                    **{key: each.equipment.as_json()[key] for key in _CALIBRATION},
                 }
-                for each, equipment in ((each, each.equipment.as_json()) for each in done.instruments)
+                for each in done.instruments
             }
             watchdog = {
                 "ok": done.watchdog.problem is None,
@@ -144,30 +145,33 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
             whole = {"bench": description.name, "ok": done.failure() is None}
             print_json({**whole, "watchdog": watchdog, "instruments": instruments, **station})
         else:
-            rows = (
-                (
-                    *(each.role, "ok" if each.problem is None else "FAILED", each.equipment.model, each.resource),
-                    calibration_words(each.equipment),
-                    "-" if each.identity is None else " ".join(filter(None, astuple(each.identity))),
-                )
-                for each in done.instruments
-            )
-            table = left_table(("role", "state", "model", "resource", "calibration", "who answers"), rows)
-            typer.echo(f"{description.title}\n\n{table}\n")
+            header = ("role", "state", "model", "resource", "calibration", "who answers")
+            typer.echo(f"{description.title}\n\n{left_table(header, map(_checked_row, done.instruments))}\n")
             for problem in filter(None, (each.problem for each in done.instruments)):
                 typer.echo(problem)
             typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
-            # Print limits and acceptance, and the procedures that can run here; of the others the missing parts
+            typer.echo(f"wiring: {station['wiring'] or 'no supply'}")
             for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):
                 given = {key: value for key, value in station[name].items() if value not in (None, "none")}
                 said = ", ".join(f"{key} {_shown(value)}" for key, value in given.items())
                 typer.echo(f"{name}: {said or otherwise}")
             able = [name for name, lacking in station["procedures"].items() if lacking is None]
-            typer.echo(f"can run: {', '.join(able) or 'no procedure: each needs other instruments beside these'}")
+            bad = (
+                f"{', '.join(done.not_ready())} not ready"
+                if done.not_ready()
+                else "each needs other instruments beside these"
+            )
+            typer.echo(f"can run: {', '.join(able) or f'no procedure: {bad}'}")
             for lacking in filter(None, station["procedures"].values() if able else ()):
                 typer.echo(f"cannot run: {lacking}")
 
     answer(show, done.failure())
+
+
+def _checked_row(each: CheckedInstrument) -> tuple[str, ...]:
+    answered = "-" if each.identity is None else " ".join(filter(None, astuple(each.identity)))
+    state = "ok" if each.problem is None else "FAILED"
+    return each.role, state, str(each.equipment.model), each.resource, calibration_words(each.equipment), answered
 
 
 def _shown(value: object) -> str:

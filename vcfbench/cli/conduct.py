@@ -160,11 +160,13 @@ def _show(run: Run, options: RunOptions) -> None:
 def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_json: bool) -> None:
     """Print every step of a procedure, and the estimated bench time; nothing is opened."""
     try:
-        planned = prepare(structs.replace(request, metadata=metadata_of(metadata))).planned()
+        prepared = prepare(structs.replace(request, metadata=metadata_of(metadata)))
+        planned = prepared.planned()
     except BenchError as error:
         if as_json:
             print_json({"procedure": name, "dry_run": True, "error": str(error)})
         raise
+    wired = prepared.description.rails_at
     if as_json:
         steps = [
             {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
@@ -172,8 +174,13 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
         ]
         times = {"estimated_bench_seconds": planned.bench_seconds, "physical_minimum_s": planned.physical_minimum_s}
         expected = to_builtins(planned.expected)
-        print_json({"procedure": planned.procedure, "dry_run": True, **times, "steps": steps, "expected": expected})
+        what = {"wiring": wired} if wired else {}
+        print_json(
+            {"procedure": planned.procedure, "dry_run": True, **what, **times, "steps": steps, "expected": expected}
+        )
         return
+    if wired:
+        typer.echo(f"wiring: {wired}")
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
     expectation = planned.expected

@@ -1,5 +1,7 @@
 """Match of a bench with the needs of a run: roles, capabilities, the thermometer of the room."""
 
+from collections.abc import Sequence
+
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
@@ -10,6 +12,7 @@ from vcfbench.interfaces import lacking
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
+from vcfbench.safety.roles import needed_roles
 from vcfbench.station.description import BenchDescription
 
 
@@ -43,15 +46,21 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
                 )
 
 
-def what_can_run(description: BenchDescription) -> dict[str, str | None]:
-    """Return for every known procedure the bench's lack for it, in words; None where it can run."""
+def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -> dict[str, str | None]:
+    """Return for every known procedure the bench's lack for it, in words; None where it can run.
+
+    `not_ready` are roles, and the watchdog, that were tried and are not.
+    """
     lacks: dict[str, str | None] = {}
     for name, procedure in PROCEDURES.items():
         try:
             require_needs(procedure, description)
-            lacks[name] = None
         except ConfigError as error:
             lacks[name] = error.what
+            continue
+        opened = ["watchdog", *(each.name for each in needed_roles(description, roles_of(procedure, description)))]
+        failed = [each for each in not_ready if each in opened]
+        lacks[name] = f"{name} opens {_listed(failed)}, not ready" if failed else None
     return lacks
 
 

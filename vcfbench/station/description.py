@@ -13,6 +13,7 @@ from msgspec import Meta, field
 
 from vcfbench import strict
 from vcfbench.errors import ConfigError
+from vcfbench.models import rail_terminals
 from vcfbench.station import bounds, parts
 from vcfbench.station.layering import shared_settings
 from vcfbench.station.settings import ProcedureSettings
@@ -308,6 +309,12 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         """Roles that a person performs; on a simulated bench none: there the program is the hands."""
         parts = {role: getattr(self, role) for role in ("power", "multimeter", "rate_table")}
         return () if self.simulated else tuple(role for role, part in parts.items() if part and part.by)
+
+    @property
+    def rails_at(self) -> str:
+        """Terminals of the supply that the rails of the PCB are connected to, in words; empty: it has no supply."""
+        rails, power = self.wiring.rails, self.power
+        return rail_terminals(power.model, power.like, rails.positive, rails.negative) if power else ""
 
     @property
     def simulated(self) -> bool:

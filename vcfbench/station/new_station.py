@@ -120,8 +120,9 @@ class Draft:
         return below
 
     def text(self, head: str) -> str:
-        """Return the bench file: `head` as a remark, then the template with the values in it."""
-        return filled_template(template(), self.values, head)
+        """Return the bench file: `head` and the wiring of the supply as remarks, then the template with the values."""
+        wired = self.change({}).rails_at
+        return filled_template(template(), self.values, f"{head}\n# {wired}" if wired else head)
 
 
 def filled_template(text: str, values: Mapping[str, Any], head: str) -> str:
