@@ -19,7 +19,7 @@ from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.online.plan import ONLINE
-from vcfbench.procedures.online.results import online_results
+from vcfbench.procedures.online.results import UNKNOWN_SIGN, online_results
 from vcfbench.records.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
 from vcfbench.reports.document import Figure, Table
 from vcfbench.sim.simulation import physical_parameters
@@ -315,3 +315,14 @@ def test_a_sign_that_the_gyroscope_has_not_gives_no_result(chosen: OnlineSetting
     told = structs.replace(chosen, station=structs.replace(chosen.station, expected=expected))
     with pytest.raises(MeasurementError, match=r"of the other sign than -0\.0125 V/\(deg/s\)"):
         online_results(told, spoilt(Records(), v_vc=np.negative))
+
+
+def test_a_sign_that_nothing_tells_is_missing(tmp_path: Path) -> None:
+    """V_Vc as it is set has no phase against the output; the bench file, or a meter on V_Vc, tells the sign."""
+    unmeasured = run(LAB, tmp_path, **FAST, v_vc="set").results
+    assert UNKNOWN_SIGN in unmeasured.scale_factor.missing
+    told = structs.replace(LAB, expected=structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013)))
+    turned = run(told, tmp_path, **FAST, v_vc="set").results
+    assert turned.scale_factor.value > 0.0
+    assert UNKNOWN_SIGN not in turned.scale_factor.missing
+    assert UNKNOWN_SIGN not in run(LAB, tmp_path, **FAST).results.scale_factor.missing

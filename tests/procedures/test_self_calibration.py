@@ -15,9 +15,10 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.procedures.shared import test_k_vc
-from tests.procedures.shared.test_k_vc import read_v, still, truth, warm
+from tests.procedures.shared.test_k_vc import CONDITIONS, read_v, still, truth, warm
 from vcfbench.cli.main import app
-from vcfbench.errors import ConfigError
+from vcfbench.clock import utc_now
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
 from vcfbench.procedures.shared.known.certificate import drift_of
@@ -509,3 +510,30 @@ def test_the_zero_of_another_generator_is_not_in_the_scale_factor(quiet: tuple[P
     found = run(where, other, dated_back(where, settings, "other", 0.0))
     true, _ = truth(warm(physical_parameters(still(LAB))))
     assert found.scale_factor.value == pytest.approx(true, rel=2e-6)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_number_of_the_other_sign_than_k_vc_is_refused(sign: float, tmp_path: Path) -> None:
+    """By the guess of the bench file, or the certificate of the device, whatever K_Vc of the two has."""
+    guessed = {**QUICK, "k_vc_guess_deg_s_per_v": sign * 150.0, "devices": str(tmp_path / "devices")}
+    with pytest.raises(ConfigError, match=r"--k-vc .*150.0: expected the sign of .*k_vc_guess_deg_s_per_v"):
+        run(tmp_path, LAB, {**guessed, "k_vc": str(-150.0 * sign)})
+    curve = KvcCurve(
+        coefficients=(0.0, -sign * 150.0), covariance=((0.0, 0.0), (0.0, 1.0)), v_vc_min_v=-1.5, v_vc_max_v=1.5
+    )
+    when = utc_now()
+    DeviceStore(tmp_path / "devices").add(
+        Certificate(serial="G-1", issued=when, procedure="kvc", k_vc=curve, conditions=CONDITIONS)
+    )
+    with pytest.raises(ConfigError, match=r"expected the sign of .*certificate 0001"):
+        run(tmp_path, LAB, {**guessed, "dut": "G-1", "k_vc": str(150.0 * sign)})
+
+
+@pytest.mark.parametrize("procedure", ["self-calibration", "online"])
+def test_a_scale_factor_of_the_sign_that_the_gyroscope_has_not_is_refused(procedure: str, tmp_path: Path) -> None:
+    expected = structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013))
+    own = {"self-calibration": QUICK, "online": {"warm_up_s": 60.0, "duration_s": 10.0}}[procedure]
+    with pytest.raises(MeasurementError, match=r"of the other sign than 0\.0125 V/\(deg/s\)"):
+        vcfbench.run(
+            procedure, structs.replace(LAB, expected=expected), seed=2, settings={**own, "k_vc": "150"}, runs=tmp_path
+        )

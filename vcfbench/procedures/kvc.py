@@ -29,7 +29,6 @@ from vcfbench.analysis.k_vc_curve import (
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
-from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.judged import Judged
@@ -39,7 +38,15 @@ from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
+from vcfbench.procedures.shared.measurand import (
+    Measurand,
+    UncertaintyPart,
+    budget_table,
+    finite,
+    measurand,
+    quotient,
+    said_of,
+)
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
@@ -224,7 +231,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
         scale_factor=scale_factor,
         bias=bias,
-        bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
+        bias_deg_s=quotient(bias, scale_factor, "deg/s"),
         noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),

@@ -21,7 +21,7 @@ from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
+from vcfbench.procedures.shared.measurand import Measurand, difference, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
@@ -274,8 +274,7 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
     """Return the characteristics that K_Vc depends on: the in-phase mode as well where it was seen to ring down."""
     apart = None
     if found.in_phase_hz is not None:
-        parts = [UncertaintyPart("drive", found.drive_hz.u), UncertaintyPart("in phase", found.in_phase_hz.u)]
-        apart = measurand(found.drive_hz.value - found.in_phase_hz.value, "Hz", parts).kept()
+        apart = difference(found.drive_hz, found.in_phase_hz).kept()
     return structs.replace(
         characteristics(found.sweep),
         drive_hz=found.drive_hz.kept(),

@@ -24,7 +24,7 @@ from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
-from vcfbench.procedures.shared.known.k_vc_since import k_vc_since
+from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
 from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, made_of, measurand, said_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -40,6 +40,7 @@ _SWING = 0.05
 _SURE = math.cos(math.radians(60.0))
 """Least cosine of the phase between output and V_Vc that tells the sign of the scale factor."""
 
+UNKNOWN_SIGN = "its sign: nothing tells it (expected.scale_factor_v_per_deg_s, a certificate, a meter on V_Vc)"
 _HOLDS_NOT = (
     "what K_Vc itself is made of: see what this method cannot see",
     "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
@@ -196,9 +197,9 @@ def _sign(
     v_vc: Sequence[Demodulated],
 ) -> float:
     """Return the sign of the output per V of V_Vc: by the phase, or as known where V_Vc was not sampled beside."""
-    reference, slope = settings.known.reference, settings.known.k_vc.coefficients[1]
-    stated = settings.expected_gyro().scale_factor if reference is None else reference.scale_factor_v_per_deg_s.value
+    slope, known = settings.known.k_vc.coefficients[1], settings.known_scale_factor
     if not v_vc:
+        stated = settings.expected_gyro().scale_factor if known is None else known
         return math.copysign(1.0, stated * slope)
     speed = 2.0 * math.pi * settings.modulation_hz
     turned = [
@@ -215,11 +216,7 @@ def _sign(
                 "opposed, in all",
                 instrument="multimeter",
             )
-    known = reference is not None or settings.expected.scale_factor_v_per_deg_s is not None
-    if known and sign * stated * slope < 0.0:
-        said = f"the scale factor is of the other sign than {stated:.4g} V/(deg/s), which the gyroscope has"
-        hint = "are the leads of one of the meters the wrong way round?"
-        raise MeasurementError(said, instrument="multimeter", hint=hint)
+    settings.require_sign(sign * slope)
     return sign
 
 
@@ -296,13 +293,16 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     factor, since, said = k_vc_since(settings)
     k_vc = settings.known.k_vc.coefficients[1] * factor
     own, common = _parts(settings, gain, k_vc)
-    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in (*since, *unmeasured(settings))]
+    begin_s = [each.output_t_s - run.modulated[0].output_t_s for each in run.modulated]
+    window_s, burst_s = (each * settings.aperture_s for each in (settings.window_readings, settings.burst_readings))
+    warmth = with_temperature(v_vc.of_warmth(settings, begin_s[-1] + burst_s), since)
+    common += [replace(part, u=abs(gain.value / k_vc) * part.u) for part in (*warmth, *unmeasured(settings))]
     missing = missing_of(settings)
+    if settings.v_vc_role != "v_vc_meter" and settings.known_scale_factor is None:
+        missing = (*missing, UNKNOWN_SIGN)
     scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing)
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
-    begin_s = [each.output_t_s - run.modulated[0].output_t_s for each in run.modulated]
-    window_s, burst_s = (each * settings.aperture_s for each in (settings.window_readings, settings.burst_readings))
     times_s = [at_s + (place + 0.5) * window_s for at_s in begin_s for place in range(settings.windows_a_burst)]
     left = (factors - factors.mean()) / u_readings
     disturbance, rectified, changes = _disturbance(settings, run, gain, scale_factor.value)

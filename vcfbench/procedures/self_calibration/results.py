@@ -24,7 +24,6 @@ from vcfbench.procedures.health.found import beside, health_of, unchanged
 from vcfbench.procedures.health.plan import HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
-from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.columns import combined
@@ -33,8 +32,16 @@ from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, k_vc_since
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand, said_of
+from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, k_vc_since, with_temperature
+from vcfbench.procedures.shared.measurand import (
+    Measurand,
+    UncertaintyPart,
+    budget_table,
+    finite,
+    measurand,
+    quotient,
+    said_of,
+)
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
 from vcfbench.records.devices import Measured as Kept
@@ -204,6 +211,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     coefficients = np.array(known.k_vc.coefficients) * factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
+    settings.require_sign(float(values[0]))
     measured = () if check is None else check.measured
     # Once the phases are measured K_Vc is that of the phases of now
     of_phases = PhaseErrors.of(settings.station.sources)
@@ -231,7 +239,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         health=check,
         characteristics=characteristics,
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
-        bias_deg_s=as_rate(bias, scale_factor.value, scale_factor.u),
+        bias_deg_s=quotient(bias, scale_factor, "deg/s"),
         nonlinearity=nonlinearity,
         virtual=replace(column, scale_factor=combined(column.scale_factor, line), bias=combined(column.bias, bias)),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),
@@ -323,8 +331,8 @@ def _parts(
         )
         u_orders = shape.OUTPUT_LIMIT / math.sqrt(3.0) * orders
         found.append((shape.OUTPUT_CURVE, _u_of(by_orders, np.diag(u_orders**2)), None, None))
-    found += [(name, alike * u, None, None) for name, u in v_vc.temperature_errors(settings, seen.windows).items()]
-    found += [(part.source, alike * part.u, part.dof, part.of) for part in since]
+    warmth = with_temperature(v_vc.temperature_errors(settings, seen.windows), since)
+    found += [(part.source, alike * part.u, part.dof, part.of) for part in warmth]
     of_curve, same_meter = curve_parts(settings)
     found += [(name, _u_of(by_k, covariance), dof, of) for name, covariance, dof, of in of_curve]
     if not same_meter and settings.v_vc_role is not None:

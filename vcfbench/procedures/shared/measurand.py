@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean, stdev
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
@@ -80,6 +81,29 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
     factor = convolved_coverage_factor(result, sources)
     without, dof = tuple(dict.fromkeys(missing)), finite(result.dof)
     return Measurand(value, result.u, unit, dof, factor, factor * result.u, by_size, not without, without)
+
+
+def difference(first: Measurand, second: Measurand) -> Measurand:
+    """Return the difference of two values of one unit; one owner's error acts with the difference of its effects."""
+    parts = [*first.parts, *(replace(part, u=-part.u) for part in second.parts)]
+    return measurand(first.value - second.value, first.unit, _owned_once(parts), (*first.missing, *second.missing))
+
+
+def quotient(first: Measurand, second: Measurand, unit: str) -> Measurand:
+    """Return the quotient of two values; an error of one owner that is the same part of both cancels."""
+    value, size = first.value / second.value, abs(second.value)
+    parts = [replace(part, u=abs(part.u) / size) for part in first.parts]
+    parts += [replace(part, u=-abs(value * part.u) / size) for part in second.parts]
+    return measurand(value, unit, _owned_once(parts), (*first.missing, *second.missing))
+
+
+def _owned_once(parts: Iterable[UncertaintyPart]) -> list[UncertaintyPart]:
+    """Return the parts, those of one owner and source added up with their signs: they are one error."""
+    found: dict[object, UncertaintyPart] = {}
+    for place, part in enumerate(parts):
+        key = place if part.of is None else (part.of, part.source)
+        found[key] = replace(part, u=found[key].u + part.u) if key in found else part
+    return list(found.values())
 
 
 def mean_of_records(values: Sequence[float], unit: str, *others: UncertaintyPart) -> Measurand:

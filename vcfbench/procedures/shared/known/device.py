@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Self, cast
 from msgspec import Meta, Struct, field, structs
 
 from vcfbench.clock import utc_now
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.procedures.shared.kept import require_valid, with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
@@ -135,6 +135,25 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             raise ConfigError("K_Vc is not known: name the device (--dut) or K_Vc itself (--k-vc)")
         return self.station.known
 
+    @property
+    def known_scale_factor(self) -> float | None:
+        """Scale factor of the certificate, else the middle of what the bench file expects, V/(deg/s); None: neither."""
+        reference, expected = self.known.reference, self.expected.scale_factor_v_per_deg_s
+        if reference is not None:
+            return reference.scale_factor_v_per_deg_s.value
+        return None if expected is None else 0.5 * (expected[0] + expected[1])
+
+    def require_sign(self, found: float) -> None:
+        """See that a scale factor has the sign that is known; MeasurementError: it has the other one."""
+        known = self.known_scale_factor
+        if known is not None and found * known < 0.0:
+            raise MeasurementError(
+                f"the scale factor is of the other sign than {known:.4g} V/(deg/s), which the gyroscope has",
+                instrument="multimeter",
+                hint="are the leads of a meter or of V_Vc the wrong way round, or is K_Vc of the other sign (--k-vc)? "
+                "vcfbench run polarity tells",
+            )
+
     def recalled(self) -> Self:
         """Return these settings with the known device.
 
@@ -206,6 +225,16 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         return known if since is None else structs.replace(known, reference=since, history=())
     if not 0.0 < abs(number) <= 1e6:
         raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
+    own = devices.last_certificate(entries)
+    usual = (
+        settings.expected_gyro().k_vc if own is None else cast("devices.Certificate", own.record).k_vc.coefficients[1]
+    )
+    if number * usual < 0.0:
+        where = "k_vc_guess_deg_s_per_v or expected.k_vc_deg_s_per_v" if own is None else f"certificate {own.name}"
+        raise ConfigError(
+            f"--k-vc {given}: expected the sign of {usual:g} (deg/s)/V ({where})",
+            hint="vcfbench run polarity tells the sign of K_Vc",
+        )
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2
     curve = devices.KvcCurve(

@@ -5,10 +5,11 @@ time, so its limit grows in proportion to the time since the certificate, and an
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import temperature_coefficient
+from vcfbench.procedures.shared.known.v_vc import TEMPERATURE
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.settings import Sources
@@ -30,14 +31,17 @@ def k_vc_since(
     known, sources = settings.known, settings.station.sources
     then, now_c, said, ppm = known.characteristics or Characteristics(), settings.temperature_c, [], 0.0
     per_k, measured = temperature_coefficient(then)
-    u = by_reading = math.hypot(per_k.value, per_k.u) * (sources.temperature_k or 0.0) / math.sqrt(3.0)
+    u, near_k = 0.0, (sources.temperature_k or 0.0) / math.sqrt(3.0)
+    by_reading = math.hypot(per_k.value, per_k.u) * near_k  # of both readings, or how far they are apart
     if then.temperature_c is not None and now_c is not None:
         rise_k = now_c - then.temperature_c.value
-        ppm, u = per_k.value * rise_k, math.hypot(per_k.u * rise_k, per_k.value * then.temperature_c.u, by_reading)
+        ppm, u = per_k.value * rise_k, math.hypot(per_k.u * rise_k, per_k.value * then.temperature_c.u)
         whose = f"{per_k.value:+.1f} ppm/K, u {per_k.u:.2g}, {'measured' if measured else 'assumed'}"
-        words = f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"
+        u_all = math.hypot(u, by_reading)
+        words = f"K_Vc corrected by {ppm:+.1f} ppm, u {u_all:.2g}, for {rise_k:+.2f} K since the certificate ({whose})"
         said = [words] if rise_k else []
-    parts = [UncertaintyPart(K_VC_TEMPERATURE, 1e-6 * u)] if u and not warmth_seen else []
+    by_warmth = {K_VC_TEMPERATURE: u, TEMPERATURE: by_reading}
+    parts = [UncertaintyPart(name, 1e-6 * each) for name, each in by_warmth.items() if each and not warmth_seen]
     if by_causes_ppm is not None:
         ppm, u = by_causes_ppm
         parts = [UncertaintyPart(K_VC_HEALTH, 1e-6 * u), *parts]
@@ -49,6 +53,18 @@ def k_vc_since(
         since = f"{days:.0f} days since the certificate ({drift_words(sources)})"
         said = [f"K_Vc: {u * 1e6:.3g} ppm (u) for its drift in {since}", *said]
     return 1.0 + 1e-6 * ppm, parts, tuple(said)
+
+
+def with_temperature(of_output: Mapping[str, float], since: Sequence[UncertaintyPart]) -> list[UncertaintyPart]:
+    """Return relative parts of an output by its temperature, and those of K_Vc `since` its certificate.
+
+    One error of the temperature does both. Of the output's coefficient the size is known alone: they add up.
+    """
+    own, others = dict(of_output), [part for part in since if part.source not in of_output]
+    for part in since:
+        if part.source in own:
+            own[part.source] += part.u
+    return [*(UncertaintyPart(name, u) for name, u in own.items()), *others]
 
 
 def drift_words(known: Sources) -> str:

@@ -32,6 +32,7 @@ METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
 V_VC_GAIN, V_VC_OFFSET = "gain of what V_Vc is known by", "offset of what V_Vc is known by"
 V_VC_NOISE = "V_Vc's scatter"
 RESOLUTION = "steps of the generator"
+TEMPERATURE, WARM_UP = "temperature", "warm-up"
 """Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
 
 K_VC_UNIT = "(deg/s)/V"
@@ -225,10 +226,13 @@ def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, fl
 
     Of the warm-up it is the mean over a run of so many windows; nothing where the bench file does not know it.
     """
-    known = settings.station.sources
-    lasted_s = windows * (settings.samples * settings.sample_interval_s + settings.settle_s)
-    away_k = away_from_warm_k(settings, lasted_s)
-    return {name: 1e-6 * (known.scale_factor_ppm_k or 0.0) * u_k for name, u_k in away_k.items()}
+    return of_warmth(settings, windows * (settings.samples * settings.sample_interval_s + settings.settle_s))
+
+
+def of_warmth(settings: ProcedureSettings, lasted_s: float) -> dict[str, float]:
+    """Return the same of a scale factor that is the mean over so many seconds."""
+    per_k = 1e-6 * (settings.station.sources.scale_factor_ppm_k or 0.0)
+    return {name: per_k * u_k for name, u_k in away_from_warm_k(settings, lasted_s).items()}
 
 
 def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, float]:
@@ -239,12 +243,12 @@ def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, 
     """
     known, found = settings.station.sources, {}
     if known.temperature_k is not None:
-        found["temperature"] = known.temperature_k / math.sqrt(3.0)
+        found[TEMPERATURE] = known.temperature_k / math.sqrt(3.0)
     if known.warm_up_k is not None:
         lasted = lasted_s / known.warm_up_time_s
         begun = math.exp(-settings.start_up_s / known.warm_up_time_s)
         mean = -math.expm1(-lasted) / lasted if lasted else 1.0
-        found["warm-up"] = known.warm_up_k / math.sqrt(3.0) * begun * mean
+        found[WARM_UP] = known.warm_up_k / math.sqrt(3.0) * begun * mean
     return found
 
 
