@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.drivers.openings import NO_ERROR, opening
+from tests.drivers.openings import NO_ERROR, opening, taken_over
 from vcfbench.clock import Deadline
 from vcfbench.drivers.e36312a import E36312A
 from vcfbench.errors import FramingError, InstrumentError, LimitError
@@ -14,7 +14,9 @@ from vcfbench.testing import Exchange, expected_exchange, over_visa
 OPENING = opening("Keysight Technologies,E36312A,MY59002391,2.1.0-1.0.4-1.12")
 OPEN = over_visa(E36312A, name="power")
 NEGATIVE: list[Exchange] = [
-    ("OUTP:PAIR OFF;:CURR 0.1,(@3);:VOLT 10,(@3)", None),
+    ("OUTP? (@1,2,3)", "0,0,0"),
+    *taken_over(E36312A.left),
+    ("CURR 0.1,(@3);:VOLT 10,(@3)", None),
     NO_ERROR,
     ("VOLT? (@3)", "+1.00000000E+01"),
     ("CURR? (@3)", "0.1"),
@@ -28,17 +30,19 @@ def test_a_negative_rail_is_output_3_the_other_way_round_with_its_limit_first() 
 
 
 def test_only_what_was_configured_is_switched_on() -> None:
-    exchanges: list[Exchange] = [*NEGATIVE, ("OUTP ON,(@3)", None), NO_ERROR, ("OUTP? (@1,2,3)", "0,0,1")]
+    exchanges: list[Exchange] = [*NEGATIVE, ("OUTP ON,(@3)", None), NO_ERROR, *[("OUTP? (@1,2,3)", "0,0,1")] * 2]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
         supply.configure_output("N25V", -10.0, 0.1)
         supply.enable_outputs()
 
 
-def test_an_output_that_has_tripped_is_no_output_that_is_on() -> None:
-    exchanges: list[Exchange] = [*NEGATIVE, ("OUTP ON,(@3)", None), NO_ERROR, ("OUTP? (@1,2,3)", "0,1,0")]
+@pytest.mark.parametrize(("states", "words"), [("0,0,0", "do not read back so"), ("1,1,1", "P6V and P25V came on")])
+def test_an_output_that_does_not_come_on_or_comes_on_with_it_is_an_error(states: str, words: str) -> None:
+    asked: Exchange = ("OUTP? (@1,2,3)", states)
+    exchanges: list[Exchange] = [*NEGATIVE, ("OUTP ON,(@3)", None), NO_ERROR, asked, *([asked] * (states == "0,0,0"))]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply:
         supply.configure_output("N25V", -10.0, 0.1)
-        with pytest.raises(InstrumentError, match="switched on but do not read back so"):
+        with pytest.raises(InstrumentError, match=words):
             supply.enable_outputs()
 
 

@@ -16,7 +16,10 @@ from vcfbench.interfaces import Regulation
 from vcfbench.testing import Exchange, expected_exchange, over_visa
 
 OPENING = opening("HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0")
+FOUND_OFF: Exchange = ("OUTP?", "0")
+"""Asked before the first setting."""
 CONFIGURED: list[Exchange] = [
+    FOUND_OFF,
     ("OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10", None),
     NO_ERROR,
     ("VOLT?", "+1.00000000E+01"),
@@ -32,6 +35,7 @@ def test_current_limit_goes_before_the_voltage_and_both_are_read_back() -> None:
 
 def test_the_negative_output_takes_negative_voltages() -> None:
     exchanges: list[Exchange] = [
+        FOUND_OFF,
         ("OUTP:TRAC OFF;:INST:SEL N25V;:CURR 0.1;:VOLT -10", None),
         NO_ERROR,
         ("VOLT?", "-1.00000000E+01"),
@@ -63,6 +67,7 @@ def test_what_is_out_of_range_is_not_sent(output: str, voltage_v: float, current
 
 def test_what_the_supply_refuses_is_raised_with_number_words_and_all_entries() -> None:
     exchanges: list[Exchange] = [
+        FOUND_OFF,
         ("OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10", None),
         ("SYST:ERR?", '-222,"Data out of range"'),
         ("SYST:ERR?", '+800,"P25V and N25V coupled by track system"'),
@@ -80,7 +85,7 @@ def test_what_the_supply_refuses_is_raised_with_number_words_and_all_entries() -
 
 
 def test_a_setting_that_reads_back_otherwise_is_an_error() -> None:
-    exchanges = [*CONFIGURED[:2], ("VOLT?", "+9.90000000E+00")]
+    exchanges = [*CONFIGURED[:3], ("VOLT?", "+9.90000000E+00")]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as supply, pytest.raises(InstrumentError, match="reads back"):
         supply.configure_output("P25V", 10.0, 0.1)
 
@@ -216,6 +221,7 @@ RATINGS = {"P6V": (6.18, 5.15), "P25V": (25.75, 1.03), "N25V": (-25.75, 1.03)}
 def test_the_ends_of_what_can_be_programmed_are_sent(output: str, share: float) -> None:
     volts, amps = (share * end for end in RATINGS[output])
     exchanges: list[Exchange] = [
+        FOUND_OFF,
         (f"OUTP:TRAC OFF;:INST:SEL {output};:CURR {amps:g};:VOLT {volts + 0.0:g}", None),
         NO_ERROR,
         ("VOLT?", f"{volts + 0.0:+.8E}"),
@@ -245,6 +251,7 @@ def test_settings_agree_within_one_step(output: str, step_v: float, step_a: floa
     """Steps of the programming resolution, guide p. 186; read back so many of them off."""
     volts = math.copysign(5.0, RATINGS[output][0])
     exchanges: list[Exchange] = [
+        FOUND_OFF,
         (f"OUTP:TRAC OFF;:INST:SEL {output};:CURR 0.1;:VOLT {volts:g}", None),
         NO_ERROR,
         ("VOLT?", f"{volts + off_v * step_v:+.8E}"),

@@ -14,6 +14,7 @@ from tests.drivers.boxes import GENERATORS, INPUT_V, METERS, SCOPES, SINE, box
 from vcfbench.clock import sleep
 from vcfbench.drivers.agilent33220a import Agilent33220A
 from vcfbench.drivers.dso7104b import Dso7104B
+from vcfbench.drivers.e36312a import E36312A
 from vcfbench.errors import BenchError, InstrumentError
 
 if TYPE_CHECKING:
@@ -370,3 +371,74 @@ def test_what_is_left_in_an_oscilloscope_is_seen_without_the_table(
     monkeypatch.setattr(Dso7104B, "left_of_channel", ())
     with suppress(BenchError):
         assert not is_seen_right(box(model), replace(cell, named=""))
+
+
+OF_SUPPLIES = [
+    *(
+        ("E3631A", cell)
+        for cell in (
+            left("OUTP:TRAC ON", idle=True),
+            left("INST:SEL P25V;:VOLT 20;:CURR 1;:OUTP ON", idle=True),
+            left("INST:SEL P6V;:VOLT 5;:CURR 5;:OUTP ON", idle=True),
+            left("VOLT:TRIG 3;:TRIG:SOUR BUS;:INIT", idle=True),
+            left("INST:COUP:TRIG ALL", idle=True),
+            left("DISP OFF", idle=True),
+        )
+    ),
+    *(
+        ("E36312A", cell)
+        for cell in (
+            left("VOLT:PROT 6,(@2);:VOLT:PROT:STAT ON,(@2)"),
+            left("VOLT:PROT 6,(@2);:VOLT:PROT:STAT ON,(@2);:VOLT 8,(@2);:OUTP ON,(@2)"),
+            left("CURR:PROT:STAT ON,(@2)", idle=True),
+            left("OUTP:DEL:RISE 5,(@2)"),
+            left("OUTP:DEL:RISE 3600,(@1,2,3)"),
+            left("OUTP:PAIR SER"),
+            left("OUTP:PAIR PAR"),
+            left("OUTP:TRAC ON"),
+            left("OUTP:COUP:CHAN ALL"),
+            left("OUTP:COUP:CHAN CH1,CH2"),
+            left("VOLT:SENS EXT,(@2)"),
+            left("VOLT 20,(@2);:CURR 1,(@2);:OUTP ON,(@1,2)"),
+            left("INST:SEL CH3", idle=True),
+        )
+    ),
+]
+
+
+def supplied_by(of: Box, cell: Left) -> list[float]:
+    """Return what the outputs measure while they are set and are on; and whether one was on amid the setting."""
+    leave(of, cell)
+    with of.driven() as supply:
+        supply.configure_output("P25V", 10.0, 0.1)
+        amid = supply.outputs_enabled()
+        supply.configure_output("N25V", -9.0, 0.1)
+        supply.enable_outputs()
+        sleep(of.clock, 1.0)
+        levels = [supply.measure_voltage_v(output) for output in ("P25V", "N25V", "P6V")]
+        rails = [of.world.value_v(f"rail_{side}") for side in ("positive", "negative")]
+        return [*levels, *rails, float(amid)]
+
+
+SUPPLIED = [10.0, -9.0, 0.0, 10.0, -9.0, 0.0]
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"), OF_SUPPLIES, ids=lambda each: each if isinstance(each, str) else each.words[0]
+)
+def test_a_supply_gives_the_rails_whatever_was_left(model: str, cell: Left) -> None:
+    assert supplied_by(box(model), cell) == pytest.approx(SUPPLIED, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("model", "cell"),
+    [each for each in OF_SUPPLIES if not each[1].idle],
+    ids=lambda each: each if isinstance(each, str) else each.words[0],
+)
+def test_what_is_left_in_a_supply_is_seen_without_the_table(
+    model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(E36312A, "left", ())
+    monkeypatch.setattr(E36312A, "_found_off", True)
+    with suppress(BenchError):
+        assert supplied_by(box(model), cell) != pytest.approx(SUPPLIED, abs=0.02)

@@ -12,7 +12,8 @@ from typing import ClassVar
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.e3631a import E3631A, Output
-from vcfbench.errors import FramingError
+from vcfbench.drivers.scpi_instrument import Left
+from vcfbench.errors import FramingError, InstrumentError
 
 
 class E36312A(E3631A):
@@ -24,8 +25,19 @@ class E36312A(E3631A):
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF,(@1,2,3)",)
     serial_pause_s: ClassVar[float] = 0.0  # it has no RS-232
     switch_question: ClassVar[str] = "OUTP? (@1,2,3)"
-    # The limit first, and never two outputs as one
-    setting_words: ClassVar[str] = "OUTP:PAIR OFF;:CURR {amps},(@{number});:VOLT {volts},(@{number})"
+    left: ClassVar[tuple[Left, ...]] = (
+        Left("OUTP:PAIR", "OFF", "OUTPut subsystem: never two outputs as one"),
+        Left("OUTP:TRAC", "OFF", "OUTPut subsystem"),
+        Left("OUTP:COUP:CHAN", "NONE", "OUTPut subsystem: coupled outputs are switched together"),
+        Left("OUTP:DEL:RISE", "0,(@1,2,3)", "OUTPut subsystem: until then it is on and gives nothing"),
+        Left("OUTP:DEL:FALL", "0,(@1,2,3)", "OUTPut subsystem"),
+        Left("VOLT:SENS", "INT,(@1,2,3)", "SOURce subsystem: not at open sense terminals"),
+        # The current limit that is set regulates; levels above a protection's would trip it
+        Left("CURR:PROT:STAT", "OFF,(@1,2,3)", "SOURce subsystem"),
+        Left("VOLT:PROT", "MAX,(@1,2,3)", "SOURce subsystem"),
+        Left("OUTP:PROT:CLE", "(@1,2,3)", "OUTPut subsystem: what has tripped stays off"),
+    )
+    setting_words: ClassVar[str] = "CURR {amps},(@{number});:VOLT {volts},(@{number})"  # the limit first
     setting_question: ClassVar[str] = "{header}? (@{number})"
     reading_question: ClassVar[str] = "MEAS:{header}? (@{number})"
     look: ClassVar[Mapping[str, str]] = MappingProxyType(
@@ -46,6 +58,10 @@ class E36312A(E3631A):
     def _switch_on(self) -> None:
         numbers = sorted(self._ratings(output).number for output in self._configured)
         self._session.write(f"OUTP ON,(@{','.join(map(str, numbers))})")
+        others = [output for output, on in self._states(None).items() if on and output not in self._configured]
+        if others:
+            what = f"{' and '.join(others)} came on though nobody asked for it"
+            raise self._error(InstrumentError, what, command=self.switch_question)
 
     def outputs_enabled(self) -> bool:
         """Tell whether all outputs that were configured are on; before any was, whether one is."""

@@ -8,7 +8,7 @@ from msgspec import Struct
 
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, decimal, require_within, safely
+from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, decimal, require_within, safely
 from vcfbench.errors import InstrumentError, LimitError, MeasurementError, PlanError
 from vcfbench.interfaces import Regulation, SafeReport
 
@@ -38,6 +38,8 @@ _REVERSE_V = 0.7
 """Off, without load, an output has less than 0.6 V of opposite polarity (guide p. 96; 0.481 V was measured on one), and
 its voltmeter an error of 10 mV (p. 186); the rest is for a diode in the cold, -2 mV/K. E36312A: unverified."""
 
+_OFF_S = 10.0
+"""Longest time in which outputs that are found on are to be off, s."""
 _POLL_S = 0.1
 _REGULATION = MappingProxyType(
     # ISUM<n>:COND? (guide p. 118): 0 is "output off", which the switch decides, or "unregulated".
@@ -56,6 +58,7 @@ class E3631A(ScpiInstrument):
     look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
     """Questions to a supply that may be on, before it is switched off."""
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)
+    left: ClassVar[tuple[Left, ...]] = ()  # it has no protection, delay or sense to be set
     setting_words: ClassVar[str] = "OUTP:TRAC OFF;:INST:SEL {output};:CURR {amps};:VOLT {volts}"
     """Words that set an output: one message, for the selected output persists, and nothing must come in between."""
     setting_question: ClassVar[str] = "{header}?"
@@ -63,6 +66,7 @@ class E3631A(ScpiInstrument):
     reading_question: ClassVar[str] = "MEAS:{header}? {output}"
 
     _configured: frozenset[str] = frozenset()
+    _found_off = False
 
     def _take_remote(self, deadline: Deadline) -> None:
         if self._session.interface == "asrl":
@@ -79,11 +83,21 @@ class E3631A(ScpiInstrument):
         ratings = self._ratings(output)
         require_within(self, f"voltage of {output}", voltage_v, (ratings.low_v, ratings.high_v), "V")
         require_within(self, f"current limit of {output}", current_limit_a, (0.0, ratings.high_a), "A")
+        self._take_over_off()
         volts, amps = decimal(self._signed(output, voltage_v)), decimal(current_limit_a)
         self._session.write(self._said(self.setting_words, output, volts=volts, amps=amps))
         self._read_back(self._said(self.setting_question, output, header="VOLT"), volts, ratings.step_v, "V")
         self._read_back(self._said(self.setting_question, output, header="CURR"), amps, ratings.step_a, "A")
         self._configured |= {output}
+
+    def _take_over_off(self) -> None:
+        """Before the first setting, switch off a supply that is found on: its rails would change one at a time."""
+        if self._found_off:
+            return
+        if self._switched_on(None):
+            self._prove_off(self._session.deadline(_OFF_S))
+        self._take_over(self.left)
+        self._found_off = True
 
     def _said(self, words: str, output: str, **values: str) -> str:
         return words.format(output=output, number=self._ratings(output).number, **values)

@@ -93,6 +93,8 @@ def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> scp
             if triggered:
                 setattr(supply.outputs[name], waiting, _terminal(name, level) if what == "VOLT" else level)
             elif what == "VOLT":
+                if supply.pair != "OFF" and name == "N25V":  # it follows output 2 (number unverified)
+                    raise scpi.ScpiError(-221)
                 supply.program(name, volts=_terminal(name, level))
             else:
                 supply.program(name, amps=level)
@@ -175,7 +177,8 @@ def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
 
 def _measure_volts(supply: SimulatedE36312A, names: Names | None) -> list[float]:
     supply.observe()
-    return [_terminal(name, supply.outputs[name].voltage_reading()) for name in _of(supply, names)]
+    read = {name: _terminal(name, supply.outputs[name].voltage_reading()) for name in _of(supply, names)}
+    return [0.0 if supply.sense[name] == "EXT" else volts for name, volts in read.items()]
 
 
 def _measure_amps(supply: SimulatedE36312A, names: Names | None) -> list[float]:
@@ -235,6 +238,12 @@ def _preset_status(supply: SimulatedE36312A) -> None:
         register.enable = 0
 
 
+def _couple(supply: SimulatedE36312A, *words: str) -> None:
+    """OUTPut:COUPle:CHANnel: these outputs are switched together."""
+    named = tuple(_NAMES[int(word[2:]) - 1] for word in words if word.startswith("CH"))
+    supply.together = _NAMES if "ALL" in words else named
+
+
 TABLE = scpi.CommandTable(
     *ROWS,
     *scpi.COMMON_COMMANDS,
@@ -264,7 +273,15 @@ TABLE = scpi.CommandTable(
         reply=_listed(scpi.boolean),
         takes_s=_PROGRAMMING_S,
     ),
-    scpi.remembered("OUTPut:PAIR", scpi.Choice(("OFF",)), "OFF"),
+    scpi.attribute("OUTPut:PAIR", scpi.Choice(("OFF", "PARallel", "SERies")), "pair"),
+    scpi.attribute("OUTPut:TRACk[:STATe]", scpi.Boolean(), "tracking", scpi.boolean, convert=bool),
+    scpi.Command(
+        "OUTPut[:STATe]:COUPle:CHANnel",
+        (scpi.Choice(("ALL", "NONE", "CH<1-3>")),),
+        repeat=True,
+        do=_couple,
+        query=lambda supply: ",".join(f"CH{_NAMES.index(name) + 1}" for name in supply.together) or "NONE",
+    ),
     scpi.Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
     _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel][:AMPLitude]", _OVER, _NR3),
     _kept("over_v_on", "[SOURce:]VOLTage:PROTection:STATe", _ON_OFF, scpi.boolean),

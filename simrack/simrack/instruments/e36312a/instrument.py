@@ -7,7 +7,8 @@ E3631A's and unverified: the shape of replies, ``*RST`` levels, errors for a cha
 Output 3, which the E3631A's words call N25V, is positive at its terminals. On the bench its plus terminal is ground,
 so that it gives the negative rail: what is kept here for N25V has the sign of the rail, what is said and asked not.
 
-Not simulated: pairs in series and parallel, delays, lists, data log, remote sense, triggered levels.
+Paired outputs are only no longer set one by one; remote sense, with nothing at its terminals, reads 0 V (unverified).
+Not simulated: delays of switching off, lists, data log, triggered levels.
 """
 
 from __future__ import annotations
@@ -70,9 +71,12 @@ class SimulatedE36312A(SimulatedE3631A):
         self.awaiting: set[str] = set()
         """Outputs that INITiate has told to wait for a trigger."""
         self.sense = dict.fromkeys(_RATED_V, "INT")
-        """Where outputs are sensed; with nothing at the sense terminals they sense inside (unverified)."""
         self.rise_delay_s, self.fall_delay_s = dict.fromkeys(_RATED_V, 0.0), dict.fromkeys(_RATED_V, 0.0)
-        """Delays of OUTPut ON and OFF; kept, not kept to."""
+        self.switched_s = dict.fromkeys(_RATED_V, 0.0)
+        """When outputs were switched on; each gives its level after its delay."""
+        self.pair = "OFF"
+        self.together: tuple[str, ...] = ()
+        """Outputs that OUTPut:COUPle switches together."""
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' record), but for the model that it stands for."""
@@ -84,8 +88,21 @@ class SimulatedE36312A(SimulatedE3631A):
         super().reset()
 
     def is_on(self, name: str) -> bool:
-        """Tell whether output `name` is on: each has a switch of its own."""
-        return self.switched[name]
+        """Tell whether output `name` gives its level: each has a switch of its own, and a delay."""
+        return self.switched[name] and self.world.clock.now() >= self.switched_s[name] + self.rise_delay_s[name]
+
+    def plan(self) -> None:
+        """Work out when something next happens by itself: outputs come on after their delays, too."""
+        super().plan()
+        now = self.world.clock.now()
+        due = [self.switched_s[name] + self.rise_delay_s[name] for name, on in self.switched.items() if on]
+        self._next_s = min((each for each in (self._next_s, *due) if each is not None and each > now), default=None)
+
+    def service(self) -> None:
+        """Advance ramps, and drive outputs whose delay is over."""
+        if self._next_s is not None and self._next_s <= self.world.clock.now():
+            self.drive()
+        super().service()
 
     def restore(self, settings: Settings) -> None:
         """Take settings that *RCL recalls; which outputs it switches on is unverified, here none."""
@@ -101,7 +118,11 @@ class SimulatedE36312A(SimulatedE3631A):
 
     def switch(self, names: tuple[str, ...], *, on: bool) -> None:
         """Switch outputs; one that has tripped stays off until its protection is cleared."""
+        if set(names) & set(self.together):
+            names = (*names, *self.together)
         for name in names:
+            if on and not self.switched[name]:
+                self.switched_s[name] = self.world.clock.now()
             self.switched[name] = on and not self.tripped[name]
         self.drive()
 
