@@ -83,7 +83,7 @@ def test_the_trigger_is_set_after_its_channel_and_read_back() -> None:
         scope.acquire(2)
 
 
-@pytest.mark.parametrize("found", ["+0.00E+000", "+3.00E-002", "+2.30E-001", "-2.50E-001", "+9.90E+037"])
+@pytest.mark.parametrize("found", ["+0.00E+000", "+3.00E-002", "+2.30E-001", "-2.50E-001"])
 def test_a_level_that_was_cut_to_the_screen_is_an_error(found: str) -> None:
     exchanges = [*left_of(2), *CHANNEL, *TRIGGER, (":TRIG:EDGE:LEV?", found)]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 from hypothesis import given
@@ -25,7 +25,10 @@ def test_an_output_that_is_off_may_be_reverse_by_less_than_0_7_v(model: str, out
         read_v = -reverse_v + there.kind.sign * there.errors.readback_offset_v
         if -0.69 < read_v < 0.19:
             lab.bench.close()
-        elif not -0.71 < read_v < 0.21:  # at the limit its converter decides
+        elif -0.71 < read_v < 0.21:  # at the limit its converter decides
+            with suppress(NotSafe):
+                lab.bench.close()
+        else:
             sign = "-" if (reverse_v > 0.0) == (output != "N25V") else "+"
             with pytest.raises(NotSafe, match=rf"outputs are off, but {output} \{sign}\d") as caught:
                 lab.bench.close()
