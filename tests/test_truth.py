@@ -54,6 +54,37 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
         assert each.value == pytest.approx(expected[each.name], rel=1e-6, abs=left), each.name
 
 
+@pytest.mark.parametrize("settings", [{"earth": "rate"}, {"earth": "rate", "k_vc_by": "plus-minus"}])
+@pytest.mark.parametrize("procedure", ["turntable", "virtual-coriolis"])
+def test_the_earth_s_rate_that_was_added_is_in_no_true_bias(
+    procedure: str, settings: dict[str, Any], tmp_path: Path
+) -> None:
+    """Without noise and errors the values are the true ones: 0.0026 deg/s, 32 uV, are a hundred times what is left."""
+    truth = study()
+    bench = tmp_path / "bench.toml"
+    bench.write_text(truth.bench_of(0).split("[simulation.errors]", 1)[0] + QUIET, encoding="utf-8")
+    asked = {"warm_up_s": truth.WARM_UP_S, **settings}
+    if procedure == "turntable":
+        asked = {key: each for key, each in asked.items() if key != "k_vc_by"}
+    run = vcfbench.run(procedure, bench, seed=1, settings=asked, runs=tmp_path)
+    expected = truth_of(run, load_bench(bench))
+    left_v = 3e-7
+    for each in run.results.uncertainty.values:
+        left = {"V": left_v, "deg/s": left_v / 0.0125, "ppm": 1e6 * left_v / 5.0}.get(each.unit, 0.0)
+        if each.name in expected:
+            assert each.value == pytest.approx(expected[each.name], rel=2e-6, abs=left), each.name
+
+
+def test_a_match_of_outputs_as_they_are_is_held_against_k_vc(tmp_path: Path) -> None:
+    run = vcfbench.run("virtual-coriolis", "lab", seed=1, settings={"match": "absolute"}, runs=tmp_path)
+    true = truth_of(run, load_bench("lab"))
+    assert true["k_vc"] == pytest.approx(150.0, rel=0.01)
+    for name in ("k_vc", "virtual.scale_factor", "scale_factor_error_percent"):
+        found = run.results.uncertainty.value(name)
+        assert abs(found.value - true[name]) <= found.u95
+        assert abs(found.value - true[name]) > 0.3 * found.u95
+
+
 def test_a_study_goes_on_where_it_was_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     truth, file, run = study(), tmp_path / "lines.jsonl", []
 

@@ -343,3 +343,40 @@ def test_a_budget_that_cannot_be_had_leaves_k_vc_both_lines_and_biases(monkeypat
     assert slope.value == pytest.approx(K)
     assert any("generator resolution: virtual slope, which cannot be" in each for each in slope.missing)
     assert not slope.complete
+
+
+@pytest.mark.parametrize("apart", [-0.9, -0.5, -0.1, 0.0, 0.1, 0.5, 3.0])
+@pytest.mark.parametrize("k_vc", [K_VC, -K_VC])
+def test_a_match_of_outputs_as_they_are_has_the_difference_of_the_zeros(k_vc: float, apart: float) -> None:
+    """A generator that adds a share of the match's output to all outputs: K_Vc by it is off by no more than 1.96 u."""
+    added_v = apart / (1.0 + apart) * K * 10.0  # so that it is this share of the span that is left
+    points = [
+        structs.replace(each, output_v=each.output_v + added_v) if each.step in {2, 4} else each
+        for each in four_steps(NOISE)
+    ]
+    equal_v = (K * 10.0 - added_v) / K / k_vc
+    turned = [structs.replace(each, v_vc_v=each.v_vc_v * K_VC / k_vc, output_v=each.output_v) for each in points]
+    tries = [
+        structs.replace(each, v_vc_v=equal_v, output_v=K * 10.0) if each.step == 2 and each.v_vc_v else each
+        for each in turned
+    ]
+    stated = four_step_statement(settings(METER), tries, Matching.of(tries, Match.ABSOLUTE, 10.0))
+    found, slope = stated.value("k_vc"), stated.value("virtual.scale_factor")
+    assert found.value == pytest.approx(10.0 / equal_v)
+    by_zeros = sum(each.u for each in found.contributions if each.source.startswith("difference of the zeros"))
+    assert by_zeros >= abs(found.value - k_vc) * (1.0 - 1e-6)
+    assert by_zeros <= 1.01 * max(abs(found.value - k_vc), abs(found.value * apart)) + 1e-9
+    assert abs(found.value - k_vc) <= 1.01 * found.u + 1e-9
+    of_slope = sum(each.u for each in slope.contributions if each.source.startswith("difference of the zeros"))
+    assert of_slope == pytest.approx(by_zeros / abs(found.value) * abs(slope.value), rel=1e-6)
+    assert "what the generator adds to the zero" in found.of
+
+
+def test_zeros_that_are_farther_apart_than_the_match_leave_k_vc_incomplete() -> None:
+    points = [
+        structs.replace(each, output_v=3.0 * K * 10.0) if each.step == 2 and not each.v_vc_v else each
+        for each in four_steps(NOISE)
+    ]
+    stated = four_step_statement(settings(METER), points, Matching.of(points, Match.ABSOLUTE, 10.0))
+    assert any("difference of the zeros" in each for each in stated.value("k_vc").missing)
+    assert not any("cannot be" in each for each in stated.value("turntable.scale_factor").missing)

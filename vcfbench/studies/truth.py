@@ -6,11 +6,13 @@ does not load the gyroscope, rails as the run set them. So they hold for runs th
 about.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from vcfbench.archive.run import Run
+from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription
@@ -25,7 +27,8 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
     """
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]
-        return turntable_truth(true_output(description, rails_v=_rails_v(run)), rates)
+        output = true_output(description, rails_v=_rails_v(run))
+        return turntable_truth(output, rates, earth_deg_s=_earth_deg_s(run))
     if not isinstance(run.results, VirtualCoriolisResult):
         return {}
     driven = [point for point in run.points if point.step == 4]
@@ -36,7 +39,16 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         matched = [pair.rate_deg_s for pair in run.results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
     output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
-    return four_step_truth(output, table_deg_s=table, levels_v=levels, matched_deg_s=matched)
+    earth_deg_s = _earth_deg_s(run)
+    return four_step_truth(output, table_deg_s=table, levels_v=levels, matched_deg_s=matched, earth_deg_s=earth_deg_s)
+
+
+def _earth_deg_s(run: Run) -> float:
+    """Return the Earth's rate that the run added to its rates, deg/s."""
+    settings = run.header["settings"]
+    if settings.get("earth", "bias") == "bias":
+        return 0.0
+    return EARTH_DEG_S * math.sin(math.radians(settings["station"]["latitude_deg"]))
 
 
 def _rails_v(run: Run) -> tuple[float, float]:
@@ -44,17 +56,27 @@ def _rails_v(run: Run) -> tuple[float, float]:
     return settings["positive_rail_v"], settings["negative_rail_v"]
 
 
-def turntable_truth(output: Output, rates_deg_s: Sequence[float]) -> dict[str, float]:
-    """Return scale factor, bias and non-linearity of the line through the true outputs at the table's rates."""
-    return _line(rates_deg_s, [output(rate, None) for rate in rates_deg_s])
+def turntable_truth(output: Output, rates_deg_s: Sequence[float], *, earth_deg_s: float = 0.0) -> dict[str, float]:
+    """Return scale factor, bias and non-linearity of the line through the true outputs at the table's rates.
+
+    `earth_deg_s` is added to these, so that the bias is without it.
+    """
+    return _line([rate + earth_deg_s for rate in rates_deg_s], [output(rate, None) for rate in rates_deg_s])
 
 
 def four_step_truth(
-    output: Output, *, table_deg_s: Sequence[float], levels_v: Sequence[float], matched_deg_s: Sequence[float]
+    output: Output,
+    *,
+    table_deg_s: Sequence[float],
+    levels_v: Sequence[float],
+    matched_deg_s: Sequence[float],
+    earth_deg_s: float = 0.0,
 ) -> dict[str, float]:
     """Return the true values of the four steps: K_Vc, both lines, and how they differ.
 
     From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
+    Outputs count from their own zeros, however they were matched: what a match of the outputs as they are leaves of
+    both zeros' difference is its error.
     V_Vc is what `output` takes it for: the level of the open generator, or that at the input, where a meter sees it.
 
     Args:
@@ -62,10 +84,14 @@ def four_step_truth(
         table_deg_s: rates of the table.
         levels_v: levels of V_Vc.
         matched_deg_s: rates at which V_Vc was matched.
+        earth_deg_s: added to the rates of both columns.
     """
     curve = _matched(output, matched_deg_s)
-    rates = [sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in levels_v]
-    table, virtual = turntable_truth(output, table_deg_s), _line(rates, [output(0.0, v) for v in levels_v])
+    rates = [earth_deg_s + sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in levels_v]
+    table, virtual = (
+        turntable_truth(output, table_deg_s, earth_deg_s=earth_deg_s),
+        _line(rates, [output(0.0, v) for v in levels_v]),
+    )
     return {
         "k_vc": curve[0],
         **{f"turntable.{name}": value for name, value in table.items()},

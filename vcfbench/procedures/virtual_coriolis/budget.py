@@ -9,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
@@ -17,7 +18,7 @@ from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, swe
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
 from vcfbench.records.schema import Point
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import Match, ProcedureSettings
 
 MEANINGS = MappingProxyType(
     {
@@ -34,8 +35,13 @@ MEANINGS = MappingProxyType(
 )
 """Unit of each value, and which value it is."""
 
-_OF_PAIR = {"k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"}
-_OF_CURVE = {
+_OF_PAIR: Mapping[str, str] = {
+    "k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"
+}
+_OF_ABSOLUTE: Mapping[str, str] = {
+    "k_vc": "rate over V_Vc at the match rate by the outputs as they are: what the generator adds to the zero is in u",
+}
+_OF_CURVE: Mapping[str, str] = {
     "k_vc": "rate over V_Vc at small levels: c1 of the curve through the matches",
     "virtual.scale_factor": "slope of the line of outputs against the curve's rates at these levels of V_Vc",
 }
@@ -53,9 +59,10 @@ def four_step_statement(
     sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
     table, virtual = map(lines.Line.of, sweeps)
     known = settings.station.sources
-    on_levels, of = known_levels(points, known), {}
+    on_levels = known_levels(points, known)
     if isinstance(matching, Matching):
         levels, matches, found, curve = _by_match(points, virtual, matching, on_levels)
+        of = _OF_ABSOLUTE if matching.match is Match.ABSOLUTE else {}
     else:
         level_v = np.array([point.v_vc_v for point in sweeps[1].points])
         levels, matches, found, curve = _by_nulls(level_v, virtual, matching, on_levels)
@@ -120,10 +127,13 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
         "match": (u_match, "1", math.inf, known.besides == "resolution"),
     }
     levels, span_v = known.errors(moved, own), matching.slope * matching.level_v
+    if absolute:
+        levels = replace(levels, sources=(*levels.sources, _apart(matching, span_v)))
 
     def found(q: _Quantities) -> tuple[Any, Any, Any]:
         gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
-        matched = 1.0 + lines.noises_of("match", q) / span_v  # level that was found, over the one that gives the output
+        # Level that was found, over the one that gives the output
+        matched = 1.0 + lines.noises_of("match", q) / span_v + q.get(_ZEROS_APART, 0.0)
         level = 1.0 + levels.through("match", q)  # at the match, over its known value
         slope = line.scale_factor - lines.noises_of("virtual slope", q) - levels.through("virtual slope", q)
         bias = line.bias_v - lines.noises_of("virtual bias", q) - q["meter offset"]
@@ -133,6 +143,20 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
     curve = CurvedLine.of("virtual.nonlinearity", line)  # the error of the one match scales all rates and cancels
     curve = curve.with_errors(known, level_v, curve.of_outputs * line.derivative * k_vc)
     return levels, [OutputSum("match", np.array(weights), "V")], found, curve
+
+
+_ZEROS_APART = "difference of the zeros, generator off and on"
+
+
+def _apart(matching: Matching, span_v: float) -> Source:
+    """Return what the difference of both zeros, which the run has, does to a match of outputs as they are, relative.
+
+    It is no limit but a known effect, so its u is the whole: that on K_Vc or on the slope, whichever is larger. Beyond
+    the span of the match nothing can be said.
+    """
+    share = (matching.zero_virtual.output_v - matching.zero_table.output_v) / span_v
+    effect = max(abs(share), abs(share) / (1.0 + share)) if share > -1.0 else math.inf
+    return Source(_ZEROS_APART, 0.0, effect, "1")
 
 
 def _by_nulls(level_v: Floats, line: lines.Line, matching: NullMatching, known: KnownLevels) -> _Found:
