@@ -32,7 +32,8 @@ _AT_THE_PEAK = 0.5
 """Share of the rails that the output takes at the peak of the response."""
 _TABLE_DEG_S = 900.0
 """The simulated table turns at 1000 deg/s, its own trip above the limit included."""
-_LEAST_SINE_V = 0.01
+_LEAST_SINE_V, _LEAST_LEVEL_V, _LEAST_STEP_V = 0.01, 0.07, 0.04
+"""The least of a sine on V_Vc, of a level whose offset of 4 mV does not tell, of one taken with both signs."""
 _MOST_V_VC_V = 10.0
 _LEAST_DEG_H = 1e-3
 _READING_S = 0.2
@@ -41,7 +42,6 @@ _HIGHEST_HZ = 75.0
 _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
 """Frequencies of `bandwidth` at the usual split."""
 _VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
-_MATCH_RATES_DEG_S = (10.0, 20.0, 50.0, 100.0, 200.0)
 _THRESHOLD_STEPS_DEG_S = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
 _PARTS = ("warmup", "polarity", "power", "virtual-coriolis", "kvc", "bandwidth", "resonance", "phase", "vibration")
 """Parts of `characterize` that have settings of their own here; `zero` and `temperature` beside them."""
@@ -146,6 +146,9 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
         return [_round(each * wider) for each in usual]
 
     level = {"level_deg_s": _round(200.0 * wider)}
+    least_deg_s = max(10.0 * wider, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
+    steps = [(sheet.range_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
+    matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
     filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
     sines = {
         "sine_amplitude_v": _round(min(_MOST_V_VC_V, max(_LEAST_SINE_V, peak_v))),
@@ -155,15 +158,18 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
     }
     modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
     own: dict[str, dict[str, Any]] = {
-        "virtual-coriolis": {"match_rate_deg_s": _round(10.0 * wider), "match_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
-        "kvc": {"match_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
-        "self-calibration": {"virtual_rates_deg_s": rates(_MATCH_RATES_DEG_S)},
+        "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched},
+        "kvc": matched,
+        "self-calibration": {"virtual_rates_deg_s": matched["match_rates_deg_s"]},
         "zero": _noise_bandwidth(sheet),
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
         "repeatability": level,
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(0.5 * wider)},
-        "polarity": {"polarity_rate_deg_s": _round(10.0 * wider), "polarity_v_vc_v": _round(0.1 * volts)},
+        "polarity": {
+            "polarity_rate_deg_s": _round(10.0 * wider),
+            "polarity_v_vc_v": _round(max(_LEAST_STEP_V, 0.1 * volts)),
+        },
         "threshold": {"steps_deg_s": rates(_THRESHOLD_STEPS_DEG_S), "at_rate_deg_s": _round(10.0 * wider)},
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
         "bandwidth": sines,
@@ -176,8 +182,8 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
         },
         "vibration": {
             "vibration_hz": [_round(each * finer) for each in _VIBRATION_HZ if 0.3 <= each * finer <= _HIGHEST_HZ],
-            "vibration_amplitude_v": _round(0.04 * volts),
-            "static_v_vc_v": _round(0.05 * volts),
+            "vibration_amplitude_v": _round(max(_LEAST_STEP_V, 0.04 * volts)),
+            "static_v_vc_v": _round(max(_LEAST_STEP_V, 0.05 * volts)),
             "q": sheet.q_sense,
             **modes,
             **filters,

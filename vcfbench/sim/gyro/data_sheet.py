@@ -25,6 +25,8 @@ _SENSE_SHARE = 0.5
 _SECONDS = 3600.0
 _DRIVE_STARTS_S, _OUTPUT_SETTLES_S = 600.0, 20.0
 """Longest times that a drive loop takes to start and an output to settle."""
+_WHOLE_RANGE_V = (0.4, 9.0)
+"""V_Vc that stands for the whole range, between which generators reach it with 2 % of it as their offset."""
 _EITHER_SIGN = "either sign"
 
 
@@ -83,6 +85,10 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         most_v = OUTPUT_SHARE * self.rail_v
         largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
         yield "range_deg_s", f"outputs within {most_v:g} V", f"{largest_v:.3g} V", largest_v <= most_v
+        whole_v = self.range_deg_s / abs(self.k_vc_deg_s_per_v)
+        low_v, high_v = _WHOLE_RANGE_V
+        stands = f"the range at {low_v:g} to {high_v:g} V of V_Vc"
+        yield "k_vc_deg_s_per_v", stands, f"{whole_v:.3g} V", low_v <= whole_v <= high_v
         leak_deg_s = self.quadrature_deg_s * drive_hz / (2.0 * q * split_hz)
         within = "a leak into the output, by the phase of the sense mode, within the range"
         yield "quadrature_deg_s", within, f"{leak_deg_s:.3g} deg/s", leak_deg_s <= self.range_deg_s
