@@ -160,7 +160,13 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
         virtual_scale_deg_s_v=sheet.k_vc_deg_s_per_v,
         switch_on_shift_v=shape.switch_on_shift_v * larger / wider,
     )
-    return design(bench, targets)
+    louder = (sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v)) / (200.0 / shape.virtual_scale_deg_s_v)
+    virtual = replace(  # bent as much over the V_Vc of its range
+        base.virtual_path,
+        second_order_per_v=base.virtual_path.second_order_per_v / louder,
+        third_order_per_v2=base.virtual_path.third_order_per_v2 / louder**2,
+    )
+    return design(replace(bench, virtual_path=virtual), targets)
 
 
 def _modes(base: BenchParameters, sheet: DataSheet) -> BenchParameters:
