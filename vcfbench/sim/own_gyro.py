@@ -28,8 +28,8 @@ _HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench
 _LATITUDE_DEG = 37.9
 _USUAL_RANGE_DEG_S, _USUAL_SPLIT_HZ, _USUAL_K_VC = 200.0, 24.8, 150.0
 """Those of the gyroscope for which the settings of procedures have their defaults."""
-_AT_THE_PEAK = 0.5
-"""Share of the rails that the output takes at the peak of the response."""
+_AT_THE_PEAK = 0.6
+"""Share of the range that a sine takes at the peak of the response: beyond, the output's curvature is in the gains."""
 _TABLE_DEG_S = 900.0
 """The simulated table turns at 1000 deg/s, its own trip above the limit included."""
 _LEAST_SINE_V, _LEAST_LEVEL_V, _LEAST_STEP_V = 0.01, 0.07, 0.04
@@ -43,8 +43,8 @@ _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 4
 """Frequencies of `bandwidth` at the usual split."""
 _VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
 _THRESHOLD_STEPS_DEG_S = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-_PARTS = ("warmup", "polarity", "power", "virtual-coriolis", "kvc", "bandwidth", "resonance", "phase", "vibration")
-"""Parts of `characterize` that have settings of their own here; `zero` and `temperature` beside them."""
+_BY_ITSELF = frozenset({"self-calibration", "repeatability", "rate-limits", "threshold", "online"})
+"""Procedures that are no part of `characterize`."""
 
 
 def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) -> str:
@@ -121,7 +121,6 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
         "negative_rail_v": -sheet.rail_v,
         "rates_deg_s": [_round(rate * wider) for rate in PAPER_RATES_DEG_S],
         "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
-        "rate_tolerance_deg_s": _round(max(0.05, 1e-4 * sheet.range_deg_s)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,
         "settle_s": _round(max(2.0, sense_s)),
         "meter_range_v": 100 if OUTPUT_SHARE * sheet.rail_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
@@ -138,8 +137,7 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
     """Return the settings of each procedure that follow from the gyroscope: rates, levels, frequencies, modes."""
     wider, finer = sheet.range_deg_s / _USUAL_RANGE_DEG_S, abs(sheet.split_hz) / _USUAL_SPLIT_HZ
     volts = wider * _USUAL_K_VC / abs(sheet.k_vc_deg_s_per_v)  # on V_Vc, by volts of the usual gyroscope
-    slope_v_per_v = abs(sheet.scale_factor_v_per_deg_s * sheet.k_vc_deg_s_per_v)
-    peak_v = _AT_THE_PEAK * sheet.rail_v / (slope_v_per_v * max(1.0, peak_response(sheet)))
+    peak_v = _AT_THE_PEAK * sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / max(1.0, peak_response(sheet))
     instability_deg_h = _round(max(_LEAST_DEG_H, sheet.bias_instability_deg_h / FLICKER_MINIMUM))
 
     def rates(usual: tuple[float, ...]) -> list[float]:
@@ -151,26 +149,30 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
     matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
     filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
     sines = {
-        "sine_amplitude_v": _round(min(_MOST_V_VC_V, max(_LEAST_SINE_V, peak_v))),
+        "sine_amplitude_v": _round(max(_LEAST_SINE_V, peak_v)),
         "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
         "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
         **filters,
     }
     modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
+    drive_s = max(5.0, settling_s(sheet)[0])
+    started = {"warm_up_s": _round(drive_s)}
     own: dict[str, dict[str, Any]] = {
-        "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched},
-        "kvc": matched,
-        "self-calibration": {"virtual_rates_deg_s": matched["match_rates_deg_s"]},
+        "turntable": started,
+        "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched, **started},
+        "kvc": {**matched, **started},
+        "self-calibration": {**started, "virtual_rates_deg_s": matched["match_rates_deg_s"]},
         "zero": _noise_bandwidth(sheet),
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
-        "repeatability": level,
+        "repeatability": {**level, "settle_s": _round(drive_s)},
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(0.5 * wider)},
         "polarity": {
+            **started,
             "polarity_rate_deg_s": _round(10.0 * wider),
             "polarity_v_vc_v": _round(max(_LEAST_STEP_V, 0.1 * volts)),
         },
-        "threshold": {"steps_deg_s": rates(_THRESHOLD_STEPS_DEG_S), "at_rate_deg_s": _round(10.0 * wider)},
+        "threshold": {**started, "steps_deg_s": rates(_THRESHOLD_STEPS_DEG_S), "at_rate_deg_s": _round(10.0 * wider)},
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
         "bandwidth": sines,
         "resonance": {**sines, "ring_down_v_vc_v": _round(0.7 * volts)},
@@ -194,7 +196,11 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
             "in_phase_split_hz": filters["in_phase_split_hz"],
         },
     }
-    parts = {part: own[part] for part in (*_PARTS, "zero", "temperature")}
+    parts = {  # warm from the first one on
+        part: {key: value for key, value in given.items() if key != "warm_up_s"}
+        for part, given in own.items()
+        if part not in _BY_ITSELF
+    }
     return {**own, "characterize": parts}
 
 
