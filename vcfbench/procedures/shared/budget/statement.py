@@ -182,9 +182,9 @@ class Circumstances(Struct, frozen=True):
         for name, value in values.items():
             column, _, kind = name.rpartition(".")
             if kind == "k_vc":
-                found[name] = value / mounted * k_vc
+                found[name] = value / mounted / k_vc
             elif kind == "scale_factor":
-                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) * scale_factor
+                found[name] = value * mounted / (1.0 + self.scale_factor_per_k * away_k) / scale_factor
             elif kind == "bias":
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
@@ -195,7 +195,7 @@ class Circumstances(Struct, frozen=True):
             # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
             # of both columns apart, so their difference goes with it
             warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
-            moved = values[_DIFFERENCE] * ((k_vc * scale_factor / warmer) - 1.0)
+            moved = values[_DIFFERENCE] * (1.0 / (k_vc * scale_factor * warmer) - 1.0)
             found[_DIFFERENCE] = values[_DIFFERENCE] + moved
             found["virtual.bias"] = found["virtual.bias"] + moved
             found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
