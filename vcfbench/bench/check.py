@@ -8,6 +8,7 @@ from vcfbench.bench.ground import UnopenedBench, require_instruments_apart, stat
 from vcfbench.bench.opening import open_role
 from vcfbench.clock import WallClock, utc_now
 from vcfbench.drivers.calls import Calls
+from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.errors import BenchError, InterlockError
 from vcfbench.interfaces import Identity, Operator, RateTable, SafeReport
 from vcfbench.models import own_watchdog
@@ -22,13 +23,17 @@ from vcfbench.station.equipment import equipment_on
 
 
 class CheckedInstrument(Struct, frozen=True):
-    """One instrument: its identity (None: nobody answered), its problem (None: none), and its calibration."""
+    """One instrument: its identity (None: nobody answered), its problem (None: none), and its calibration.
+
+    `answers` are those to the questions that runs depend on, each in the form that they demand.
+    """
 
     role: str
     resource: str
     identity: Identity | None
     problem: str | None
     equipment: Equipment
+    answers: dict[str, str]
 
 
 class CheckedWatchdog(Struct, frozen=True):
@@ -62,7 +67,7 @@ class BenchCheck(Struct, frozen=True):
 
 
 def check_bench(description: BenchDescription, *, trust: Trust = False, operator: Operator | None = None) -> BenchCheck:
-    """Open every instrument, ask for its identity, its errors and, of a table, its faults; then make all safe.
+    """Open every instrument, ask its identity, errors, a table's faults and what runs depend on; then make all safe.
 
     `trust` and `operator` are as of :func:`open_bench`.
 
@@ -117,10 +122,13 @@ def _check_watchdog(description: BenchDescription) -> CheckedWatchdog:
 def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safety: SafetyStack) -> CheckedInstrument:
     identity: Identity | None = None
     problem: str | None = None
+    answers: dict[str, str] = {}
     try:
         instrument, identity = open_role(role.name, description, stand)
         safety.register(safe_action(role, instrument, description))
         instrument.check_errors()
+        if isinstance(instrument, ScpiInstrument):
+            answers = instrument.answers()
         if role.stage is Stage.MOTION:
             table = cast("RateTable", instrument)
             if fault := table.fault():
@@ -130,4 +138,4 @@ def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safe
         problem = str(error)
     known = {} if identity is None else {role.name: identity}
     [equipment] = equipment_on(utc_now().date(), description, [role.name], known)
-    return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment)
+    return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment, answers)

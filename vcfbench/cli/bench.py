@@ -131,6 +131,7 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                     "identity": to_builtins(each.identity),
                     "ok": each.problem is None,
                     "problem": each.problem,
+                    "answers": each.answers,
                     "safe": safe.get(each.role),
                     **{key: each.equipment.as_json()[key] for key in _CALIBRATION},
                 }
@@ -149,6 +150,8 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
             typer.echo(f"{description.title}\n\n{left_table(header, map(_checked_row, done.instruments))}\n")
             for problem in filter(None, (each.problem for each in done.instruments)):
                 typer.echo(problem)
+            for each in filter(lambda each: each.answers, done.instruments):
+                typer.echo(f"{each.role} answers: " + ", ".join(" ".join(pair) for pair in each.answers.items()))
             typer.echo(f"{left_table(('watchdog', 'state', ''), _watchdog_rows(done.watchdog))}\n")
             typer.echo(f"wiring: {station['wiring'] or 'no supply'}")
             for name, otherwise in (("limits", "none"), ("acceptance", "no result is judged")):

@@ -26,6 +26,12 @@ class Agilent33220A(ScpiInstrument):
 
     model: ClassVar[str] = "33220A"
     number_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=13)  # seen on its siblings
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (
+        ("OUTP?", replies.ANY_NUMBER),
+        ("FREQ?", number_form),
+        ("VOLT?", number_form),
+        ("VOLT:OFFS?", number_form),
+    )
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)  # the relay: no level is anything behind it
     source: ClassVar[str] = ""
     """Prefix of the commands to the channel that drives V_Vc."""

@@ -76,6 +76,12 @@ class Dso7104B(ScpiInstrument):
 
     model: ClassVar[str] = "DSO7104B"
     reading_form: ClassVar[replies.NumberForm] = replies.nr3(exponent_digits=(2, 3))  # both were seen on siblings
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (
+        (":CHAN1:SCAL?", reading_form),
+        (":TIM:SCAL?", reading_form),
+        (":TRIG:EDGE:LEV?", reading_form),
+        (":OPER:COND?", replies.ANY_NUMBER),
+    )
     least_scale_v: ClassVar[float] = 2e-3
     first_answer_s: ClassVar[float] = 15.0  # older units were seen to take 10 s for the first answer on LAN
 

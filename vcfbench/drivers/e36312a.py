@@ -25,6 +25,10 @@ class E36312A(E3631A):
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF,(@1,2,3)",)
     serial_pause_s: ClassVar[float] = 0.0  # it has no RS-232
     switch_question: ClassVar[str] = "OUTP? (@1,2,3)"
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = tuple(
+        (question, replies.ANY_NUMBER)
+        for question in ("VOLT? (@2)", "MEAS:VOLT? (@2)", "MEAS:CURR? (@3)", "STAT:QUES:INST:ISUM2:COND?")
+    )
     left: ClassVar[tuple[Left, ...]] = (
         Left("OUTP:PAIR", "OFF", "OUTPut subsystem: never two outputs as one"),
         Left("OUTP:TRAC", "OFF", "OUTPut subsystem"),

@@ -55,6 +55,13 @@ class E3631A(ScpiInstrument):
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP OFF",)
     outputs: ClassVar[Mapping[str, Output]] = OUTPUTS
     switch_question: ClassVar[str] = "OUTP?"
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (
+        ("OUTP?", replies.ANY_NUMBER),
+        ("VOLT?", replies.ANY_NUMBER),
+        ("MEAS:VOLT? P25V", reading_form),
+        ("MEAS:CURR? N25V", reading_form),
+        ("STAT:QUES:INST:ISUM2:COND?", replies.ANY_NUMBER),
+    )
     look: ClassVar[Mapping[str, str]] = MappingProxyType({output: f"MEAS:VOLT? {output}" for output in OUTPUTS})
     """Questions to a supply that may be on, before it is switched off."""
     serial_pause_s: ClassVar[float] = 0.5  # what comes within 0.3 to 0.5 s of a change of state is lost (seen by users)

@@ -24,6 +24,11 @@ class Hp34401A(ScpiInstrument):
     reading_form: ClassVar[replies.NumberForm] = replies.nr3(decimals=8)
     """15 characters, ``SD.DDDDDDDDESDD`` (guide p. 106)."""
 
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (
+        ("VOLT:DC:RANG?", replies.ANY_NUMBER),
+        ("VOLT:DC:NPLC?", replies.ANY_NUMBER),
+    )
+
     over_range: ClassVar[float] = 1.2
     """Highest reading over the range (guide p. 216; the 1000 V range ends at itself, which is not looked at)."""
 
@@ -96,6 +101,12 @@ class Hp34401A(ScpiInstrument):
     def aperture_s(self) -> float:
         """Integration time of one reading, s; the shortest ones do not depend on the line."""
         return self.fast_apertures_s.get(self._nplc, self._nplc / self._mains_hz)
+
+    def answers(self) -> dict[str, str]:
+        """Ask each of its questions once, then those whose answers are the front panel's: terminals, mains."""
+        found = super().answers()
+        self._take_over(tuple(row for row in self.left if row.refused), mains=f"{self._mains_hz:g}")
+        return found
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""

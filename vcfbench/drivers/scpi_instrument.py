@@ -6,11 +6,12 @@ from typing import Any, ClassVar, Self
 from msgspec import Struct
 
 from vcfbench.clock import Deadline, WallClock, sleep
+from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import OverWire
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import SerialLine
-from vcfbench.errors import BenchError, ConnectFailed, InstrumentError, LimitError, WrongInstrument
+from vcfbench.errors import BenchError, ConnectFailed, FramingError, InstrumentError, LimitError, WrongInstrument
 from vcfbench.interfaces import Identity, Instrument, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
 
@@ -64,6 +65,9 @@ class ScpiInstrument(OverWire):
     """The commands that switch off its outputs. They are sent without looking at any answer, and more than once."""
     makers: ClassVar[tuple[str, ...]] = HP_MAKERS
     """Beginnings of the maker's name in ``*IDN?``, in capitals."""
+
+    questions: ClassVar[tuple[tuple[str, NumberForm], ...]] = ()
+    """Questions that runs depend on and that may always be asked, each with the form in which it is to be answered."""
 
     error_question: ClassVar[str] = "SYST:ERR?"
     """Question for refusals: the error queue, or ``*ESR?`` of an instrument that has none."""
@@ -175,6 +179,20 @@ class ScpiInstrument(OverWire):
     def check_errors(self) -> None:
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
         self._session.check_errors()
+
+    def answers(self) -> dict[str, str]:
+        """Ask each of its questions once; return what was answered, by question.
+
+        Raises:
+            FramingError: an answer is not in the form that a run demands.
+        """
+        found = {question: self._session.query(question) for question, _ in self.questions}
+        for question, form in self.questions:
+            try:
+                replies.number(found[question], form)
+            except FramingError as error:
+                raise self._error(FramingError, error.what, command=question) from error
+        return found
 
     def close(self) -> None:
         """Give the connection back."""

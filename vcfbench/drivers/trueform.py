@@ -17,6 +17,12 @@ class Trueform(Agilent33220A):
     """A generator of the series: its first channel drives V_Vc; a second one is told neither to follow nor to lead."""
 
     number_form: ClassVar[replies.NumberForm] = replies.nr3()  # 13 decimals of levels, 15 of the rest (users' records)
+    questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (
+        ("OUTP1?", replies.ANY_NUMBER),
+        ("SOUR1:FREQ?", number_form),
+        ("SOUR1:VOLT?", number_form),
+        ("SOUR1:VOLT:OFFS?", number_form),
+    )
     safe_words: ClassVar[tuple[str, ...]] = ("OUTP1 OFF",)
     source: ClassVar[str] = "SOUR1:"
     output: ClassVar[str] = "OUTP1"
