@@ -99,12 +99,9 @@ def values(name: str, run: Run, bench: BenchDescription) -> Iterator[Stated]:
         if each is not None:  # of a split whose sign nobody tells the size is stated
             yield from stated(key, each, abs(truth) if "split" in key and each.value > 0.0 else truth)
     if name == "vibration":
-        modes, output, at_v = (
-            Modes.of(bench),
-            true_output(bench, at_input=True),
-            run.header["settings"]["static_v_vc_v"],
-        )
-        at_rest = (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v)
+        modes, output = Modes.of(bench), true_output(bench, at_input=True)
+        levels = [(math.copysign(1.0, point.v_vc_v), point.v_vc_measured_v or point.v_vc_v) for point in run.points]
+        at_rest = sum(s * output(0.0, v) for s, v in levels) / sum(s * v for s, v in levels)
         yield from stated("static", found.static_v_per_v, at_rest)
         for each in found.responses:
             yield from stated("response", each.response, modes.filtered(each.frequency_hz))
@@ -153,13 +150,15 @@ def gyroscope(seed: int, procedures: Sequence[str], keep: Path | None = None, *,
 
 def summary(lines: Sequence[Line]) -> tuple[list[str], bool]:
     """Return the tables of ends and of values, and whether there is nothing to be mended."""
-    rows, good = [f"{len(lines)} gyroscopes", f"{'procedure':18} complete refused ended"], True
+    rows, good = [f"{len(lines)} gyroscopes", f"{'procedure':18} complete refused ended  mean s"], True
     for name in ORDER:
         ends = [line["runs"][name]["end"] for line in lines if name in line["runs"]]
         if ends:
             counts = [ends.count(each) for each in ("complete", "refused", "ended")]
             good = good and not counts[2]
-            rows.append(f"{name:18} {counts[0]:8d} {counts[1]:7d} {counts[2]:5d}{'  *' if counts[2] else ''}")
+            took_s = sum(line["runs"][name]["took_s"] for line in lines if name in line["runs"]) / len(ends)
+            mark = "  *" if counts[2] else ""
+            rows.append(f"{name:18} {counts[0]:8d} {counts[1]:7d} {counts[2]:5d} {took_s:7.2f}{mark}")
     for line in lines:
         for name, run in line["runs"].items():
             if "why" in run:

@@ -26,8 +26,8 @@ from vcfbench.station.writing import table_text, value_text
 
 _HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
-_USUAL_RANGE_DEG_S, _USUAL_SPLIT_HZ, _USUAL_K_VC = 200.0, 24.8, 150.0
-"""Those of the gyroscope for which the settings of procedures have their defaults."""
+_USUAL_RANGE_DEG_S, _USUAL_V, _USUAL_SPLIT_HZ = 200.0, 200.0 / 150.0, 24.8
+"""Range, V_Vc for it, and split of the gyroscope for which the settings of procedures have their defaults."""
 _AT_THE_PEAK = 0.6
 """Share of the range that a sine takes at the peak of the response: beyond, the output's curvature is in the gains."""
 _TABLE_DEG_S = 900.0
@@ -134,30 +134,27 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
 
 
 def _procedures(sheet: DataSheet) -> dict[str, Any]:
-    """Return the settings of each procedure that follow from the gyroscope: rates, levels, frequencies, modes."""
-    wider, finer = sheet.range_deg_s / _USUAL_RANGE_DEG_S, abs(sheet.split_hz) / _USUAL_SPLIT_HZ
-    volts = wider * _USUAL_K_VC / abs(sheet.k_vc_deg_s_per_v)  # on V_Vc, by volts of the usual gyroscope
-    peak_v = _AT_THE_PEAK * sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / max(1.0, peak_response(sheet))
+    """Return the settings of each procedure that follow from the gyroscope."""
+    own = {**_of_levels(sheet), **_of_modes(sheet)}
+    parts = {  # warm from the first one on
+        part: {key: value for key, value in given.items() if key != "warm_up_s"}
+        for part, given in own.items()
+        if part not in _BY_ITSELF
+    }
+    return {**own, "characterize": parts}
+
+
+def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
+    """Return those that follow from range, K_Vc, noise and the start of the drive loop."""
+    wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
     instability_deg_h = _round(max(_LEAST_DEG_H, sheet.bias_instability_deg_h / FLICKER_MINIMUM))
-
-    def rates(usual: tuple[float, ...]) -> list[float]:
-        return [_round(each * wider) for each in usual]
-
     level = {"level_deg_s": _round(200.0 * wider)}
     least_deg_s = max(10.0 * wider, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
     steps = [(sheet.range_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
     matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
-    filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
-    sines = {
-        "sine_amplitude_v": _round(max(_LEAST_SINE_V, peak_v)),
-        "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
-        "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
-        **filters,
-    }
-    modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
-    drive_s = max(5.0, settling_s(sheet)[0])
-    started = {"warm_up_s": _round(drive_s)}
-    own: dict[str, dict[str, Any]] = {
+    started_s = _round(max(5.0, settling_s(sheet)[0]))
+    started = {"warm_up_s": started_s}
+    return {
         "turntable": started,
         "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched, **started},
         "kvc": {**matched, **started},
@@ -165,43 +162,62 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
         "zero": _noise_bandwidth(sheet),
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
-        "repeatability": {**level, "settle_s": _round(drive_s)},
+        "repeatability": {**level, "settle_s": started_s},
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(0.5 * wider)},
         "polarity": {
             **started,
             "polarity_rate_deg_s": _round(10.0 * wider),
-            "polarity_v_vc_v": _round(max(_LEAST_STEP_V, 0.1 * volts)),
+            "polarity_v_vc_v": _both_signs_v(sheet, 0.1),
         },
-        "threshold": {**started, "steps_deg_s": rates(_THRESHOLD_STEPS_DEG_S), "at_rate_deg_s": _round(10.0 * wider)},
+        "threshold": {
+            **started,
+            "steps_deg_s": [_round(each * wider) for each in _THRESHOLD_STEPS_DEG_S],
+            "at_rate_deg_s": _round(10.0 * wider),
+        },
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
+    }
+
+
+def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
+    """Return those that follow from the modes: frequencies, and amplitudes of what they answer to."""
+    finer, usual_v = abs(sheet.split_hz) / _USUAL_SPLIT_HZ, sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / _USUAL_V
+    peak_v = _AT_THE_PEAK * _USUAL_V * usual_v / max(1.0, peak_response(sheet))
+    filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
+    modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
+    sines = {
+        "sine_amplitude_v": _round(max(_LEAST_SINE_V, peak_v)),
+        "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
+        "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
+        **filters,
+    }
+    return {
         "bandwidth": sines,
-        "resonance": {**sines, "ring_down_v_vc_v": _round(0.7 * volts)},
+        "resonance": {**sines, "ring_down_v_vc_v": _round(0.7 * usual_v)},
         "phase": {
-            "rate_deg_s": _round(100.0 * wider),
-            "v_vc_v": _round(0.7 * volts),
-            "sine_amplitude_v": _round(1.4 * volts),
+            "rate_deg_s": _round(0.5 * sheet.range_deg_s),
+            "v_vc_v": _round(0.7 * usual_v),
+            "sine_amplitude_v": _round(1.4 * usual_v),
             "difference_hz": _round(8.0 * finer),
         },
         "vibration": {
             "vibration_hz": [_round(each * finer) for each in _VIBRATION_HZ if 0.3 <= each * finer <= _HIGHEST_HZ],
-            "vibration_amplitude_v": _round(max(_LEAST_STEP_V, 0.04 * volts)),
-            "static_v_vc_v": _round(max(_LEAST_STEP_V, 0.05 * volts)),
+            "vibration_amplitude_v": _both_signs_v(sheet, 0.04),
+            "static_v_vc_v": _both_signs_v(sheet, 0.05),
             "q": sheet.q_sense,
             **modes,
             **filters,
         },
         "online": {
-            "virtual_rate_deg_s": _round(50.0 * wider),
-            **modes,
+            "virtual_rate_deg_s": _round(0.25 * sheet.range_deg_s),
             "in_phase_split_hz": filters["in_phase_split_hz"],
+            **modes,
         },
     }
-    parts = {  # warm from the first one on
-        part: {key: value for key, value in given.items() if key != "warm_up_s"}
-        for part, given in own.items()
-        if part not in _BY_ITSELF
-    }
-    return {**own, "characterize": parts}
+
+
+def _both_signs_v(sheet: DataSheet, usual_v: float) -> float:
+    """Return the V_Vc that is to this gyroscope's range what `usual_v` is to the usual one's; not less than is seen."""
+    return _round(max(_LEAST_STEP_V, usual_v * sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / _USUAL_V))
 
 
 def _noise_bandwidth(sheet: DataSheet) -> dict[str, float]:

@@ -8,6 +8,7 @@ about.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from statistics import fmean
 
 import numpy as np
 
@@ -39,8 +40,16 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         matched = [pair.rate_deg_s for pair in run.results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
     output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
-    earth_deg_s = _earth_deg_s(run)
-    return four_step_truth(output, table_deg_s=table, levels_v=levels, matched_deg_s=matched, earth_deg_s=earth_deg_s)
+    at_zero = [point.v_vc_measured_v for point in run.points if point.step == 2 and not point.v_vc_v]
+    zeros_v = [each for each in at_zero if each is not None]
+    return four_step_truth(
+        output,
+        table_deg_s=table,
+        levels_v=levels,
+        matched_deg_s=matched,
+        earth_deg_s=_earth_deg_s(run),
+        zero_level_v=fmean(zeros_v) if zeros_v else 0.0,
+    )
 
 
 def _earth_deg_s(run: Run) -> float:
@@ -71,6 +80,7 @@ def four_step_truth(
     levels_v: Sequence[float],
     matched_deg_s: Sequence[float],
     earth_deg_s: float = 0.0,
+    zero_level_v: float = 0.0,
 ) -> dict[str, float]:
     """Return the true values of the four steps: K_Vc, both lines, and how they differ.
 
@@ -85,8 +95,9 @@ def four_step_truth(
         levels_v: levels of V_Vc.
         matched_deg_s: rates at which V_Vc was matched.
         earth_deg_s: added to the rates of both columns.
+        zero_level_v: V_Vc from which the matched levels count: that of a generator set to 0 V.
     """
-    curve = _matched(output, matched_deg_s)
+    curve = _matched(output, matched_deg_s, zero_level_v)
     rates = [earth_deg_s + sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in levels_v]
     table, virtual = (
         turntable_truth(output, table_deg_s, earth_deg_s=earth_deg_s),
@@ -101,16 +112,16 @@ def four_step_truth(
     }
 
 
-def _matched(output: Output, rates_deg_s: Sequence[float]) -> list[float]:
+def _matched(output: Output, rates_deg_s: Sequence[float], zero_level_v: float) -> list[float]:
     """Return the rate that V_Vc stands for as coefficients of its powers, the first one first."""
-    zero_v = output(0.0, 0.0)
-    slope = (output(0.0, 1e-3) - zero_v) / 1e-3
+    zero_v = output(0.0, zero_level_v)
+    slope = (output(0.0, zero_level_v + 1e-3) - zero_v) / 1e-3
 
     def matched_v(rate_deg_s: float) -> float:
-        aim_v, level_v = zero_v + output(rate_deg_s, None) - output(0.0, None), 0.0
+        aim_v, level_v = zero_v + output(rate_deg_s, None) - output(0.0, None), zero_level_v
         for _ in range(100):  # nearly a line: each step leaves a small part of what is missing
             level_v += (aim_v - output(0.0, level_v)) / slope
-        return level_v
+        return level_v - zero_level_v
 
     pairs_v = [matched_v(rate) for rate in rates_deg_s]
     order = 3 if len(pairs_v) > 2 else 1
