@@ -28,6 +28,12 @@ _FAULTS: Mapping[int, str] = MappingProxyType(
     {2: "amplifier fault", 3: "following error", 10: "overspeed", 29: "interlock"}
 )
 """Last two digits of an axis' errors that shut it down; the hundreds are the axis."""
+_TOO_FAST = 10
+"""The same number refuses a ``VA`` above the stage's ``VU`` (general knowledge of its page, unverified)."""
+_UNIT_DEG: Mapping[str, float] = MappingProxyType(
+    {"7": 1.0, "8": 0.9, "9": 180.0 / math.pi, "10": 0.18 / math.pi, "11": 0.18e-3 / math.pi}
+)
+"""Degrees of a unit of ``SN``: degree, gradian, radian, its thousandth and millionth; the others are of lengths."""
 
 
 class EspDialect(TableDialect):
@@ -42,14 +48,21 @@ class EspDialect(TableDialect):
         self._faults: list[str] = []
         self._refused: list[tuple[int, str]] = []
         self._version = ""
+        self._unit_deg = 1.0
+        self._sets_velocity = False
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
-        """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``."""
+        """Ask for the controller's version, ``ESP301 Version 3.0.1 6/1/99``, and the unit of the stage."""
         version = self._ask(line, "VE?", deadline)
         model, _, firmware = version.partition(" ")
         if not model.upper().startswith("ESP"):
             raise FramingError(f"expected the version of an ESP controller, came {version[:60]!r}")
         self._version = version
+        unit = self._ask(line, f"{self.axis}SN?", deadline).strip()
+        if unit not in _UNIT_DEG:
+            what = f"its stage counts in unit {unit}, which is no angle"
+            raise InstrumentError(what, hint=f"set degrees at it: {self.axis}SN7", **line.where)
+        self._unit_deg = _UNIT_DEG[unit]
         return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
@@ -70,7 +83,7 @@ class EspDialect(TableDialect):
         stop = f"{self.axis}ST\r".encode("ascii")
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\r" + stop,)
-        return b"\r" + stop, f"{self.axis}AG{decimal(acceleration_deg_s2)}\r".encode("ascii"), stop
+        return b"\r" + stop, f"{self.axis}AG{self._told(acceleration_deg_s2)}\r".encode("ascii"), stop
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then switch the motor on."""
@@ -89,15 +102,16 @@ class EspDialect(TableDialect):
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set acceleration, deceleration and velocity, then jog; rate 0 is ``ST``."""
-        ramp = f"{self.axis}AC{decimal(acceleration_deg_s2)};{self.axis}AG{decimal(acceleration_deg_s2)};"
+        acceleration = self._told(acceleration_deg_s2)
+        ramp = f"{self.axis}AC{acceleration};{self.axis}AG{acceleration};"
         ramps = ramp if math.isfinite(acceleration_deg_s2) else ""
         if rate_deg_s * self._steady.demanded_deg_s < 0.0:
             # Come to rest before the direction is changed. It takes the time of the ramp, beyond `deadline`.
             self._command(line, f"{ramps}{self.axis}ST", deadline)
             self._steady.demand(0.0)
-            acceleration = self._number(line, f"{self.axis}AG?", deadline)
+            braking_deg_s2 = self._number(line, f"{self.axis}AG?", deadline)
             turning_deg_s = abs(self.rate_deg_s(line, deadline))
-            within = line.deadline(2.0 * turning_deg_s / max(acceleration, 1e-3) + line.timeout_s)
+            within = line.deadline(2.0 * turning_deg_s / max(braking_deg_s2, 1e-3) + line.timeout_s)
             while not replies.boolean(self._ask(line, f"{self.axis}MD?", within)):
                 if within.expired():
                     raise line.locate(DeadlineExceeded("the stage did not stop"), f"{self.axis}ST", within)
@@ -106,8 +120,22 @@ class EspDialect(TableDialect):
         if rate_deg_s == 0.0:
             self._command(line, f"{ramps}{self.axis}ST", deadline)
             return
-        direction = "+" if rate_deg_s > 0.0 else "-"
-        self._command(line, f"{ramps}{self.axis}VA{decimal(abs(rate_deg_s))};{self.axis}MV{direction}", deadline)
+        # One that is refused would leave the stage to start at the velocity before
+        velocity, question = self._told(abs(rate_deg_s)), f"{self.axis}VA?"
+        self._sets_velocity = True
+        try:
+            self._command(line, f"{ramps}{self.axis}VA{velocity}", deadline)
+        finally:
+            self._sets_velocity = False
+        found = replies.number(self._ask(line, question, deadline))
+        if not abs(found - float(velocity)) <= self.rate_quantum_deg_s:
+            what = f"was set to a velocity of {velocity} but reads back {found:g}"
+            raise InstrumentError(what, command=question, **line.where)
+        self._command(line, f"{self.axis}MV{'+' if rate_deg_s > 0.0 else '-'}", deadline)
+
+    def _told(self, degrees: float) -> str:
+        """Return a rate or acceleration as the stage is told it, in its own unit."""
+        return decimal(degrees / self._unit_deg)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Ask whether the motor is on."""
@@ -154,6 +182,7 @@ class EspDialect(TableDialect):
                 return
             axis, kind = divmod(number, 100)
             fault = _STOPPED.get(number) if number < 100 else _FAULTS.get(kind) if axis == self.axis else None
+            fault = None if self._sets_velocity and kind == _TOO_FAST else fault
             if fault is not None:
                 text = f"{fault} ({number} {words})"
                 self._faults += [] if text in self._faults else [text]
@@ -163,7 +192,7 @@ class EspDialect(TableDialect):
     # Exchanges
 
     def _number(self, line: TableLine, question: str, deadline: Deadline) -> float:
-        return replies.number(self._ask(line, question, deadline))
+        return replies.number(self._ask(line, question, deadline)) * self._unit_deg
 
     def _ask(self, line: TableLine, question: str, deadline: Deadline) -> str:
         return line.ask(self, question.encode("ascii") + b"\r", deadline)

@@ -117,13 +117,18 @@ def esp(*said: tuple[str, str | None]) -> list[Exchange]:
 
 
 VERSION = ("VE?", "ESP301 Version 3.0.1 6/1/99")
+DEGREES = ("1SN?", "7")
 FINE = ("TB?", "0, 451322, NO ERROR DETECTED")
 
 
 def test_esp_jog_and_stop() -> None:
     said = [
         VERSION,
-        ("1AC20;1AG20;1VA10.5;1MV+", None),
+        DEGREES,
+        ("1AC20;1AG20;1VA10.5", None),
+        FINE,
+        ("1VA?", "10.5"),
+        ("1MV+", None),
         FINE,
         ("1TV", "10.5"),
         ("1AC20;1AG20;1ST", None),
@@ -139,7 +144,11 @@ def test_esp_jog_and_stop() -> None:
 def test_esp_stops_before_it_turns_the_other_way() -> None:
     said = [
         VERSION,
-        ("1AC20;1AG20;1VA10;1MV+", None),
+        DEGREES,
+        ("1AC20;1AG20;1VA10", None),
+        FINE,
+        ("1VA?", "10"),
+        ("1MV+", None),
         FINE,
         ("1AC20;1AG20;1ST", None),
         FINE,
@@ -147,7 +156,10 @@ def test_esp_stops_before_it_turns_the_other_way() -> None:
         ("1TV", "8"),
         ("1MD?", "0"),
         ("1MD?", "1"),
-        ("1AC20;1AG20;1VA5;1MV-", None),
+        ("1AC20;1AG20;1VA5", None),
+        FINE,
+        ("1VA?", "5"),
+        ("1MV-", None),
         FINE,
     ]
     with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
@@ -159,7 +171,8 @@ def test_esp_stops_before_it_turns_the_other_way() -> None:
 def test_esp_refusals_are_raised_and_faults_kept() -> None:
     said = [
         VERSION,
-        ("1VA10;1MV+", None),
+        DEGREES,
+        ("1VA10", None),
         ("TB?", "7, 451322, PARAMETER OUT OF RANGE"),
         ("TB?", "113, 451330, AXIS-1 MOTOR NOT ENABLED"),
         FINE,
@@ -177,9 +190,51 @@ def test_esp_refusals_are_raised_and_faults_kept() -> None:
 
 
 def test_esp_finds_its_place_by_the_version() -> None:
-    said = [VERSION, ("1TV", None), ("VE?", "3.5\r\nESP301 Version 3.0.1 6/1/99"), ("1MO?", "1"), ("1TV", "4.5")]
+    said = [
+        VERSION,
+        DEGREES,
+        ("1TV", None),
+        ("VE?", "3.5\r\nESP301 Version 3.0.1 6/1/99"),
+        ("1MO?", "1"),
+        ("1TV", "4.5"),
+    ]
     with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
         assert table.rate_deg_s() == 4.5
+
+
+def test_esp_reads_its_velocity_back_before_it_moves() -> None:
+    said = [VERSION, DEGREES, ("1VA10", None), FINE, ("1VA?", "9.99")]
+    with (
+        expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table,
+        pytest.raises(InstrumentError, match=r"velocity of 10 but reads back 9\.99"),
+    ):
+        table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
+
+
+def test_esp_takes_a_velocity_above_its_limit_for_refused() -> None:
+    said = [VERSION, DEGREES, ("1VA10", None), ("TB?", "110, 451322, AXIS-1 MAXIMUM VELOCITY EXCEEDED"), FINE]
+    with (
+        expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table,
+        pytest.raises(InstrumentError, match="refused with 110"),
+    ):
+        table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
+
+
+@pytest.mark.parametrize(("unit", "per_unit"), [("8", 0.9), ("9", 57.29577951), ("10", 0.05729577951)])
+def test_esp_speaks_in_the_unit_that_was_left(unit: str, per_unit: float) -> None:
+    velocity = f"{10.0 / per_unit:.6f}".rstrip("0").rstrip(".")
+    said = [VERSION, ("1SN?", unit), (f"1VA{velocity}", None), FINE, ("1VA?", velocity), ("1MV+", None), FINE]
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said, ("1TV", f"{10.0 / per_unit}"))) as table:
+        table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
+        assert table.rate_deg_s() == pytest.approx(10.0)
+
+
+def test_esp_that_counts_in_lengths_is_refused() -> None:
+    with (
+        pytest.raises(InstrumentError, match="counts in unit 2, which is no angle"),
+        expected_exchange(driver(EspDialect(LIMITS)), esp(VERSION, ("1SN?", "2"))),
+    ):
+        pass
 
 
 # ATL

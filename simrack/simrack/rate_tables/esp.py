@@ -6,7 +6,8 @@ error 38 is what the manual of a sibling (NewStep) says of AC. Unverified: that 
 Bd, the digits of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which
 error an interlock reports, that a software limit stops a jog by its ramp, the values and limits of what is kept only.
 
-Not simulated: programs in the controller (XX, EP, EX), groups of axes, units but degrees.
+Not simulated: programs in the controller (XX, EP, EX), groups of axes, units of lengths. A unit counts in rates,
+accelerations and positions (TV, TP, VA, AC, AG); the limits and what moves to a position stay in degrees.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ _TIMING = SerialTiming(baud=19200.0, processing_s=0.002)
 _COMMAND = re.compile(r"(\d*)\s*([A-Za-z]{2})\s*([?]|[+-]?\d+(?:\.\d*)?|[+-])?")
 _UNKNOWN, _RANGE, _AXIS, _MISSING = 6, 7, 37, 38
 _EMERGENCY_STOP, _INTERLOCK = 4, 129
-_AXIS_RANGE, _ABOVE_LIMIT, _BELOW_LIMIT, _NOT_ENABLED = 101, 106, 107, 113
+_AXIS_RANGE, _ABOVE_LIMIT, _BELOW_LIMIT, _TOO_FAST, _NOT_ENABLED = 101, 106, 107, 110, 113
 _SHUT_DOWN = {"emergency_stop": _EMERGENCY_STOP, "drive_fault": 102, "following_error": 103, "over_rate": 110}
 """Errors of what shuts axis 1 down by itself; anything else is the interlock."""
-_DEGREE = 7
-"""Displacement unit of SN; the stage has no other."""
+_UNIT_DEG = {7: 1.0, 8: 0.9, 9: 180.0 / math.pi, 10: 0.18 / math.pi, 11: 0.18e-3 / math.pi}
+"""Displacement units of SN that are angles: degree, gradian, radian, its thousandth and millionth."""
 _WAIT_POLL_S = 0.01
 _WORDS = {
     0: "NO ERROR DETECTED",
@@ -93,6 +94,7 @@ class EspTable(Interlocked, LineDevice):
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0)
         self._deceleration_deg_s2 = 100.0
         self._velocity_deg_s = 20.0
+        self._unit = 7
         self._direction = 0
         self._errors: deque[int] = deque(maxlen=10)
         self._shared: dict[str, Callable[[str], str | None]] = {
@@ -114,8 +116,8 @@ class EspTable(Interlocked, LineDevice):
             "OR": lambda _: self._go_to(0.0, "0"),
             "ST": lambda _: self._stop(),
             "MD": lambda _: str(int(not self._axis.moving())),
-            "TP": lambda _: f"{self._axis.position_deg() + 0.0:.4f}",
-            "TV": lambda _: f"{self._axis.rate_deg_s() + 0.0:.4f}",
+            "TP": lambda _: self._shown(self._axis.position_deg()),
+            "TV": lambda _: self._shown(self._axis.rate_deg_s()),
             "DP": lambda _: f"{self._target_deg + 0.0:.4f}",
             "SL": lambda value: self._soft_limit(0, value),
             "SR": lambda value: self._soft_limit(1, value),
@@ -189,10 +191,14 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("SN")
     def _units(self, value: str) -> str | None:
         if value == "?":
-            return str(_DEGREE)
-        if _number(value, 11.0) != _DEGREE:
+            return str(self._unit)
+        if (unit := int(_number(value, 11.0))) not in _UNIT_DEG:
             raise _Refused(_AXIS_RANGE)
+        self._unit = unit
         return None
+
+    def _shown(self, degrees: float) -> str:
+        return f"{degrees / _UNIT_DEG[self._unit] + 0.0:.4f}"
 
     def _soft_limit(self, side: int, value: str) -> str | None:
         if value == "?":
@@ -267,8 +273,11 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("VA")
     def _velocity(self, value: str) -> str | None:
         if value == "?":
-            return f"{self._velocity_deg_s:.4f}"
-        self._velocity_deg_s = _number(value, self._kept["VU"])
+            return self._shown(self._velocity_deg_s)
+        velocity_deg_s = _number(value, math.inf) * _UNIT_DEG[self._unit]
+        if velocity_deg_s > self._kept["VU"]:
+            raise _Refused(_TOO_FAST)
+        self._velocity_deg_s = velocity_deg_s
         if self._direction and self._axis.enabled:
             self._axis.run(self._direction * self._velocity_deg_s)
         return None
@@ -276,15 +285,17 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("AC")
     def _acceleration(self, value: str) -> str | None:
         if value == "?":
-            return f"{self._axis.acceleration_deg_s2:.4f}"
-        self._axis.change_acceleration(_positive(value, self._kept["AU"]))
+            return self._shown(self._axis.acceleration_deg_s2)
+        scale = _UNIT_DEG[self._unit]
+        self._axis.change_acceleration(_positive(value, self._kept["AU"] / scale) * scale)
         return None
 
     @_OF_AXIS.of("AG")
     def _deceleration(self, value: str) -> str | None:
         if value == "?":
-            return f"{self._deceleration_deg_s2:.4f}"
-        self._deceleration_deg_s2 = _positive(value, self._kept["AU"])
+            return self._shown(self._deceleration_deg_s2)
+        scale = _UNIT_DEG[self._unit]
+        self._deceleration_deg_s2 = _positive(value, self._kept["AU"] / scale) * scale
         return None
 
     @_OF_AXIS.of("MT")

@@ -59,7 +59,7 @@ def test_a_velocity_set_while_moving_takes_effect(host: Host) -> None:
         ("2TP", 9, "AXIS NUMBER OUT OF RANGE"),
         ("TP", 37, "AXIS NUMBER MISSING"),
         ("1MV+", 113, "AXIS-1 MOTOR NOT ENABLED"),
-        ("1VA999", 101, "PARAMETER OUT OF RANGE"),
+        ("1VA999", 110, "AXIS-1 MAXIMUM VELOCITY EXCEEDED"),
         ("1AC0", 101, "PARAMETER OUT OF RANGE"),
         ("1PA90", 113, "AXIS-1 MOTOR NOT ENABLED"),
         *((f"1{verb}", 38, "COMMAND PARAMETER MISSING") for verb in ("VA", "AC", "AG", "MV", "PA", "PR", "SN", "SL")),

@@ -262,6 +262,18 @@ def test_a_table_of_the_other_sign(name: str) -> None:
     assert bench.world.table.rate_deg_s() == pytest.approx(-10.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("unit", [7, 8, 9, 10, 11])
+def test_an_esp_stage_turns_as_fast_as_is_asked_whatever_unit_was_left(unit: int) -> None:
+    bench = Bench("esp")
+    bench.twin.device._unit = unit  # type: ignore[attr-defined]
+    bench.driver.identify()
+    bench.driver.enable()
+    for rate in (10.0, -150.0, 0.5):
+        bench.reach(rate)
+        assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=6e-3)
+        assert bench.driver.rate_deg_s() == pytest.approx(rate, abs=6e-3)
+
+
 def test_ruya_stops_before_each_change_of_rate_and_waits_for_it() -> None:
     bench = Bench("ruya")
     bench.driver.enable()
