@@ -51,14 +51,26 @@ _REASONS: Mapping[str, str] = MappingProxyType(
 
 _FAULTS: Mapping[str, str] = MappingProxyType(
     {
+        "FB": "current or bus fault",
+        "FC": "inrush current",
         "FD": "driver disabled by itself",
-        "FH": "hardware emergency stop",
-        "FS": "stalled",
         "FE": "limit error",
+        "FF": "critical system error",
+        "FH": "hardware emergency stop",
+        "FM": "motor too warm",
+        "FN": "peripheral not supported",
+        "FQ": "encoder",
+        "FR": "overdrive",
+        "FS": "stalled",
+        "FV": "supply voltage out of range",
+        "FZ": "peripheral inactive",
         "NC": "under manual control",
     }
 )
-"""Warning flags that forbid motion. FO (driver switched off), WR and WH (no reference) and NI (interrupted) do not."""
+"""Words of flags (zaber-motion, warning_flags.py). FD is told to firmware 7.10; later the cause is."""
+_DRIVER_OFF = "FO"
+"""Of the flags that begin with F the only one that is no fault; WR and WH (no reference) and NI (interrupted) forbid
+nothing."""
 
 
 _NUMBER = replies.NumberForm("a plain decimal number", re.compile(r"-?[0-9]+(?:\.[0-9]+)?"))
@@ -108,7 +120,10 @@ class ZaberDialect(TableDialect):
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for device number, serial number and firmware version."""
-        number = self._setting(line, "deviceid", deadline, axis=0)
+        try:
+            number = self._setting(line, "deviceid", deadline, axis=0)
+        except InstrumentError:  # firmware 7 may know the new name only
+            number = self._setting(line, "device.id", deadline, axis=0)
         try:
             serial = self._setting(line, "system.serial", deadline, axis=0)
         except InstrumentError:
@@ -186,7 +201,8 @@ class ZaberDialect(TableDialect):
     def fault(self, line: TableLine, deadline: Deadline) -> str | None:
         """Name the warnings that forbid motion."""
         flags = self._ask(line, "warnings", deadline).split()[1:]
-        return ", ".join(f"{_FAULTS[flag]} ({flag})" for flag in flags if flag in _FAULTS) or None
+        faults = [flag for flag in flags if flag in _FAULTS or (flag[:1] == "F" and flag != _DRIVER_OFF)]
+        return ", ".join(f"{_FAULTS.get(flag, 'fault')} ({flag})" for flag in faults) or None
 
     def clear_fault(self, line: TableLine, deadline: Deadline) -> None:
         """Clear the warnings that can be cleared."""

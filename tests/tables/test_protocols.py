@@ -101,6 +101,20 @@ def test_zaber_late_replies_alerts_and_damage_are_told_from_the_answer() -> None
         assert table.angle_deg() == pytest.approx(360 / 640000)
 
 
+@pytest.mark.parametrize("flag", [*(f"F{letter}" for letter in "BCDEFHMNPQRSTVZX"), "NC"])
+def test_zaber_every_flag_of_a_fault_is_one(flag: str) -> None:
+    said = (*KNOWN, ("warnings", f"OK IDLE {flag} 02 {flag} WR"), ("warnings", "OK IDLE FO 03 FO WR NI"))
+    with expected_exchange(driver(ZaberDialect(STAGE)), zaber(*said)) as table:
+        assert str(table.fault()).endswith(f"({flag})")
+        assert table.fault() is None
+
+
+def test_zaber_is_asked_by_the_name_that_its_firmware_knows() -> None:
+    said = (("*get deviceid", "RJ IDLE -- BADCOMMAND"), ("*get device.id", "OK IDLE -- 50081"), *KNOWN[1:])
+    with expected_exchange(driver(ZaberDialect(STAGE)), zaber(*said)):
+        pass
+
+
 def test_zaber_acceleration_that_would_mean_infinity() -> None:
     with (
         expected_exchange(driver(ZaberDialect(STAGE)), zaber(*KNOWN)) as table,

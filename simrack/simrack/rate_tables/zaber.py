@@ -66,11 +66,13 @@ class StepperErrors(TableErrors, frozen=True):
 
 _FLAGS = {
     "FH": {"emergency_stop", "interlock", "door"},
-    "FD": {"drive_fault", "over_rate", "following_error"},
+    "FV": {"drive_fault"},
+    "FR": {"over_rate"},
+    "FQ": {"following_error"},
     "FS": {"stalled"},
     "FE": {"travel"},
 }
-"""Warning flags and what raises them; which of ours belongs to which is chosen."""
+"""Warning flags of firmware 7.11 and later, and what raises them; which of ours belongs to which is chosen."""
 
 
 class _Rejected(Exception):

@@ -157,7 +157,7 @@ def test_what_is_kept_is_told_again_and_limits_what_it_should(host: Host) -> Non
     host.ask("1JK250;1VU15;1AU40")
     assert host.ask("1JK?;1VU?;1AU?") == "250.0000\r\n15.0000\r\n40.0000"
     host.ask("1VA16")
-    assert host.ask("TE?") == "101"
+    assert host.ask("TE?") == "110"
     host.ask("1AC41")
     assert host.ask("TE?") == "101"
     host.ask("1JK")

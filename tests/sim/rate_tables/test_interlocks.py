@@ -215,7 +215,7 @@ def test_an_esp_names_what_shut_it_down(cause: str, number: int) -> None:
 def test_a_zaber_driver_that_fails_shows_another_flag_than_an_emergency_stop() -> None:
     bench = Bench("zaber")
     bench.table.set_interlock("drive_fault", faulty=True)
-    assert bench.ask(b"/1 1\n") == b"@01 1 OK IDLE FD 0"
+    assert bench.ask(b"/1 1\n") == b"@01 1 OK IDLE FV 0"
 
 
 def status_of(bench: Bench) -> bytes:
