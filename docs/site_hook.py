@@ -1,9 +1,9 @@
 # noqa: INP001 - a hook of mkdocs, not a package
 """Puts the pages outside docs/ on the site too, so that one link works on GitHub and there.
 
-On the site docs/ is the top: README.md (the first page), CHANGELOG.md and others of its kind, and examples/ are put
-beside what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML, which browsers
-show without a script.
+On the site docs/ is the top: README.md (the first page), CHANGELOG.md and others of its kind, examples/ and those of
+the rack are put beside what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML,
+which browsers show without a script.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md")
+PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "simrack/README.md")
+FOLDERS = ("examples", "simrack/docs", "simrack/examples")
 EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv", ".xml"}
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
 FENCE = re.compile(r"^(```\w+) \w+$", re.MULTILINE)
@@ -34,8 +35,8 @@ EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add what is outside docs/."""
-    examples = [path for path in (ROOT / "examples").rglob("*") if path.suffix in EXAMPLES]
-    for path in [*(ROOT / name for name in PAGES), *examples]:
+    beside = [path for name in FOLDERS for path in (ROOT / name).rglob("*") if path.suffix in EXAMPLES]
+    for path in [*(ROOT / name for name in PAGES), *beside]:
         files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
     return files
 

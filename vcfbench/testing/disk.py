@@ -296,6 +296,8 @@ class _Raw(io.RawIOBase):
         "r": 0,
     }
 
+    _descriptor = -1
+
     def __init__(self, path: Any, mode: str) -> None:
         both = os.O_RDWR if "+" in mode else os.O_WRONLY
         kind = next(flags for letter, flags in self._FLAGS.items() if letter in mode)
@@ -333,4 +335,5 @@ class _Raw(io.RawIOBase):
     def close(self) -> None:
         if not self.closed:
             super().close()
-            os.close(self._descriptor)
+            if self._descriptor >= 0:  # else it could not be opened
+                os.close(self._descriptor)
