@@ -100,6 +100,10 @@ def test_a_degree_of_the_demodulator_moves_scale_factor_and_bias_as_the_closed_f
     ppm = 1e6 * (slopes[0] / slopes[1] - 1.0)
     assert run.results.scale_factor_ppm_per_demodulator_deg == pytest.approx(ppm, abs=30.0)
     assert run.results.bias_deg_s_per_demodulator_deg == pytest.approx(let_in_deg_s, abs=0.01)
+    k_vc = [slope / ((each(0.0, 0.05) - each(0.0, -0.05)) / 0.1) for slope, each in zip(slopes, warm, strict=True)]
+    by_demodulator_ppm = 1e6 * (k_vc[1] / k_vc[0] - 1.0)
+    assert abs(by_demodulator_ppm) > 30.0
+    assert run.results.k_vc_ppm_per_demodulator_deg == pytest.approx(by_demodulator_ppm, abs=8.0)
 
 
 def test_the_report_has_what_budgets_may_know(run: vcfbench.Run) -> None:

@@ -215,10 +215,8 @@ def test_bandwidth_keeps_no_sign() -> None:
     assert (kept.split_hz, kept.split_size_hz) == (None, found.kept())
 
 
-@pytest.mark.parametrize("split_hz", [24.8, -24.8])
-@pytest.mark.parametrize("through", [3e-4, -3e-4])
-def test_a_feed_through_has_its_sign_whichever_side_the_mode_is_on(split_hz: float, through: float) -> None:
-    """Amplitudes far above and below the drive, where the feed-through adds to one and takes from the other."""
+def far_records(split_hz: float, through: float) -> tuple[Modes, float, list[RotationRecord]]:
+    """Return modes, the share of the in-phase one, and records far from the drive with a feed-through."""
     drive_hz, q, weight = 3488.9, 1224.0, 0.9
     modes = Modes(drive_hz, RingingMode(drive_hz - split_hz, q, 1.0), RingingMode(drive_hz - 146.9, q, 0.2))
 
@@ -237,5 +235,13 @@ def test_a_feed_through_has_its_sign_whichever_side_the_mode_is_on(split_hz: flo
         for off_hz in (0.43 * drive_hz, -0.43 * drive_hz)
         for _ in range(2)
     ]
+    return modes, share, far
+
+
+@pytest.mark.parametrize("split_hz", [24.8, -24.8])
+@pytest.mark.parametrize("through", [3e-4, -3e-4])
+def test_a_feed_through_has_its_sign_whichever_side_the_mode_is_on(split_hz: float, through: float) -> None:
+    """Amplitudes far above and below the drive, where the feed-through adds to one and takes from the other."""
+    modes, share, far = far_records(split_hz, through)
     found = _feedthrough(far, modes, Measured(value=share, u=0.01), 1.0)
     assert found.value == pytest.approx(through, rel=0.05)
