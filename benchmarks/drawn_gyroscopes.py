@@ -24,6 +24,7 @@ import tempfile
 import time
 from functools import partial
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -32,6 +33,7 @@ from msgspec import structs
 from procedures_truth import MEMORY, Modes, Stated, Truth, stated
 
 import vcfbench
+from vcfbench import steps
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.titles import BUILT_IN
@@ -103,8 +105,11 @@ def values(name: str, run: Run, bench: BenchDescription) -> Iterator[Stated]:
         levels = [(math.copysign(1.0, point.v_vc_v), point.v_vc_measured_v or point.v_vc_v) for point in run.points]
         at_rest = sum(s * output(0.0, v) for s, v in levels) / sum(s * v for s, v in levels)
         yield from stated("static", found.static_v_per_v, at_rest)
-        for each in found.responses:
-            yield from stated("response", each.response, modes.filtered(each.frequency_hz))
+        for each, (_, record) in zip(found.responses, run.measured.found(steps.ModulatedRecord), strict=True):
+            # About the level at which the generators leave V_Vc, where a bent modulator has a slope of its own
+            level_v, half_v = fmean(record.v_vc_v), 0.75**0.5 * each.v_vc_amplitude_v
+            slope = (output(0.0, level_v + half_v) - output(0.0, level_v - half_v)) / (2.0 * half_v)
+            yield from stated("response", each.response, modes.filtered(each.frequency_hz) * slope / at_rest)
 
 
 def tried(name: str, bench: BenchDescription, seed: int) -> Line:
