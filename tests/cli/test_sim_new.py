@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 from typer.testing import CliRunner
 
+from vcfbench import dry_run
 from vcfbench.cli.main import app
 from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.simulation import physical_parameters
 
 if TYPE_CHECKING:
@@ -40,6 +42,14 @@ def test_figures_become_parameters(tmp_path: Path) -> None:
     assert "# scale_factor_v_per_deg_s = -0.005\n" in (tmp_path / "own.toml").read_text("utf-8")
 
 
+@pytest.mark.parametrize("figures", [("--split", "76"), ("--k-vc", "-150"), ("--range", "100"), ("--split", "-24.8")])
+def test_what_the_kind_may_have_gives_a_bench_for_all_procedures(figures: tuple[str, ...], tmp_path: Path) -> None:
+    done = new(*figures)
+    assert (done.exit_code, done.stderr) == (0, "")
+    for procedure in BUILT_IN.keys() - {"self-calibration", "online"}:  # which need a certificate
+        dry_run(procedure, tmp_path / "own.toml")
+
+
 def test_with_the_papers_imperfections_comes_the_papers_noise(tmp_path: Path) -> None:
     assert new("--imperfections", "paper", "--bias-instability", "10").exit_code == 0
     noise = physical_parameters(load_bench(tmp_path / "own.toml")).noise
@@ -51,6 +61,13 @@ def test_with_the_papers_imperfections_comes_the_papers_noise(tmp_path: Path) ->
     ("arguments", "words"),
     [
         (("--scale-factor", "100"), "range_deg_s: expected outputs within 8.5 V, came 20 V"),
+        (("--noise", "-0.2"), "angle_random_walk_deg_sqrt_h: expected 0 to 100, came -0.2"),
+        (("--noise", "nan"), "angle_random_walk_deg_sqrt_h: expected 0 to 100, came nan"),
+        (("--bandwidth", "-5"), "bandwidth_hz: expected 0.5 to 40, came -5"),
+        (("--q-sense", "-1224"), "q_sense: expected 100 to 100000, came -1224"),
+        (("--q-drive", "inf"), "q_drive: expected 100 to 100000, came inf"),
+        (("--k-vc", "nan"), "k_vc_deg_s_per_v: expected a size from 0.1 to 10000, either sign, came nan"),
+        (("--rail", "-10"), "rail_v: expected 5 to 15, came -10"),
         (("--bandwidth", "20"), "bandwidth_hz: expected at most half the split, came 20"),
         (("--name", "paper"), "--name paper: a bench of that name comes with the package"),
         (("--name", "my own"), "name: expected"),

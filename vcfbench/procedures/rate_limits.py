@@ -59,7 +59,8 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
         limits = self.station.limits
         if self.by_table:
             return limits.max_rate_deg_s or 0.0
-        return abs(self.k_vc_guess_deg_s_per_v) * (V_VC_RANGE_V if limits.max_v_vc_v is None else limits.max_v_vc_v)
+        most_v = V_VC_RANGE_V if limits.max_v_vc_v is None else limits.max_v_vc_v
+        return (1.0 - 1e-12) * abs(self.k_vc_guess_deg_s_per_v) * most_v  # rounding takes no level beyond the limit
 
     @property
     def fastest_deg_s(self) -> float:

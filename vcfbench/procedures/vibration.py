@@ -61,7 +61,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
     in_phase_share: Annotated[float, ranged(-0.9, 0.9, "of the in-phase mode in the response at rest")] = 0.147
     u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "its standard uncertainty")] = 0.01
-    low_pass_hz: Annotated[float, ranged(10.0, 1e5, "filter behind the demodulator")] = 100.0
+    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
 
     @property

@@ -147,7 +147,7 @@ def _procedures(sheet: DataSheet) -> dict[str, Any]:
 def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     """Return those that follow from range, K_Vc, noise and the start of the drive loop."""
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
-    instability_deg_h = _round(max(_LEAST_DEG_H, sheet.bias_instability_deg_h / FLICKER_MINIMUM))
+    instability_deg_h = max(_LEAST_DEG_H, _flicker_deg_h(sheet))
     level = {"level_deg_s": _round(200.0 * wider)}
     least_deg_s = max(10.0 * wider, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
     steps = [(sheet.range_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
@@ -163,7 +163,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
         "repeatability": {**level, "settle_s": started_s},
-        "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(0.5 * wider)},
+        "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(max(0.05, 0.5 * wider))},
         "polarity": {
             **started,
             "polarity_rate_deg_s": _round(10.0 * wider),
@@ -228,11 +228,17 @@ def _noise_bandwidth(sheet: DataSheet) -> dict[str, float]:
     return {"noise_bandwidth_hz": _round(found_hz), "u_noise_bandwidth_hz": _round(0.015 * found_hz)}
 
 
+def _flicker_deg_h(sheet: DataSheet) -> float:
+    """Return the coefficient B of the flicker noise; so little that nobody measures it is none."""
+    found = _round(sheet.bias_instability_deg_h / FLICKER_MINIMUM)
+    return found if found >= _LEAST_DEG_H else 0.0
+
+
 def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
     """Return what is known of a simulated bench, as that of the bench `paper` has it; values are those of the run."""
     return {
         "table_rate_error": 2.0 * own.table.rate_error,
-        "bias_instability_deg_h": _round(sheet.bias_instability_deg_h / FLICKER_MINIMUM),
+        "bias_instability_deg_h": _flicker_deg_h(sheet),
         "scale_factor_ppm_k": _round(1e6 * abs(change_per_k(own))),
         "bias_deg_h_k": _round(1.2 * 3600.0 * abs(own.thermal.bias_coefficient_deg_s_k)),
         "warm_up_k": own.thermal.self_heating_k,

@@ -25,8 +25,12 @@ _SENSE_SHARE = 0.5
 _SECONDS = 3600.0
 _DRIVE_STARTS_S, _OUTPUT_SETTLES_S = 600.0, 20.0
 """Longest times that a drive loop takes to start and an output to settle."""
+_LEAST_OUTPUT_V = 0.2
+"""Output at the end of the range, of which a meter on its range of 10 V still tells a thousandth."""
 _WHOLE_RANGE_V = (0.4, 9.0)
 """V_Vc that stands for the whole range, between which generators reach it with 2 % of it as their offset."""
+_NOISE_SHARE = 2e-3
+"""Share of the range that white noise in a second, and flicker, may have: ten readings then see a step of 4 %."""
 _EITHER_SIGN = "either sign"
 
 
@@ -47,7 +51,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
 
     scale_factor_v_per_deg_s: Annotated[float, 1e-5, 10.0, _EITHER_SIGN] = IDEAL_TARGETS.scale_factor_v_s_deg
     bias_deg_s: Annotated[float, 0.0, 1000.0, _EITHER_SIGN] = 0.0
-    range_deg_s: Annotated[float, 1.0, 900.0] = 200.0
+    range_deg_s: Annotated[float, 10.0, 900.0] = 200.0
     drive_hz: Annotated[float, 1000.0, 50_000.0] = PERFECT.drive_mode.frequency_hz
     q_drive: Annotated[float, 100.0, 1e5] = PERFECT.drive_mode.quality
     split_hz: Annotated[float, 3.0, 80.0, _EITHER_SIGN] = 24.8
@@ -82,13 +86,23 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{drive_s:.3g} s", drive_s <= _DRIVE_STARTS_S
         settled = sense_s <= _OUTPUT_SETTLES_S
         yield "q_sense", f"an output that settles within {_OUTPUT_SETTLES_S:g} s", f"{sense_s:.3g} s", settled
-        most_v = OUTPUT_SHARE * self.rail_v
+        least_v, most_v = _LEAST_OUTPUT_V, OUTPUT_SHARE * self.rail_v
         largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
         yield "range_deg_s", f"outputs within {most_v:g} V", f"{largest_v:.3g} V", largest_v <= most_v
+        whole_v = abs(self.scale_factor_v_per_deg_s) * self.range_deg_s
+        least = f"an output of at least {least_v:g} V at the end of range_deg_s"
+        yield "scale_factor_v_per_deg_s", least, f"{whole_v:.3g} V", whole_v >= least_v
         whole_v = self.range_deg_s / abs(self.k_vc_deg_s_per_v)
         low_v, high_v = _WHOLE_RANGE_V
         stands = f"the range at {low_v:g} to {high_v:g} V of V_Vc"
         yield "k_vc_deg_s_per_v", stands, f"{whole_v:.3g} V", low_v <= whole_v <= high_v
+        most_deg_s = _NOISE_SHARE * self.range_deg_s
+        white_deg_s = self.angle_random_walk_deg_sqrt_h / math.sqrt(_SECONDS)
+        small = f"at most {_NOISE_SHARE:g} of the range in a second"
+        yield "angle_random_walk_deg_sqrt_h", small, f"{white_deg_s:.3g} deg/s", white_deg_s <= most_deg_s
+        flicker_deg_s = self.bias_instability_deg_h / FLICKER_MINIMUM / _SECONDS
+        small = f"flicker of at most {_NOISE_SHARE:g} of the range"
+        yield "bias_instability_deg_h", small, f"{flicker_deg_s:.3g} deg/s", flicker_deg_s <= most_deg_s
         leak_deg_s = self.quadrature_deg_s * drive_hz / (2.0 * q * split_hz)
         within = "a leak into the output, by the phase of the sense mode, within the range"
         yield "quadrature_deg_s", within, f"{leak_deg_s:.3g} deg/s", leak_deg_s <= self.range_deg_s
