@@ -24,6 +24,7 @@ __all__ = [
     "WallClock",
     "sleep",
     "start_thread",
+    "uptime_s",
     "utc_now",
     "within",
 ]
@@ -32,6 +33,12 @@ __all__ = [
 def utc_now() -> datetime:
     """Return the date and time of day, for records and locks; never for pacing."""
     return datetime.now(UTC)
+
+
+def uptime_s() -> float:
+    """Return for how long the computer is up, s, the time that it slept included where the system tells that."""
+    clock = getattr(time, "CLOCK_BOOTTIME", None)
+    return time.monotonic() if clock is None else time.clock_gettime(clock)
 
 
 def within(wall_s: float, act: Callable[[], object]) -> None:

@@ -18,13 +18,20 @@ PLAIN = {**CHARGE, "bench": msgspec.to_builtins(PAPER)}
 class Tries:
     """What `safe_bench` does, one after the other, the last for ever; the time between is counted, not spent."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, *does: MadeSafe | Exception, lives_for_s: float = 0.0) -> None:
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        *does: MadeSafe | Exception,
+        lives_for_s: float = 0.0,
+        dying_for_s: float = 0.0,
+    ) -> None:
         self.does = list(does)
         self.now_s = 0.0
         self.made: list[tuple[float, bool]] = []
         monkeypatch.setattr(abandoned, "WallClock", lambda: self)
         monkeypatch.setattr(abandoned, "sleep", self.sleep)
         monkeypatch.setattr(abandoned, "mark_of", lambda pid: "mark" if self.now_s < lives_for_s else f"not {pid}")
+        monkeypatch.setattr(abandoned, "dying", lambda pid: pid == 4711 and self.now_s < dying_for_s)
         monkeypatch.setattr(abandoned, "safe_bench", self.safe_bench)
 
     def now(self) -> float:
@@ -51,8 +58,11 @@ def own() -> InUse:
 
 def test_the_death_of_the_program_is_waited_for_some_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     """As it dies it gives its locks back one by one, and then its wires; one that has left the bench lives on."""
-    for lives_for_s, left, at_s in ((0.35, False, 0.4), (60.0, False, 5.0), (60.0, True, 0.0)):
-        tries = Tries(monkeypatch, SAFE, lives_for_s=lives_for_s)
+    for lives_for_s, dying_for_s, left, at_s in (
+        *((0.35, 0.35, False, 0.4), (60.0, 60.0, False, 5.0), (60.0, 60.0, True, 0.0)),
+        (60.0, 0.15, False, 0.2),  # it has become another program, which has nothing of the bench
+    ):
+        tries = Tries(monkeypatch, SAFE, lives_for_s=lives_for_s, dying_for_s=dying_for_s)
         assert safe_abandoned(PLAIN, left=left) is SAFE
         assert tries.made == [(at_s, False)]
 

@@ -92,7 +92,7 @@ def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path:
     if deaf is not None:
         path = bench_file(lab, tmp_path, deaf)
         lab.fault(deaf, "silent")
-    code, out, err = call(path, "--json")
+    code, out, err = call(path, "--json", *([] if deaf is None else ["--once"]))
     answer: dict[str, Any] = json.loads(out)
     instruments = answer["instruments"]
     assert what_is_on(lab) == []

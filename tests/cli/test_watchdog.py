@@ -180,7 +180,7 @@ def test_it_says_that_it_is_ready_when_it_knows_the_bench(
     watched(monkeypatch, b"beat ", b'step 1.0 "x"', b"left safe")
     assert capfd.readouterr().out == ""
     watched(monkeypatch, BENCH, b"beat ", b"left safe")
-    assert capfd.readouterr().out == "ready\n"
+    assert capfd.readouterr().out == "ready\nheard\n"  # each beat is answered
     assert ended == []
 
 

@@ -2,7 +2,8 @@
 
 Five parties as state machines: a run, its watchdog, ``safe``, and a second run, which stands for `resume` too. Each
 step is one that the system does in one piece, in the order of the code that is named beside it. `explored` goes through
-all interleavings, with up to `FAULTS` deaths and hangs, each at any step. A mistake by name changes the code's order.
+all interleavings, with up to `FAULTS` deaths, hangs, stopped watchdogs and links that go down, each at any step. A
+mistake by name changes the code's order.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ MISTAKES = {
     "number alone": "a process is ended by its number (processes.end without a mark)",
     "lock before wires": "the lock is given back before the wires are closed (Holding.leave)",
     "dying is dead": "nobody waits for a process that is dying (Owner.ended_within, bench.abandoned.safe_abandoned)",
+    "a full pipe blocks": "a run waits for a watchdog that does not read (safety.watchdog.Watchdog._put)",
+    "tries once": "who could not make it safe leaves it so when the link comes back (cli.left_live.make_safe)",
     "left to the first": "the watchdog leaves the bench to a `safe` that dies (bench.abandoned.safe_abandoned)",
 }
 
@@ -43,12 +46,16 @@ class State(NamedTuple):
     """Who has signed the file at the path."""
     live: bool = False
     hangs: bool = False
+    frozen: bool = False
+    """Whether the watchdog is stopped: it does nothing, and its pipe is full."""
+    down: bool = False
+    """Whether the link is down: nobody can be told; it comes back."""
     reused: bool = False
     """Whether the number of the run, which is dead, was given to another process."""
     died: tuple[bool, bool, bool, bool] = (False, False, False, False)
     faults: int = 0
     said: bool = False
-    """Whether the run has said NOT SAFE: somebody goes and looks, should the watchdog die as well."""
+    """Whether somebody has said NOT SAFE: a person goes and looks, should the watchdog die as well."""
     harmed: bool = False
     """Whether a process was ended that has nothing to do with the bench."""
 
@@ -99,10 +106,10 @@ def _giving_back(state: State, who: int, then: str) -> Iterator[State]:
         yield _to(state, who, then, held=_with(state.held, file, -1), opened=_with(state.opened, who, 0))
 
 
-def _run(state: State, mistake: str) -> Iterator[State]:
+def _run(state: State, mistake: str) -> Iterator[State]:  # noqa: C901  # a row a step
     """A run: `open_bench`, then `Holding.leave`."""
     at, dog = state.at[RUN], state.at[DOG]
-    if state.hangs:
+    if state.hangs or (state.frozen and mistake == "a full pipe blocks"):
         return
     yield from _taking(state, RUN, "gone", mistake)
     early = mistake == "lock before wires"
@@ -115,12 +122,13 @@ def _run(state: State, mistake: str) -> Iterator[State]:
         yield _to(state, RUN, "live", live=True)
     elif at == "opened" and (dog == "gone" or mistake == "on before it watches"):
         yield _to(state, RUN, "close" if dog == "gone" else "live", live=dog != "gone")
-    elif at == "live":  # it ends, is stopped, or its watchdog has died
+    elif at == "live":  # it ends, is stopped, or its watchdog has died or is silent
         told = mistake == "let go too early" and dog == "watches"
         yield _to(_to(state, DOG, "gone") if told else state, RUN, "ends")
     elif at == "ends":
         after = "unlink" if early else "close"
-        yield _to(state, RUN, after, live=False)
+        if not state.down:
+            yield _to(state, RUN, after, live=False)
         yield _to(state, RUN, after, said=True)  # the watchdog is told so too
     elif at == "unclosed":
         yield _to(state, RUN, "tell", wires=_with(state.wires, RUN, value=False))
@@ -139,7 +147,9 @@ def _watchdog(state: State, mistake: str) -> Iterator[State]:
     """The watchdog: `cli.watchdog.Watch`, then `bench.abandoned.safe_abandoned`."""
     at = state.at[DOG]
     yield from _taking(state, DOG, "refused", mistake)
-    yield from _giving_back(state, DOG, "gone")
+    if state.frozen:
+        return
+    yield from _giving_back(state, DOG, "open" if state.live and mistake != "tries once" else "gone")
     if at == "starts":
         yield _to(state, DOG, "gone" if state.died[RUN] else "watches")
     elif at == "watches" and (state.died[RUN] or state.hangs):
@@ -154,14 +164,14 @@ def _watchdog(state: State, mistake: str) -> Iterator[State]:
     elif at == "has it":
         yield _to(state, DOG, "tells", wires=_with(state.wires, DOG, value=True))
     elif at == "tells":
-        yield _to(state, DOG, "close", live=False)
+        yield _to(state, DOG, "close", live=state.live and state.down, said=state.said or state.down)
 
 
 def _safe(state: State, mistake: str) -> Iterator[State]:
     """``vcfbench safe``, with ``--end-owner`` or without: `safing.safe_bench`."""
     at = state.at[SAFE]
     yield from _taking(state, SAFE, "refused", mistake)
-    yield from _giving_back(state, SAFE, "gone")
+    yield from _giving_back(state, SAFE, "open" if state.live and mistake != "tries once" else "gone")
     if at == "refused":
         yield _to(state, SAFE, "gone")
         if state.signed == RUN:
@@ -169,7 +179,7 @@ def _safe(state: State, mistake: str) -> Iterator[State]:
     elif at == "has it":
         yield _to(state, SAFE, "tells", wires=_with(state.wires, SAFE, value=True))
     elif at == "tells":
-        yield _to(state, SAFE, "close", live=False)
+        yield _to(state, SAFE, "close", live=state.live and state.down, said=state.said or state.down)
 
 
 def _second(state: State, mistake: str) -> Iterator[State]:
@@ -179,7 +189,7 @@ def _second(state: State, mistake: str) -> Iterator[State]:
     yield from _giving_back(state, SECOND, "gone")
     if at == "has it":
         yield _to(state, SECOND, "live", live=True, wires=_with(state.wires, SECOND, value=True))
-    elif at == "live":
+    elif at == "live" and not state.down:
         yield _to(state, SECOND, "close", live=False)
 
 
@@ -194,6 +204,8 @@ def _system(state: State, _mistake: str) -> Iterator[State]:
             yield _to(state, who, "gone", wires=_with(state.wires, who, value=False))
     if _gone(state, RUN) and not state.reused:
         yield state._replace(reused=True)
+    if state.down:
+        yield state._replace(down=False)
 
 
 def _dies(state: State, who: int) -> State:
@@ -209,6 +221,10 @@ def _faults(state: State) -> Iterator[State]:
             yield _dies(less, who)
     if state.at[RUN] in {"opened", "live", "ends", "close"} and not state.hangs:
         yield less._replace(hangs=True)
+    if state.at[DOG] in {"watches", "waits", "has it"} and not state.frozen:
+        yield less._replace(frozen=True)
+    if state.at[RUN] in {"live", "ends"} and not state.down:
+        yield less._replace(down=True)
 
 
 def _steps(state: State, mistake: str) -> Iterator[State]:
@@ -220,6 +236,8 @@ def _arrivals(state: State) -> Iterator[State]:
     for who in (SAFE, SECOND):
         if not state.at[who]:
             yield _to(state, who, "open")
+    if state.frozen:
+        yield state._replace(frozen=False)
 
 
 def wrong(state: State, *, over: bool) -> str | None:
@@ -229,7 +247,7 @@ def wrong(state: State, *, over: bool) -> str | None:
     if state.harmed:
         return "a process was ended that had nothing to do with it"
     if over and state.live:
-        if not state.died[DOG] or not (state.died[RUN] or state.hangs or state.said):
+        if not (state.died[DOG] or state.frozen) or not (state.died[RUN] or state.hangs or state.said):
             return "it is live, and nobody makes it safe"
         if state.signed < 0 and not state.said:
             return "it is live, and the next start does not find out who left it"

@@ -117,8 +117,14 @@ def test_the_owners_of_resources_are_told_by_number_while_they_live(holder: subp
     assert owners_of([METER, SUPPLY]) == {}
 
 
-def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(holder: subprocess.Popen[str]) -> None:
+def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(
+    holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     (owner,) = owners_of([METER]).values()
+    clock = WallClock()
+    assert not owner.ended_within(60.0)  # it lives: it may have become another program
+    assert clock.now() < 60.0
+    monkeypatch.setattr("vcfbench.safety.lock.dying", lambda _pid: True)
     clock = WallClock()
     assert not owner.ended_within(0.1)
     assert clock.now() >= 0.1
@@ -201,6 +207,7 @@ def test_who_is_still_dying_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> No
         sleep(clock, wait_s)
 
     monkeypatch.setattr("vcfbench.safety.lock.sleep", wait)
+    monkeypatch.setattr("vcfbench.safety.lock.dying", lambda _pid: True)
     with subprocess.Popen([sys.executable, "-c", "import time; time.sleep(0.2)"]) as dying:
         owner = {**signed, "pid": dying.pid, "mark": mark_of(dying.pid)}
         lock_path(METER).write_text(json.dumps(owner), encoding="utf-8")

@@ -28,7 +28,7 @@ from vcfbench.drivers.calls import Calls
 from vcfbench.errors import BenchError, ConnectFailed, InterlockError
 from vcfbench.records.journal import append_line, read_journal
 from vcfbench.safety.processes import mark_of
-from vcfbench.safety.watchdog import Watchdog
+from vcfbench.safety.watchdog import SILENT_S, Watchdog
 from vcfbench.station.description import Safety
 from vcfbench.station.writing import bench_text
 from vcfbench.testing.benches import serve_simulated
@@ -62,12 +62,12 @@ WITHOUT = """
 import os, signal, sys
 from pathlib import Path
 from vcfbench.drivers.calls import Calls
-from vcfbench.safety.watchdog import Watchdog
+from vcfbench.safety.watchdog import SILENT_S, Watchdog
 from vcfbench import load_bench
 
 without = sys.argv[1]
 sys.path.insert(0, without)
-dog = Watchdog(load_bench("paper"), print, Calls())
+dog = Watchdog(load_bench("paper"), print, Calls(), print)
 dog.require_ready()
 """
 """A program whose watchdog finds of the package no more than what it has loaded."""
@@ -152,7 +152,7 @@ def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
         bench = structs.replace(lab.on_wires(), safety=Safety(watchdog_lost="go on"))
         run = vcfbench.run("turntable", bench, settings=settings, runs=tmp_path)
     assert run.status == "complete"
-    assert "the watchdog of bench paper has died; its bench file says go on" in capsys.readouterr().err
+    assert "the death of the watchdog of bench paper; its bench file says go on" in capsys.readouterr().err
     assert run.directory is not None
     footer = read_journal(run.directory / "journal.jsonl").footer
     assert footer is not None
@@ -189,7 +189,9 @@ import numpy  # the driver of another package may want it
 def test_a_bench_that_is_not_safe_is_left_without_waiting(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """`Thread.start` waits for ever for a thread that has no memory to begin with."""
     with serve_simulated() as lab:
-        watchdog = Watchdog(vcfbench.load_bench(bench_file(lab, tmp_path)), lambda: None, Calls())
+        watchdog = Watchdog(
+            vcfbench.load_bench(bench_file(lab, tmp_path)), lambda _why: None, Calls(), lambda _why: None
+        )
         watchdog.require_ready()
         monkeypatch.setattr(threading.Thread, "start", lambda _: pytest.fail("a program without memory hangs here"))
         watchdog.leave(safe=False)
@@ -253,10 +255,12 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
     monkeypatch.setattr("subprocess.Popen", Process)
     made: list[tuple[Watchdog, Process]] = []
 
-    def start(beat_s: float = PLENTY_S, calls: Calls | None = None, lost: list[str] | None = None) -> Any:
+    def start(
+        beat_s: float = PLENTY_S, calls: Calls | None = None, lost: list[str] | None = None, silent_s: float = SILENT_S
+    ) -> Any:
         monkeypatch.setattr("vcfbench.safety.watchdog.BEAT_S", beat_s)
         on_loss = [] if lost is None else lost
-        dog = Watchdog(vcfbench.load_bench("paper"), lambda: on_loss.append("lost"), calls or Calls())
+        dog = Watchdog(vcfbench.load_bench("paper"), on_loss.append, calls or Calls(), on_loss.append, silent_s)
         made.append((dog, cast("Process", dog._process)))
         return made[-1]
 
@@ -353,13 +357,13 @@ def test_its_death_is_told_once_and_not_where_the_program_let_it_go(
     dog, process = listener(0.01, lost=lost)
     process.stdin.close()
     eventually(lambda: lost)
-    assert (dog.lost, lost) == (True, ["lost"])
+    assert (dog.lost, lost) == (True, ["the death of the watchdog"])
     left, process = listener(0.01, lost=lost)
     left.leave(safe=True)
     with pytest.raises(ValueError, match="closed"):
         left._put("beat")
     sleep(WallClock(), 0.03)
-    assert (left.lost, lost) == (False, ["lost"])
+    assert (left.lost, lost) == (False, ["the death of the watchdog"])
 
 
 def test_one_that_is_let_go_while_it_is_told_something_has_not_died(

@@ -6,7 +6,7 @@ from vcfbench.bench.make_safe import MadeSafe, safe_bench
 from vcfbench.clock import WallClock, sleep
 from vcfbench.errors import ConnectFailed
 from vcfbench.safety.lock import InUse
-from vcfbench.safety.processes import mark_of
+from vcfbench.safety.processes import dying, mark_of
 from vcfbench.station.description import BenchDescription
 from vcfbench.typed import typed
 
@@ -29,7 +29,7 @@ def safe_abandoned(charge: dict[str, Any], *, left: bool) -> MadeSafe:
     """
     description = typed(charge["bench"], BenchDescription)
     clock = WallClock()
-    while not left and _lives(charge) and clock.now() < _FREED_S:
+    while not left and _lives(charge) and dying(charge["owner"]) and clock.now() < _FREED_S:
         sleep(clock, _LOOK_S)  # as it dies it gives its locks back one by one, and then its wires
     while True:
         try:

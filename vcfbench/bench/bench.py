@@ -34,7 +34,7 @@ from vcfbench.safety.roles import Role, absent, needed_roles, require_still, saf
 from vcfbench.safety.signals import ControlClock, StopSignals
 from vcfbench.safety.stack import SafetyStack
 from vcfbench.safety.trust import Trust, require_library
-from vcfbench.safety.watchdog import Watchdog
+from vcfbench.safety.watchdog import SILENT_S, Watchdog
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import described
 from vcfbench.station.limits import LimitChecks, LimitedChamber, LimitedGenerator, LimitedRateTable, LimitedSupply
@@ -225,7 +225,9 @@ def open_bench(
         opening: AbstractContextManager[None] = nullcontext()
         if description.simulation is None:
             calls, holding.reserve = Calls(), mmap(-1, _RESERVE)
-            holding.watchdog = Watchdog(description, partial(_without_watchdog, description, stops), calls)
+            silent_s = SILENT_S if signals else description.safety.script_silent_s
+            lost = partial(_without_watchdog, description, stops)
+            holding.watchdog = Watchdog(description, lost, calls, stops.stop, silent_s)
             opening = attended(calls)
         with opening:
             opened = _open_all(roles, description, stand, holding.safety, stops)
@@ -233,6 +235,7 @@ def open_bench(
             require_still(opened["rate_table"][0])
         if holding.watchdog is not None:
             holding.watchdog.require_ready()
+            calls.spoken.clear()
         checks = LimitChecks.of(description)
         instruments = {
             role: (_LIMITED[role](each, checks) if role in _LIMITED else each) for role, (each, _) in opened.items()
@@ -258,14 +261,14 @@ def open_bench(
     return opened_bench
 
 
-def _without_watchdog(description: BenchDescription, stops: StopSignals) -> None:
-    """Act on the death of the watchdog as the bench file says."""
+def _without_watchdog(description: BenchDescription, stops: StopSignals, why: str) -> None:
+    """Act on the death or the silence of the watchdog as the bench file says."""
     if description.safety.watchdog_lost == "stop":
-        stops.stop("the death of the watchdog")
+        stops.stop(why)
         return
     with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
         sys.stderr.write(
-            f"vcfbench: the watchdog of bench {description.name} has died; its bench file says go on: "
+            f"vcfbench: {why} of bench {description.name}; its bench file says go on: "
             "nobody makes it safe if this program dies too\n"
         )
         sys.stderr.flush()

@@ -108,7 +108,7 @@ def _check_watchdog(description: BenchDescription) -> CheckedWatchdog:
         return CheckedWatchdog(None, None, known)
     wall = WallClock()
     try:
-        watchdog = Watchdog(description, lambda: None, Calls())
+        watchdog = Watchdog(description, lambda _why: None, Calls(), lambda _why: None)
         try:
             watchdog.require_ready()
             ready_s = wall.now()

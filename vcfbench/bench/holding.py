@@ -115,6 +115,9 @@ class Holding:
         finally:
             if self.watchdog is not None:  # it needs the locks
                 self.watchdog.leave(safe=error is None)
+                if error is not None:
+                    more = f"its watchdog, process {self.watchdog.number}, tries again until it is safe"
+                    error.hint = f"{error.hint}; {more}" if error.hint else more
         if error is None:
             return
         if isinstance(under_way, BenchError):

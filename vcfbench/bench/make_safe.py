@@ -6,7 +6,7 @@ then it is opened properly, made safe and proved. What does not answer keeps not
 
 import signal
 import socket
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Final
@@ -63,7 +63,8 @@ class MadeSafe(Struct, frozen=True):
     """Result of making a bench safe, in the order in which it was done.
 
     `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
-    are by role the other processes that have an instrument, `ended` the processes that were ended.
+    are by role the other processes that have an instrument, `ended` the processes that were ended. `signalled`: a
+    person, or a program, has meanwhile wanted an end of it.
     """
 
     instruments: tuple[Safed, ...]
@@ -71,6 +72,11 @@ class MadeSafe(Struct, frozen=True):
     unlocked: str | None = None
     left_to: Mapping[str, InUse] = field(default_factory=dict)
     ended: tuple[str, ...] = ()
+    signalled: bool = False
+
+    def unsafe_beside(self, by_hand: Collection[str]) -> bool:
+        """Tell whether something is not proved that can be told again: a person who is not there cannot."""
+        return any(not report.safe and report.instrument not in by_hand for report in self.reports)
 
     def failure(self) -> BenchError | None:
         """Return the error that names the instruments not proved safe, or else left to others; None when all are."""
@@ -110,7 +116,7 @@ def safe_bench(
             signals.allow_end()
             held.stand.hands.operator = operator
             done = _made_safe(description, held)
-            return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended)
+            return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended, signalled=signals.came)
         except LeaveNow:
             raise NotSafe(
                 "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"

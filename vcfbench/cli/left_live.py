@@ -1,15 +1,22 @@
 """A bench that its program has left live is made safe by the watchdog process (`vcfbench.cli.watchdog`)."""
 
 import json
+import os
 import signal
+import stat
+import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from vcfbench.cli import last_words
-from vcfbench.errors import NotSafe
+from vcfbench.clock import WallClock, sleep
+from vcfbench.errors import ConnectFailed, NotSafe
 from vcfbench.safety.processes import KILL, end
+
+_AGAIN_S: Final = 1.0
+"""From one try to the next, s."""
 
 Said = Mapping[bytes, bytes]
 """The last words of each kind that the program said to `vcfbench.cli.watchdog`."""
@@ -31,29 +38,66 @@ def make_safe(said: Said, why: str) -> int:
         signal.pthread_sigmask(signal.SIG_SETMASK, ())
     charge = json.loads(said[b"bench"])
     where = f" in {json.loads(said[b'step'])}" if b"step" in said else ""
+    code, came, found, _ = _tried(charge, said, left=b"left" in said)
+    words = f"{why}{where}; {came}"
+    _say(words, alarm=bool(code))
+    _write(charge, said, {"why": f"{why}{where}", **found})
+    _notify(charge, said, words, code or None)
+    return code
+
+
+def try_again(said: Said, why: str) -> int:
+    """Try until all is safe, or a person ends this process, and say so each time; return 0 when all is safe."""
+    for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # the program has ended: now they are meant for this one
+        if (number := getattr(signal, name, None)) is not None:
+            signal.signal(number, signal.SIG_DFL)
+    if _read_by_a_program():  # who waits for the end of the program's words is not to wait for this
+        with open(os.devnull, "r+b") as nowhere:  # noqa: PTH123
+            for stream in (1, 2):
+                os.dup2(nowhere.fileno(), stream)
+        sys.stderr = None  # an alarm goes to the terminal then, or to the system's log
+    charge, tries, wall, again = json.loads(said[b"bench"]), 1, WallClock(), True
+    while again:
+        sleep(wall, _AGAIN_S)
+        tries += 1
+        code, came, found, again = _tried(charge, said, left=True)
+        more = f"; it is tried again until it is safe, `kill {os.getpid()}` ends that" if again else ""
+        words = f"{why}; try {tries}, after {wall.now():.0f} s: {came}{more}"
+        _say(words, alarm=True)
+    _write(charge, said, {"why": why, "tries": tries, **found})
+    _notify(charge, said, words, code or None)
+    return code
+
+
+def _read_by_a_program() -> bool:
+    with suppress(OSError):
+        mode = os.fstat(2).st_mode
+        return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode)
+    return True
+
+
+def _tried(charge: dict[str, Any], said: Said, *, left: bool) -> tuple[int, str, dict[str, Any], bool]:
+    """Make the bench of a `charge` safe, once; return code, words, what is for the record, and whether to try again.
+
+    Not where a person who is not there would have to switch off, nor a served bench whose server has gone: of it
+    nothing moves.
+    """
+    served = charge["bench"].get("served") is not None
     try:
         from vcfbench.bench.abandoned import safe_abandoned  # noqa: PLC0415  # what is missing of it is told of
 
-        done = safe_abandoned(charge, left=b"left" in said)
+        done, by_hand = safe_abandoned(charge, left=left), tuple(charge.get("by_hand", ()))
     except Exception as error:  # noqa: BLE001  # whatever went wrong, somebody must go and look
-        words = f"{why}{where}; {last_words.not_safe(said, error)}"
-        _say(words, alarm=True)
-        _write(charge, said, {"why": f"{why}{where}", "safe": None, "error": f"{type(error).__name__}: {error}"})
-        _notify(charge, said, words, 5)
-        return 5
+        found: dict[str, Any] = {"safe": None, "error": f"{type(error).__name__}: {error}"}
+        return 5, last_words.not_safe(said, error), found, not (served and isinstance(error, ConnectFailed))
     failure = done.failure()
     left_to = ", ".join(sorted({str(each.owner or "another process") for each in done.left_to.values()}))
     instruments = [{"instrument": each.role, "found": each.found, "safe": each.safe, "detail": each.detail}
                    for each in done.instruments]  # fmt: skip
     unsafe = isinstance(failure, NotSafe)
-    taken = {"left_to": left_to} if left_to else {}
+    found = {"safe": not unsafe, "instruments": instruments, **({"left_to": left_to} if left_to else {})}
     came = f"what {left_to} has taken over was left to it" if left_to else "the bench was made safe"
-    words = f"{why}{where}; {failure if unsafe else came}"
-    _say(words, alarm=unsafe)
-    _write(charge, said, {"why": f"{why}{where}", "safe": not unsafe, "instruments": instruments, **taken})
-    code = NotSafe.exit_code if unsafe else None
-    _notify(charge, said, words, code)
-    return code or 0
+    return (NotSafe.exit_code, str(failure), found, done.unsafe_beside(by_hand)) if unsafe else (0, came, found, False)
 
 
 def _say(words: str, *, alarm: bool) -> None:

@@ -21,6 +21,8 @@ class Calls:
     def __init__(self) -> None:
         self._clock = WallClock()
         self._due: dict[object, tuple[str, float]] = {}
+        self.spoken: set[str] = set()
+        """Instruments that were sent anything."""
 
     def call(self, what: str, deadline: Deadline, act: Callable[[], _T]) -> _T:
         """Do `act`, which is to return before `deadline`; of its seconds none may have passed yet."""
@@ -68,6 +70,7 @@ class AttendedWire:
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Send all of `data`."""
+        self._calls.spoken.add(self._name)
         self._calls.call(f"{self._name}: sending", deadline, lambda: self._wire.send(data, deadline))
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:

@@ -25,7 +25,7 @@ from msgspec import Struct, to_builtins
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError
 from vcfbench.files import kept_from_forks, try_lock, unlock
-from vcfbench.safety.processes import mark_of
+from vcfbench.safety.processes import dying, mark_of
 from vcfbench.station.resources import resource_key
 from vcfbench.typed import typed
 
@@ -60,9 +60,11 @@ class Owner(Struct, frozen=True):
         return self.host != socket.gethostname() or (self.mark is not None and mark_of(self.pid) == self.mark)
 
     def ended_within(self, wall_s: float) -> bool:
-        """Wait for its end; tell whether it has come."""
+        """Wait for its end, if it is just dying; tell whether it has come."""
         clock = WallClock()
-        while (alive := self.alive()) and self.host == socket.gethostname() and clock.now() < wall_s:
+        while (
+            (alive := self.alive()) and self.host == socket.gethostname() and dying(self.pid) and clock.now() < wall_s
+        ):
             sleep(clock, 0.02)
         return not alive
 

@@ -12,6 +12,11 @@ _START: Final = 18
 """Place of the clock tick at which it started, after its state in ``/proc/PID/stat`` (proc(5), field 22)."""
 
 
+_FLAGS: Final = 6
+"""Place of its flags there (field 9), and the one of a process that exits (PF_EXITING, linux/sched.h)."""
+_EXITING: Final = 0x4
+
+
 def mark_of(pid: int) -> str | None:
     """Return a mark that tells process `pid` from a later one of its number; None when it has ended.
 
@@ -28,6 +33,17 @@ def mark_of(pid: int) -> str | None:
             os.kill(pid, 0)
         return ""
     return None
+
+
+def dying(pid: int) -> bool:
+    """Tell whether process `pid` is being shut down, and the system still closes what it had open.
+
+    Where the system does not tell, one that lives may be.
+    """
+    with suppress(OSError, ValueError, IndexError):
+        flags = int(Path(f"/proc/{pid}/stat").read_text("utf-8", "replace").rpartition(") ")[2].split()[_FLAGS])
+        return bool(flags & _EXITING)
+    return not Path("/proc/self/stat").exists()
 
 
 def end(pid: int, mark: str | None, number: int) -> bool:

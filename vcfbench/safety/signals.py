@@ -132,6 +132,11 @@ class StopSignals:
             self._delivered = True
             raise self._aborted()
 
+    @property
+    def came(self) -> bool:
+        """Tell whether any signal has come."""
+        return self._count > 0
+
     def unwind(self) -> None:
         """Say that the bench is being made safe: from now on signals only count."""
         self._unwinding = True

@@ -264,9 +264,14 @@ class Served(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class Safety(parts.BenchFileTable, frozen=True, kw_only=True):
-    """Reaction of a run to the death of its watchdog: stop, or go on with nobody there should it die too."""
+    """Reaction of a run to the death of its watchdog, and how long scripts may give no sign of life.
+
+    `watchdog_lost`: stop, or go on with nobody there should the program die too. `script_silent_s`: for how long a
+    program that has opened the bench itself may do nothing but work something out, while something drives.
+    """
 
     watchdog_lost: Literal["stop", "go on"] = "stop"
+    script_silent_s: Annotated[float, Meta(ge=2.0, le=3600.0)] = 10.0
 
 
 class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
