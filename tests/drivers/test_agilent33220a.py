@@ -165,9 +165,7 @@ def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
         ("SYST:ERR?", '-410,"Query INTERRUPTED"'),
         ("SYST:ERR?", '-222,"Data out of range"'),
         NO_ERROR,
-        ("OUTP OFF", None),  # reported as refused, for the stale error
-        NO_ERROR,
-        ("OUTP OFF", None),
+        ("OUTP OFF", None),  # reported as refused, for the stale error: what is read back counts
         NO_ERROR,
         ("OUTP?", "0"),
     ]

@@ -143,6 +143,9 @@ class Agilent33220A(ScpiInstrument):
 
     def _switch(self, wanted: Literal["on", "off"], deadline: Deadline | None = None) -> None:
         self._session.write(f"{self.output} {wanted.upper()}", deadline=deadline)
+        self._require_switched(wanted, deadline)
+
+    def _require_switched(self, wanted: Literal["on", "off"], deadline: Deadline | None) -> None:
         if self._switched_on(deadline) is not (wanted == "on"):
             raise self._disagreement(f"{self.output}?", wanted, "off" if wanted == "on" else "on")
 
@@ -161,7 +164,8 @@ class Agilent33220A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._switch("off", deadline)
+        self._tell_safe(*self.safe_words, deadline=deadline)
+        self._require_switched("off", deadline)
         return "output relay open"
 
 

@@ -129,7 +129,7 @@ class TemptronicATS545(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write("FLOW 0", deadline=deadline)
+        self._tell_safe("FLOW 0", deadline=deadline)
         if self._flows(deadline):
             raise self._error(InstrumentError, "the air goes on", command="AUXC?")
         return "air off"

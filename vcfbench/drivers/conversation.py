@@ -6,9 +6,18 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Any, ClassVar, Self, TypeVar
 
 from vcfbench.clock import Clock, Deadline, WallClock, sleep, within
+from vcfbench.drivers.replies import likely_cause
 from vcfbench.drivers.trace import BEHIND, Connect
 from vcfbench.drivers.wire import Wire
-from vcfbench.errors import BenchError, FramingError, InstrumentError, LinkLost, OutOfSync, TransportError
+from vcfbench.errors import (
+    BenchError,
+    DeadlineExceeded,
+    FramingError,
+    InstrumentError,
+    LinkLost,
+    OutOfSync,
+    TransportError,
+)
 from vcfbench.interfaces import UnprovedCommand
 
 _E = TypeVar("_E", bound=BenchError)
@@ -44,8 +53,11 @@ class Conversation:
         self._reconnect = reconnect
         self._lock = threading.RLock()
         self._received = b""
+        self._connected_s = WallClock().now()
         self._said: str | None = None
         """What was said last."""
+        self._came = b""
+        """The line that came last."""
         self._closed_because: str | None = None
         self._given_back = False
         self._last_read: tuple[str, float] | None = None
@@ -115,8 +127,11 @@ class Conversation:
         except LinkLost as error:
             raise self.locate(error, question, deadline)  # noqa: B904 - the same error, now knowing where
         except (TransportError, InstrumentError) as error:
-            what = f"the answers no longer belong to the questions ({error.what}), the connection was closed"
-            lost = OutOfSync(what, hint="check the cable; --trace FILE shows what was sent and what came")
+            silent = isinstance(error, DeadlineExceeded) and " but " not in error.what
+            came = f" but {self._came[:_LONGEST_SHOWN]!r}" if silent and self._came else ""
+            what = f"the answers no longer belong to the questions ({error.what}{came}), the connection was closed"
+            hint = self._cause() or "check the cable; --trace FILE shows what was sent and what came"
+            lost = OutOfSync(what, hint=hint)
             raise self.locate(lost, question, deadline) from error
         self.dirty = False
 
@@ -128,9 +143,15 @@ class Conversation:
         command = command or (self._said if isinstance(error, FramingError) else None)
         error.command = error.command or (None if command is None else shown(command))
         error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
+        if error.hint is None and isinstance(error, FramingError):
+            error.hint = self._cause()
         if isinstance(error, (LinkLost, OutOfSync)):
             self._give_up(error.what)
         return error
+
+    def _cause(self) -> str | None:
+        on_port = self._wire.interface in ("asrl", "serial") and "://" not in self.resource
+        return likely_cause(self._came, self._said, on_port=on_port)
 
     def note_read(self, what: str) -> None:
         """Remember a read-back, in words, for messages when the instrument no longer answers."""
@@ -171,6 +192,7 @@ class Conversation:
         if self._given_back:
             self._wire.close()
             self._require_open()
+        self._connected_s = WallClock().now()
         self._closed_because, self._received, self.dirty = None, b"", True
         self._send_blind(words, gap_s)
 

@@ -268,7 +268,7 @@ class Dso7104B(ScpiInstrument):
 
     def _prove_stopped(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write(":STOP", deadline=deadline)
+        self._tell_safe(":STOP", deadline=deadline)
         if self._session.query_int(":OPER:COND?", deadline) & _RUNNING:
             raise self._error(InstrumentError, "keeps running", command=":OPER:COND?")
         return "stopped"

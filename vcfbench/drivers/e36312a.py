@@ -67,6 +67,18 @@ class E36312A(E3631A):
             what = f"{' and '.join(others)} came on though nobody asked for it"
             raise self._error(InstrumentError, what, command=self.switch_question)
 
+    def _verify_switch(self, wanted: str) -> None:
+        try:
+            super()._verify_switch(wanted)
+        except InstrumentError as error:
+            for what, header in (("over-voltage", "VOLT"), ("over-current", "CURR")):
+                states = self._session.query_as(f"{header}:PROT:TRIP? (@1,2,3)", _three_states)
+                tripped = [output for output, state in zip(self.outputs, states, strict=True) if state]
+                if tripped:
+                    error.what += f": the {what} protection of {', '.join(tripped)} has tripped"
+                    error.hint = "see to the cause, then clear it at the front panel or by OUTP:PROT:CLE (@1,2,3)"
+            raise
+
     def outputs_enabled(self) -> bool:
         """Tell whether all outputs that were configured are on; before any was, whether one is."""
         states = self._states(None)

@@ -178,7 +178,7 @@ class E3631A(ScpiInstrument):
 
     def _prove_off(self, deadline: Deadline) -> str:
         self._session.revive(deadline)
-        self._session.write(*self.safe_words, deadline=deadline)
+        self._tell_safe(*self.safe_words, deadline=deadline)
         if self._switched_on(deadline):
             raise self._error(InstrumentError, "the outputs stay on", command=self.switch_question)
         return f"outputs off, {self._wait_for_discharge(deadline)} at the terminals"

@@ -23,6 +23,10 @@ _ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
 _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
 """One item of an answer that is no block; a quoted one may hold separators (IEEE 488.2, 8.7.8)."""
 
+_PROMPT = re.compile(rb"[\w .:/-]{1,40}>(?:\s|$)")
+_NEGOTIATION = re.compile(rb"\xff[\xfb-\xfe]")
+"""WILL, WON'T, DO or DON'T of telnet (RFC 854)."""
+
 _NEWLINE, _BLOCK = b"\n#"
 _SHOWN = 60
 
@@ -59,6 +63,25 @@ def nr3(decimals: int | None = None, exponent_digits: tuple[int, int] = (2, 2)) 
 def _refuse(expected: str, came: str | bytes) -> FramingError:
     shown = repr(came[:_SHOWN]) + ("..." if len(came) > _SHOWN else "")
     return FramingError(f"expected {expected}, came {shown}")
+
+
+def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None:
+    """Return what makes such a line come in place of an answer to `asked`, and what to do; None where nothing is known.
+
+    `on_port` says whether it came over a serial port.
+    """
+    line = came.strip()
+    if b"\0" in line:
+        return "a NUL byte comes with the answers, adapters add one: tell it not to (Prologix: ++eot_enable 0)"
+    if _NEGOTIATION.search(line):
+        return "a terminal server negotiates telnet (IAC): set its port to raw TCP"
+    if asked and line == asked.strip().encode("latin-1"):
+        return "what was sent comes back: switch the echo off, at the instrument, the adapter or the terminal server"
+    if _PROMPT.match(line):
+        return "a prompt comes: this port is for people (telnet, often 5024), use that for programs (often 5025)"
+    if on_port and not line.isascii():
+        return "is baud_rate in the bench file what the instrument's port is set to?"
+    return None
 
 
 def text(reply: bytes) -> str:
@@ -126,7 +149,7 @@ def error_entry(reply: str) -> tuple[int, str]:
 def identity_fields(reply: str) -> tuple[str, str, str, str]:
     """Return the four fields of ``*IDN?``; the last may hold commas."""
     fields = [field.strip() for field in reply.split(",", 3)]
-    if len(fields) != 4:
+    if len(fields) != 4 or _PROMPT.match(reply.encode("ascii")):
         raise _refuse("maker,model,serial,firmware", reply)
     return fields[0], fields[1], fields[2], fields[3]
 

@@ -1,6 +1,7 @@
 """Base of the SCPI drivers: identity, errors, and the frame of making safe."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any, ClassVar, Self
 
 from msgspec import Struct
@@ -168,6 +169,11 @@ class ScpiInstrument(OverWire):
     def command_safe(self) -> UnprovedCommand:
         """Send the safe words at once, without waiting for an answer; return the last read-back."""
         return self._session.unproved("to switch off" if self.safe_words else "", sent=self._session.command_safe())
+
+    def _tell_safe(self, *words: str, deadline: Deadline) -> None:
+        """Send words of making safe; refusals do not count, old ones may come without end: what is read back does."""
+        with suppress(InstrumentError):
+            self._session.write(*words, deadline=deadline)
 
     def _identity(self, deadline: Deadline | None) -> Identity:
         return Identity(*self._session.identify(deadline))

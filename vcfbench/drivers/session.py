@@ -9,11 +9,12 @@ The safe words alone need none of that: they are sent on whatever is left of the
 
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import groupby
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeVar
 
 from vcfbench import errors
-from vcfbench.clock import Deadline, sleep
+from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
@@ -27,6 +28,13 @@ _DEEPEST_QUEUE = 64
 """More entries than any of the instruments' error queues hold (20 or 30)."""
 _ECHO_S = 0.1
 """Longest wait for the last of doubled answers, s."""
+_QUIET_S = 0.1
+"""Silence after which a stream is believed that had something to say when it was opened, s."""
+_OPENING_S = 1.0
+"""Wall time after connecting within which a stream may say something by itself, s."""
+_STREAMS = ("socket", "asrl")
+_KINDS_SHOWN = 4
+"""Different entries of an error queue that a message shows."""
 _QUERY_ERRORS = range(-499, -399)
 """-410, -420, -430, -440: queue entries of an interrupted exchange; the session has dealt with it."""
 _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "execution error", 32: "command error"})
@@ -166,10 +174,13 @@ class Session(Conversation):
         entries, self._put_off = self._put_off + queued, []
         if not entries:
             return
-        (number, words), others = entries[0], entries[1:]
-        also = "".join(f', then {n} "{w}"' for n, w in others)
+        number, words = entries[0]
+        kinds = [(entry, len(list(same))) for entry, same in groupby(entries)]
+        said = [f'{n} "{w}"' + (f" {times} times" if times > 1 else "") for (n, w), times in kinds[:_KINDS_SHOWN]]
+        said += [f"{len(kinds) - _KINDS_SHOWN} others"] if len(kinds) > _KINDS_SHOWN else []
+        endless = "; its error queue does not end" if len(queued) == _DEEPEST_QUEUE else ""
         raise errors.InstrumentError(
-            f'refused with {number} "{words}"{also}',
+            f"refused with {', then '.join(said)}{endless}",
             number=number,
             words=words,
             command=None if command is None else shown(command),
@@ -198,9 +209,7 @@ class Session(Conversation):
 
     def identify(self, deadline: Deadline | None = None) -> tuple[str, str, str, str]:
         """Ask for the identity: maker, model, serial number, firmware. The answer also serves to resynchronise."""
-        answer = self.query("*IDN?", deadline)
-        fields = replies.identity_fields(answer)
-        self._identity = answer
+        self._identity, fields = self.query_as("*IDN?", _identity, deadline)
         return fields
 
     def clear(self, deadline: Deadline | None = None) -> None:
@@ -229,11 +238,18 @@ class Session(Conversation):
                 self._find_the_place(limit)
 
     def _find_the_place(self, deadline: Deadline) -> None:
-        if self._identity is None:
-            raise errors.FramingError("no answer is known yet")
-        identity = self._identity.encode()
-        self._received = b""
+        self._received = self._came = b""
         self._wire.clear(deadline)
+        if self._identity is None:  # all that can be done is to let a stream fall silent
+            if self._wire.interface not in _STREAMS:
+                raise errors.FramingError("no answer is known yet")
+            while True:
+                try:
+                    self._wire.receive(deadline.within(_QUIET_S))
+                except errors.DeadlineExceeded:
+                    break
+            return
+        identity = self._identity.encode()
         self._wire.send(b"*IDN?\n", deadline)
         # The end of the line suffices: what is left of a message that broke off may stand before it.
         while not self._next_line(deadline).endswith(identity):
@@ -299,9 +315,19 @@ class Session(Conversation):
     # One exchange
 
     def _exchange(
-        self, command: str, take: Callable[[Deadline], bytes], read: Callable[[bytes], _T], deadline: Deadline | None
+        self,
+        command: str,
+        take: Callable[[Deadline], bytes],
+        read: Callable[[bytes], _T],
+        deadline: Deadline | None,
+        *,
+        again: bool = False,
     ) -> _T:
-        """Send `command`; `take` takes the answer from the wire, `read` makes a value of it."""
+        """Send `command`; `take` takes the answer from the wire, `read` makes a value of it.
+
+        A stream that was just opened may say something by itself, as terminal servers do, amid any exchange: what is no
+        answer then is asked for again. Nothing that is asked at an opening does anything.
+        """
         limit = deadline or Deadline.after(self.clock, self.timeout_s)
         with self._lock:
             self._in_step(limit)
@@ -310,13 +336,20 @@ class Session(Conversation):
                 self._say(command, limit)
                 value = read(take(limit))
             except errors.TransportError as error:
-                raise self.locate(error, command, limit)  # noqa: B904 - the same error, now knowing where
+                self.locate(error, command, limit)
+                if again or not isinstance(error, errors.FramingError) or not self._just_opened():
+                    raise
+                return self._exchange(command, take, read, limit, again=True)
             except errors.MeasurementError as error:  # a whole answer, though no value
                 self.dirty = False
                 error.instrument, error.resource, error.command = self.name, self.resource, command
                 raise
             self.dirty = False
             return value
+
+    def _just_opened(self) -> bool:
+        wall_s = WallClock().now()
+        return self._wire.interface in _STREAMS and wall_s - self._connected_s < _OPENING_S
 
     def _in_step(self, deadline: Deadline) -> None:
         """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
@@ -336,6 +369,7 @@ class Session(Conversation):
     def _say(self, command: str, deadline: Deadline) -> None:
         if deadline.expired():
             raise errors.DeadlineExceeded("the time was up before anything was sent")
+        self._said = command
         self._wire.send(command.encode("ascii") + b"\n", deadline)
 
     def _read_line(self, deadline: Deadline) -> bytes:
@@ -347,7 +381,8 @@ class Session(Conversation):
             received = received + more if received else more
         cut = received.find(b"\n") + 1 or len(received)
         self._received = received[cut:]
-        return received[:cut]
+        self._came = line = received[:cut]
+        return line
 
     def _read_block(self, deadline: Deadline) -> bytes:
         received, self._received, end = self._received, b"", False
@@ -372,6 +407,10 @@ class Session(Conversation):
         """Tell `error` where it happened; the session is dirty then, and a lost connection is closed."""
         self.dirty, self._received = True, b""
         return super().locate(error, command, deadline)
+
+
+def _identity(text: str) -> tuple[str, tuple[str, str, str, str]]:
+    return text, replies.identity_fields(text)
 
 
 def _event_status(text: str) -> tuple[int, str]:

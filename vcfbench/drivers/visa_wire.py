@@ -33,6 +33,9 @@ _BIG_CHUNK = 1 << 20
 _SLACK_S = 0.010
 """Excess of a VISA time-out over the rest of a deadline that is good enough, s: setting one costs more."""
 
+_LOCK_MS = 1
+_UNLOCK = "end the other program, or have it unlock the instrument"
+
 _FULL = StatusCode.success_max_count_read
 _TIMEOUT = ResourceAttribute.timeout_value
 _TIMED_OUT = frozenset({StatusCode.error_timeout})
@@ -191,9 +194,22 @@ class VisaWire:
             self._grant(deadline)
             count, _ = self._viwrite(self._session, data)
         except Exception as error:  # whatever anyone's VISA library raises, the wire has failed
+            if isinstance(error, VisaIOError) and self._is_locked():
+                raise LinkLost("another controller has locked it", hint=_UNLOCK) from error
             raise _failure(error, "the instrument does not take the command") from error
         if count != len(data):
             raise LinkLost(f"only {count} of {len(data)} bytes were taken")
+
+    def _is_locked(self) -> bool:
+        """Tell whether another controller has locked the instrument; PyVISA-py says that a write failed."""
+        try:
+            self._opened.lock_excl(timeout=_LOCK_MS)
+            self._opened.unlock()
+        except VisaIOError as error:
+            return error.error_code == StatusCode.error_resource_locked
+        except Exception:  # noqa: BLE001  # as above; not every library has locks
+            return False
+        return False
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
         """Read one chunk."""

@@ -249,7 +249,7 @@ class TableLine(Conversation):
             searched = len(self._received)
             self._fill(deadline)
         line, self._received = self._received[: found.start()], self._received[found.end() :]
-        self._cr_taken = not self._received and found[0] == b"\r"
+        self._cr_taken, self._came = not self._received and found[0] == b"\r", line
         return line
 
     def take(self, count: int, deadline: Deadline) -> bytes:
