@@ -58,7 +58,7 @@ class EspDialect(TableDialect):
         if not model.upper().startswith("ESP"):
             raise FramingError(f"expected the version of an ESP controller, came {version[:60]!r}")
         self._version = version
-        unit = self._ask(line, f"{self.axis}SN?", deadline).strip()
+        unit = str(replies.integer(self._ask(line, f"{self.axis}SN?", deadline)))
         if unit not in _UNIT_DEG:
             what = f"its stage counts in unit {unit}, which is no angle"
             raise InstrumentError(what, hint=f"set degrees at it: {self.axis}SN7", **line.where)
