@@ -22,6 +22,8 @@ NAME_PATTERN = r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,63}\Z"
 ADDRESS_PATTERN = r"\A(?:[^\s:\[\]]+|\[[0-9A-Fa-f:]+\]):[0-9]{1,5}\Z"
 
 _T = TypeVar("_T")
+_SOME = 8
+"""Names that one line can hold and a person still reads."""
 _AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
 _STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+|\.\.\.)\]")
 _UNKNOWN = re.compile(r"unknown field `(?P<key>.*)`", re.DOTALL)
@@ -42,10 +44,18 @@ def refusal(where: str, expected: str, came: str) -> ConfigError:
 
 
 def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:
-    """Return the error that says that `key` is none of `known`; a close one is suggested."""
-    close = difflib.get_close_matches(key, known, n=1)
-    expected = f"a known key ({close[0]!r}?)" if close else f"one of {', '.join(known)}"
-    return refusal(where, expected, "an unknown key")
+    """Return the error that says that `key` is none of `known`; close ones are suggested."""
+    return refusal(where, one_of(key, known, "key"), "an unknown key")
+
+
+def one_of(name: str, known: Sequence[str], what: str) -> str:
+    """Say what was expected for a `name` that is none of `known`: those near to it, else all of a few, else some."""
+    parts = {part for part in name.split("_") if len(part) > 3}
+    alike = [each for each in known if parts & {*each.split("_")}]
+    if close := difflib.get_close_matches(name, known, n=1) or alike[:3]:
+        return f"a known {what} ({' or '.join(map(repr, close))}?)"
+    some = ", ".join(known[:_SOME])
+    return f"one of {some}" if len(known) <= _SOME else f"one of {len(known)} {what}s ({some}, ...)"
 
 
 def words(value: object) -> str:

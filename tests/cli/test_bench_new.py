@@ -284,3 +284,18 @@ class Terminal:
         while self._prompt():
             os.write(self._ours, b"\n")
         return self.process.wait(20)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a folder in which nobody can write, for root too")
+def test_a_folder_that_cannot_be_written_is_told_before_anything_is_asked() -> None:
+    done = new("/proc/lab.toml", typed="")
+    assert done.exit_code == 2
+    assert "/proc/lab.toml: cannot be written" in done.stderr
+    assert "Looking for instruments" not in done.stderr
+
+
+def test_the_mains_are_asked(tmp_path: Path) -> None:
+    done = new(*LATITUDE, typed="\n".join([*[""] * 4, "none", *[""] * 4, "55", "60", ""]))
+    assert done.exit_code == 0, done.stderr
+    assert "no: " in done.stderr
+    assert load_bench(tmp_path / "station.toml").site.mains_hz == 60

@@ -180,3 +180,21 @@ def test_a_bench_file_that_is_not_there_is_one_line_and_code_two(command: list[s
     assert done.exit_code == 2
     assert done.stderr == f"vcfbench: {tmp_path / 'none.toml'}: expected a bench file, there is no such file\n"
     assert "Traceback" not in done.output
+
+
+def test_a_command_of_a_group_is_named_with_its_group() -> None:
+    root: Any = typer.main.get_command(main.app)
+    root.get_command(None, "none of them")  # all are loaded then
+    groups = {group: command.commands for group, command in root.commands.items() if hasattr(command, "commands")}
+    names = {name for commands in groups.values() for name in commands} - {*main.COMMANDS}
+    assert {"show", "list", "serve", "check"} <= names
+    for name in [*names, "turntable", "kvc"]:
+        done = CliRunner().invoke(main.app, [name])
+        assert done.exit_code == 2
+        meant = [group for group, commands in groups.items() if name in commands] or ["run"]
+        for group in meant:
+            assert f"vcfbench {group} {name}" in done.stderr
+
+
+def test_the_short_option_shows_the_version() -> None:
+    assert CliRunner().invoke(main.app, ["-v"]).stdout == f"vcfbench {__version__}\n"

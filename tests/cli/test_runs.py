@@ -34,6 +34,7 @@ def test_list_and_show_what_was_run(station: Station) -> None:
     assert shown["points"] == ran["points"]
     assert shown["results"] == ran["results"]  # made again from the journal
     told = call("runs", "show", ran["run"]).stdout
+    assert call("runs", "show", f"runs/{ran['run']}").stdout == told  # as the run's last line names it
     assert "virtual Coriolis / V" in told
     for name, version in shown["versions"].items():
         assert f"{name} {version}" in told

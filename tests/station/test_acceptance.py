@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+from vcfbench.procedures.shared.judged import Judged
+from vcfbench.procedures.shared.measurand import Measurand, measurand
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
@@ -133,3 +135,13 @@ def test_one_marginal_limit_makes_a_run_marginal_and_not_passed() -> None:
     assert [written["verdict"], *(each["verdict"] for each in written["limits"])] == ["marginal", "marginal", "pass"]
     assert [each.get("u95") for each in written["limits"]] == [0.002, None]
     assert verdicts(Stated(), limits[0], Limit("nonlinearity_ppm", 0.0, 1.0))[0] == "fail"
+
+
+def test_an_e_n_by_an_incomplete_u95_says_so() -> None:
+    class Found(Judged, frozen=True):
+        def judged(self) -> dict[str, Measurand | float]:
+            return {"drift_ppm": measurand(3.0, "ppm", [], ("temperature",)), "e_n": 0.4}
+
+    verdict = judged([Limit("e_n", 0.0, 1.5)], Found(), ())
+    assert verdict is not None
+    assert (verdict.word, verdict.said) == ("pass", "PASS with an incomplete U95, without temperature")

@@ -21,9 +21,10 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-from vcfbench.station.description import BenchDescription, SerialSettings, Served, Simulation
+from vcfbench.station.description import BenchDescription, Knowledge, SerialSettings, Served, Simulation
 from vcfbench.station.file import EMBEDDED, embedded_text, template
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.strict import one_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 METERS = " or ".join(f"'{row.name}'" for row in MODELS if "multimeter" in row.roles)
@@ -507,3 +508,12 @@ def test_physical_parameters_are_numbers_whose_squares_are_numbers(value: str) -
         ConfigError, match=r"simulation\.override\.sense_anti_phase\.quality: expected 0, or a number from"
     ):
         parse_bench(text, "lab.toml")
+
+
+def test_an_unknown_key_is_answered_in_one_line_that_a_person_reads() -> None:
+    for known in (*BenchDescription.__struct_fields__, *Knowledge.__struct_fields__):
+        for name in (f"{known}x", "bananas", known.partition("_")[0] + "_of_mine"):
+            said = one_of(name, BenchDescription.__struct_fields__, "key")
+            assert len(said) < 160
+    assert one_of("rates", ["a", "b"], "key") == "one of a, b"
+    assert one_of("resolution", ["meter_resolution_v", "nplc"], "key") == "a known key ('meter_resolution_v'?)"

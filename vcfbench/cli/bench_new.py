@@ -17,7 +17,7 @@ from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
 from vcfbench.station.discovery import DiscoveredInstrument
-from vcfbench.station.new_station import LATITUDE, Draft
+from vcfbench.station.new_station import LATITUDE, MAINS, Draft
 
 _NONE: Final = "none"
 _QUESTIONS: Final = {
@@ -31,6 +31,7 @@ _QUESTIONS: Final = {
     "limits.max_temperature_c": "Highest temperature, degC",
     "limits.max_ramp_k_min": "Fastest ramp, K/min",
     LATITUDE: "Latitude, deg, north positive (for the Earth's rate)",
+    MAINS: "Mains, Hz (50 or 60; a voltmeter's readings go by it)",
 }
 """What must never be exceeded here, by the instruments that are there, and what nothing tells."""
 _BY_HAND: Final[dict[str, tuple[str, dict[str, Any]]]] = {
@@ -82,7 +83,7 @@ def new(
     draft.set(given)
     if not yes:
         for key, words in _QUESTIONS.items():
-            if key not in given and (key == LATITUDE or draft.value(key) is not None):
+            if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
                 _ask_for(key, words, draft)
     elif LATITUDE not in given:  # 0, the equator, would be a wrong Earth's rate that nobody sees
         raise ConfigError(f"{LATITUDE}: expected that of the bench", hint=f"--set {LATITUDE}=48.1")
@@ -145,7 +146,7 @@ def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:
 
 def _ask_for(key: str, words: str, draft: Draft) -> None:
     """Ask for the value of a key until it fits; its proposal is what the draft has."""
-    proposed = None if key == LATITUDE else f"{draft.value(key):g}"
+    proposed = {LATITUDE: None, MAINS: "50"}[key] if key in {LATITUDE, MAINS} else f"{draft.value(key):g}"
     while True:
         answer = _answer(words, proposed)
         try:

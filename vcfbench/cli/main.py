@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 
 from vcfbench.cli.ending import SignalsWithoutBench, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.version import installed_version
 
 COMMANDS = {
@@ -69,6 +70,17 @@ class Commands(TyperGroup):
                     alone.command(name)(getattr(module, name))
                 self.commands[name] = typer.main.get_group(alone).commands[name]
         return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that is asked for; one that a group has, or a procedure, is named by its whole words."""
+        try:
+            return super().resolve_command(ctx, args)
+        except Exception as error:
+            groups = (group for group, command in self.commands.items() if args[0] in getattr(command, "commands", ()))
+            meant = [*groups, *(["run"] if args[0] in BUILT_IN else [])]
+            if meant and hasattr(error, "message"):
+                error.message += f" Did you mean {' or '.join(f'vcfbench {each} {args[0]}' for each in meant)}?"
+            raise
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the names of the commands and their summaries, without importing one."""
@@ -142,7 +154,7 @@ def _version(*, wanted: bool) -> None:
 def root(
     *,
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+        bool, typer.Option("--version", "-v", callback=_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     """Calibrate MEMS vibratory gyroscopes on a rate table and by a virtual Coriolis force."""

@@ -1,6 +1,7 @@
 """Bench files that commands write: all of one or nothing, and never over another."""
 
 from pathlib import Path
+from tempfile import TemporaryFile
 
 from vcfbench.errors import ConfigError
 from vcfbench.files import failing_as
@@ -12,6 +13,8 @@ def require_free(path: Path) -> None:
         raise ConfigError(f"{path} is there already, and is not written over")
     if not path.resolve().parent.is_dir():
         raise ConfigError(f"{path}: there is no directory {path.resolve().parent}")
+    with failing_as(ConfigError, f"{path}: cannot be written"), TemporaryFile(dir=path.resolve().parent):
+        pass
 
 
 def written_anew(path: Path, text: str) -> None:

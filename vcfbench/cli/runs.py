@@ -12,7 +12,7 @@ from msgspec import structs, to_builtins
 
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.export import export_run
-from vcfbench.archive.recorded import recorded_run
+from vcfbench.archive.recorded import directory_of, recorded_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.verified import verify_run
@@ -32,7 +32,7 @@ from vcfbench.cli.options import (
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records import signing
-from vcfbench.records.directory import RunDirectory, find_run
+from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord
 from vcfbench.reports.document import Column, Table
 from vcfbench.reports.text import printable, table_text
@@ -94,7 +94,7 @@ def list_(
 @app.command("show")
 def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     """Show one record: points, results, and how it ended. All is computed again from the journal."""
-    directory = find_run(runs, run)
+    directory = directory_of(run, runs)
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:

@@ -102,12 +102,16 @@ class Journal:
                 self._see_to_disk()
         except OSError as error:
             self._take_back()
-            raise BenchError(f"the record {self.path} cannot be written: {error.strerror}") from error
+            raise self._refused(str(error.strerror)) from error
         if written != len(data):
             self._take_back()
-            raise BenchError(f"the record {self.path} cannot be written: the disk took {written} of {len(data)} bytes")
+            raise self._refused(f"the disk took {written} of {len(data)} bytes")
         self._sealer.keep()
         self._size += len(data)
+
+    def _refused(self, why: str) -> BenchError:
+        on = f"vcfbench resume {shown(self.path.parent)}" if self._size else "run it again"
+        return BenchError(f"the record {self.path} cannot be written: {why}", hint=f"free space on its disk, then {on}")
 
     def _take_back(self) -> None:
         """Truncate the file to the lines before one that failed."""

@@ -11,15 +11,15 @@ from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import Limit
 
 INCOMPLETE: Final = " with an incomplete U95"
-"""Words behind a verdict whose guard band lacks a contribution, so that it may be another with all of them."""
+"""Words behind a verdict whose guard band, or E_n, lacks a contribution: it may be another with all of them."""
 
 
 class Verdict(Struct, frozen=True):
     """One limit and its result; `value` is None where the result could not be computed, which does not pass.
 
     `measured` is False where the procedure does not measure this at all, as K_Vc in a turntable run.
-    `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value. It is
-    incomplete without what is `missing`.
+    `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value. It, or
+    the U95 in an E_n, is incomplete without what is `missing`.
     """
 
     key: str
@@ -103,7 +103,7 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
             *(limit.key, values.get(limit.key), limit.low, limit.high),
             measured=limit.key in values,
             u95=guards.get(limit.key) if limit.guarded else None,
-            missing=missing.get(limit.key, ()) if limit.guarded else (),
+            missing=missing.get(limit.key, ()) if limit.guarded or limit.key not in guards else (),
         )
         for limit in limits
     )

@@ -13,6 +13,7 @@ from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.station.writing import nested_tables, table_lines, value_text
 
 LATITUDE: Final = "site.latitude_deg"
+MAINS: Final = "site.mains_hz"
 
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 50.0,

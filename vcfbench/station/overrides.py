@@ -1,6 +1,5 @@
 """Single values of a dataclass by their names, as a bench file gives them: physical parameters, instrument errors."""
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any, TypeVar
@@ -10,6 +9,7 @@ import msgspec
 from vcfbench.records.plain import field_names
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import merged
+from vcfbench.strict import one_of
 from vcfbench.typed import typed
 
 T = TypeVar("T")
@@ -45,8 +45,9 @@ def invalid_overrides(base: Any, changes: Mapping[str, Any], path: str) -> Itera
     for name, value in changes.items():
         here = f"{path}.{name}"
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            yield InvalidValue(here, f"a known name ({close[0]!r}?)" if close else f"one of {', '.join(known)}", value)
+            table, _, key = name.partition(".")
+            quoted = f"the key without quotes, {path}.{name}: between them it is one name"
+            yield InvalidValue(here, quoted if key and table in known else one_of(name, [*known], "name"), value)
         elif (below := field_names(known[name])) is None:
             try:
                 overridden(base, {name: value})

@@ -2,7 +2,7 @@
 // The operator's panel: name a device, mount it, start, watch, read the verdict. Enter does what is next; so does a scanner.
 
 const token = location.hash.slice(1);
-const COLOURS = { PASS: "good", DONE: "" };
+const COLOURS = { PASS: "good", MARGINAL: "warn", DONE: "" };
 let state = null;
 let wantsAnother = false;
 

@@ -242,7 +242,7 @@ function drawEnd() {
   const record = end.record ? ` Record: ${end.record}` : "";
   const words = end.error ? `The run is over (${end.status}): ${end.error}` : `The run is over: ${end.status}.`;
   byId("over").textContent = words + record;
-  byId("over").className = `banner ${end.status === "complete" && end.verdict !== "fail" ? "good" : "bad"}`;
+  byId("over").className = `banner ${end.status === "complete" ? { fail: "bad", marginal: "warn" }[end.verdict] ?? "good" : "bad"}`;
   byId("over").hidden = false;
   if (!end.parts) return;
   if (!isLive) { byId("report").href = `${base}/report`; byId("report").hidden = false; }

@@ -21,4 +21,7 @@ class Judged(Struct, frozen=True):
         return {key: found.expanded_u for key, found in self.judged().items() if isinstance(found, Measurand)}
 
     def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        return {key: found.missing for key, found in self.judged().items() if isinstance(found, Measurand)}
+        found = self.judged()
+        of_drift = getattr(found.get("drift_ppm"), "missing", ())  # an E_n is by the U95 of the drift
+        own = {key: each.missing for key, each in found.items() if isinstance(each, Measurand)}
+        return {**{key: of_drift for key in found if key.startswith("e_n")}, **own}

@@ -22,7 +22,7 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.records.devices import Measured
 from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
-from vcfbench.station.acceptance import Verdict, judged
+from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
 
 
@@ -172,7 +172,7 @@ def drift_parts(drift: Drift | None) -> list[Any]:
         for each in drift.limits
     )
     words.append(f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties")
-    words.append(f"drift: {drift.verdict.upper()} ({judged_by})")
+    words.append(f"drift: {Acceptance(drift.limits).said} ({judged_by})")
     if drift.verdict != "fail" and drift.e_n > 1.0:
         words.append("  beyond its U95, which chance does once in 20: the next runs tell")
     if drift.failed_before:
