@@ -442,3 +442,32 @@ def test_what_is_left_in_a_supply_is_seen_without_the_table(
     monkeypatch.setattr(E36312A, "_found_off", True)
     with suppress(BenchError):
         assert supplied_by(box(model), cell) != pytest.approx(SUPPLIED, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "cell",
+    [
+        left("DUTM 1", idle=True),
+        left("FLOW 1", idle=True),
+        left("SETN 2", idle=True),
+        left("RAMP 1", idle=True),
+        left("ULIM 60", named="SETP 80"),
+        left("DSNS 1", idle=True),
+    ],
+    ids=lambda each: each.words[0],
+)
+def test_a_stream_of_air_is_set_whatever_was_left(cell: Left) -> None:
+    of = box("ATS-545")
+    leave(of, cell)
+    device: Any = of.device
+    with of.driven() as chamber:
+        if cell.named:
+            with pytest.raises(InstrumentError, match=cell.named):
+                chamber.set_temperature(80.0, 50.0)
+            return
+        chamber.set_temperature(80.0, 50.0)
+        assert not device.flow
+        assert not device.settings.device_mode
+        chamber.enable_flow()
+        sleep(of.clock, 600.0)
+        assert chamber.air_temperature_c() == pytest.approx(80.0, abs=0.2)

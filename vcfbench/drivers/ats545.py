@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.scpi_instrument import ScpiInstrument, require_within, safely
+from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, require_within, safely
 from vcfbench.errors import InstrumentError, InterlockError
 from vcfbench.interfaces import SafeReport
 
@@ -48,6 +48,7 @@ class TemptronicATS545(ScpiInstrument):
     makers: ClassVar[tuple[str, ...]] = ("TEMPTRONIC", "INTEST")
     safe_words: ClassVar[tuple[str, ...]] = ("FLOW 0",)
     error_question: ClassVar[str] = "*ESR?"
+    left: ClassVar[tuple[Left, ...]] = (Left("DUTM", "0", "PyMeasure: the air is controlled, not a device's sensor"),)
 
     def set_temperature(self, temperature_c: float, ramp_k_min: float) -> float:
         """Go to `temperature_c` with at most `ramp_k_min` once air flows; return the setting read back, degC."""
@@ -55,6 +56,9 @@ class TemptronicATS545(ScpiInstrument):
         require_within(self, "temperature ramp", ramp_k_min, (0.1, 9999.0), "K/min")
         number = 0 if temperature_c >= _HOT_C else 2 if temperature_c <= _COLD_C else 1
         ramp = f"{ramp_k_min:.1f}" if ramp_k_min < 100.0 else f"{ramp_k_min:.0f}"
+        if not self._taken_over:
+            self.disable_flow()  # whatever it was doing
+        self._take_over(self.left)
         self._session.write(f"SETN {number}")
         self._session.write(f"RAMP {ramp}")
         setpoint = f"{temperature_c:.1f}"

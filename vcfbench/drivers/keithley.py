@@ -80,6 +80,8 @@ class KeithleyDMM6500(_Keithley):
     model: ClassVar[str] = "DMM6500"
     memory_readings: ClassVar[int] = 100_000
     """Readings that defbuffer1 holds by default (general knowledge, unverified)."""
+    longest_delay_s: ClassVar[float] = 10_000.0
+    """Delay of SimpleLoop (p. 13-267)."""
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)
     left: ClassVar[tuple[Left, ...]] = (
         Left("ROUT:TERM", "FRON", "p. 13-54", REAR),
