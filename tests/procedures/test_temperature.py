@@ -59,7 +59,7 @@ def bench() -> BenchDescription:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    return vcfbench.run("temperature", bench(), seed=3, settings=SETTINGS, runs=tmp_path_factory.mktemp("runs"))
+    return vcfbench.run("temperature", bench(), seed=4, settings=SETTINGS, runs=tmp_path_factory.mktemp("runs"))
 
 
 # --- the closed form: two sense modes under forces at the drive frequency, demodulated ---------------------------
