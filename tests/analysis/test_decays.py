@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from vcfbench.analysis.decays import fit_decays, fit_release
 from vcfbench.errors import ConfigError
@@ -68,3 +70,27 @@ def test_what_does_not_decay_is_said() -> None:
         fit_release(np.where(t < 0.02, steady, 0.0), 2.5e-5, CARRIER_HZ)
     with pytest.raises(ConfigError, match="too far apart"):
         fit_release(steady[::10], 2.5e-4, CARRIER_HZ)
+
+
+@given(
+    carrier_hz=st.floats(1000.0, 50_000.0),
+    split_hz=st.floats(3.0, 80.0),
+    sign=st.sampled_from((-1.0, 1.0)),
+    turns=st.floats(0.7, 10.0),
+)
+@settings(max_examples=15, deadline=None)
+def test_modes_of_every_split_and_quality_come_back(
+    carrier_hz: float, split_hz: float, sign: float, turns: float
+) -> None:
+    """Within a time constant the mode turns some times against the drive; the record is as long as it asks for."""
+    split_hz = min(max(split_hz, 4e-4 * carrier_hz), 0.05 * carrier_hz)
+    own_hz, lasts_s = carrier_hz - sign * split_hz, turns / split_hz
+    q, far_hz = math.pi * own_hz * lasts_s, carrier_hz - max(0.042 * carrier_hz, 6.0 * split_hz)
+    record_s = max(1.5 * lasts_s, min(4.0 / split_hz, 8.0 * lasts_s))
+    interval_s = 1.0 / (3.0 * carrier_hz)
+    t = interval_s * np.arange(round(record_s / interval_s))
+    sense = 0.5 * np.cos(2.0 * math.pi * carrier_hz * t) + ringing(t, own_hz, q, 1.0) + ringing(t, far_hz, q, 0.1)
+    near, far = fit_decays(sense + 1e-3 * np.random.default_rng(1).standard_normal(t.size), interval_s, carrier_hz)
+    assert carrier_hz - near.frequency_hz == pytest.approx(sign * split_hz, rel=1e-3)
+    assert near.q == pytest.approx(q, rel=0.01)
+    assert far.frequency_hz == pytest.approx(far_hz, rel=1e-4)
