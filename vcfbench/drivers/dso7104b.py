@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, VisaSettings, decimal, require_within, safely
-from vcfbench.errors import FramingError, InstrumentError, LimitError, MeasurementError
+from vcfbench.errors import ClippedRecord, FramingError, InstrumentError, LimitError, MeasurementError
 from vcfbench.interfaces import Waveform
 
 if TYPE_CHECKING:
@@ -251,7 +251,7 @@ class Dso7104B(ScpiInstrument):
         missing = int((codes == _HOLE).sum())
         if clipped or missing:
             raise self._error(
-                MeasurementError,
+                ClippedRecord if clipped else MeasurementError,
                 f"{source}: {clipped} of {codes.size} points are clipped, {missing} are missing",
                 hint="choose a larger scale or another offset",
             )

@@ -200,7 +200,7 @@ PHASE_HOLDS = (
 @framed(energised, drive_seen, held_at_rest)
 def plan(settings: BandwidthSettings) -> steps.Plan:
     """Sweep the sine over all frequencies, find the split, and go closely about it."""
-    found = yield from sweep(settings)
+    found, _ = yield from sweep(settings)
     yield from phases_of(settings, settings.sine_amplitude_v, found)
 
 
@@ -208,10 +208,14 @@ Responses = list[tuple[float, steps.SineResponse]]
 """Frequency (Hz) and what was sampled there."""
 
 
-def sweep(settings: BandwidthSettings) -> Routine[Responses]:
-    """Measure the drive frequency, to which Q is in proportion, then the responses; V_Vc is left a sine."""
+def sweep(settings: BandwidthSettings) -> Routine[tuple[Responses, float]]:
+    """Measure the drive frequency, to which Q is in proportion, then the responses; V_Vc is left a sine.
+
+    Both are returned, the frequency as the bench file foresees it where there is no oscilloscope.
+    """
+    drive_hz = settings.drive.foreseen[0]
     if settings.station.oscilloscope is not None:
-        yield from oscilloscope.capture_drive(settings)
+        drive_hz = (yield from oscilloscope.capture_drive(settings)).frequency_hz
     yield steps.ConfigureMeter(float(settings.meter_range_v), sampling.NPLC)
     yield from v_vc_on()
     yield steps.Note("The sine at frequencies far apart")
@@ -221,7 +225,7 @@ def sweep(settings: BandwidthSettings) -> Routine[Responses]:
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     found += yield from _respond(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    return found
+    return found, drive_hz
 
 
 def _respond(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> Routine[Responses]:

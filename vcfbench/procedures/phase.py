@@ -276,11 +276,13 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
     )
 
 
-_SPACING_S = 0.5
-"""Between two records: four time constants of the sense modes, whose noise swings at the mode split."""
+_SPACINGS = 4.0
+"""Spacings of two records in what the gyroscope takes to settle: some four time constants of the sense modes, whose
+noise swings at the mode split."""
 _NEVER_REACHED = 1.5
 """A trigger level over the amplitude that is never reached, and still on a screen of eight divisions and a little."""
-_ROTATION_POINTS = 10_000
+_A_PERIOD = 5.0
+"""Points in a period of the drive while the sense signal turns."""
 _TURNS = 4.0
 """Least turns of the sense signal against the drive in a record."""
 
@@ -289,50 +291,53 @@ _TURNS = 4.0
 def plan(settings: PhaseSettings) -> steps.Plan:
     """Take records at both signs of rate, V_Vc and difference, until every phase is known well enough."""
     yield from v_vc_on()
-    shown_v, turning_v, drive_hz = yield from _scales(settings)
+    drive, shown_v, turning_v = yield from _scales(settings)
     states: list[tuple[CaptureSense, SineRecords]] = []
     turned: list[RotationRecord] = []
     for cycle in range(1, settings.most_cycles + 1):
         yield steps.Note(f"Cycle {cycle}")
         signs = (1.0, -1.0) if cycle % 2 else (-1.0, 1.0)
-        states += yield from _static(settings, signs, shown_v)
-        turned += yield from _rotations(settings, signs, turning_v, drive_hz)
+        states += yield from _static(settings, signs, shown_v, drive)
+        turned += yield from _rotations(settings, signs, turning_v, drive.frequency_hz)
         if cycle >= LEAST_CYCLES and phases_of(settings, states, turned).target_met:
             return
 
 
-def _scales(settings: PhaseSettings) -> Routine[tuple[tuple[float, ...], tuple[float, ...], float]]:
-    """Find the largest amplitudes of all states (drive, carrier, sense; drive, sense, output), and the drive frequency.
+def _scales(settings: PhaseSettings) -> Routine[tuple[SineRecord, tuple[float, ...], tuple[float, ...]]]:
+    """Measure the drive, then find the largest amplitudes of all states (drive, carrier, sense; drive, sense, output).
 
     All states are seen at one scale; V_Vc shall have twice the drive frequency and a little.
     """
     yield steps.Note("The largest signals of all states, which set the scales")
-    yield _fast(settings)
+    (drive_v,) = yield from amplitudes(settings, settings.station.channel_of("drive"))
+    drive = yield from oscilloscope.capture_drive(settings, drive_v, settings.records)
+    yield _fast(settings, drive.frequency_hz)
     shown_v: tuple[float, ...] = (0.0, 0.0, 0.0)
     turning_v, previous_deg_s = shown_v, 0.0
     channels = channels_of(settings, "carrier", "sense")
     for rate_deg_s, v_vc_v in _states(settings, (1.0, -1.0)):
         yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
-        shown_v, previous_deg_s = tuple(map(max, shown_v, (yield from amplitudes(*channels)))), rate_deg_s
+        shown_v, previous_deg_s = tuple(map(max, shown_v, (yield from amplitudes(settings, *channels)))), rate_deg_s
     yield from _go(settings, 0.0, 0.0, previous_deg_s)
-    drive_hz = yield from oscilloscope.capture_drive(settings, shown_v[0], settings.records)
     yield steps.Note("The largest signals under the sines beside twice the drive frequency")
-    yield _slow(settings)
+    slow = _slow(settings)
+    yield slow
     channels = channels_of(settings, "sense", "output")
+    points = oscilloscope.points_that_show(10.0 * slow.timebase_s_per_div, drive.frequency_hz)
     for sign in (1.0, -1.0):
-        yield from set_sine(settings, 2.0 * drive_hz + sign * settings.difference_hz, settings.sine_amplitude_v)
-        turning_v = tuple(map(max, turning_v, (yield from amplitudes(*channels))))
+        turning_hz = 2.0 * drive.frequency_hz + sign * settings.difference_hz
+        yield from set_sine(settings, turning_hz, settings.sine_amplitude_v)
+        turning_v = tuple(map(max, turning_v, (yield from amplitudes(settings, *channels, points=points))))
     yield from v_vc_level_again()
-    return shown_v, turning_v, drive_hz
+    return drive, shown_v, turning_v
 
 
-def _fast(settings: PhaseSettings, drive_v: float = 0.0) -> steps.ConfigureScope:
+def _fast(settings: PhaseSettings, drive_hz: float, drive_v: float = 0.0) -> steps.ConfigureScope:
     """Return the time base that shows some ten periods of the drive, with points enough for each.
 
     The trigger is beyond the drive's amplitude `drive_v`, where that is known: records that begin anywhere have other
     errors of rounding each, which average out and are in the scatter.
     """
-    drive_hz = fmean(settings.drive.frequency_hz)
     channel = settings.station.channel_of("drive")
     return steps.ConfigureScope(one_two_five(1.0 / drive_hz), channel, _NEVER_REACHED * drive_v)
 
@@ -355,18 +360,17 @@ def _go(settings: PhaseSettings, rate_deg_s: float, v_vc_v: float, previous_deg_
 
 
 def _static(
-    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...]
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...], drive: SineRecord
 ) -> Routine[list[tuple[CaptureSense, SineRecords]]]:
     """Take the records of a cycle's states, table and V_Vc at rest afterwards."""
-    yield _fast(settings, shown_v[0])
-    channels, drive = channels_of(settings, "carrier", "sense"), settings.drive
-    levels_v = (fmean(drive.amplitude_v),) * 2
-    taken, previous_deg_s = [], 0.0
+    yield _fast(settings, drive.frequency_hz, shown_v[0])
+    channels, levels_v = channels_of(settings, "carrier", "sense"), drive.amplitudes_v * 2
+    taken, previous_deg_s, spacing_s = [], 0.0, settings.settle_s / _SPACINGS
     for rate_deg_s, v_vc_v in _states(settings, signs):
         yield from _go(settings, rate_deg_s, v_vc_v, previous_deg_s)
         sense_deg = math.copysign(90.0, rate_deg_s + v_vc_v)
-        expected = SineRecord(fmean(drive.frequency_hz), (*levels_v, 1.0), (0.0, -90.0, sense_deg))
-        step = CaptureSense(channels, shown_v, settings.records, expected, _SPACING_S, rate_deg_s, v_vc_v)
+        expected = SineRecord(drive.frequency_hz, (*levels_v, 1.0), (0.0, -90.0, sense_deg))
+        step = CaptureSense(channels, shown_v, settings.records, expected, spacing_s, rate_deg_s, v_vc_v)
         taken.append((step, answer((yield step), SineRecords)))
         previous_deg_s = rate_deg_s
     yield from _go(settings, 0.0, 0.0, previous_deg_s)
@@ -377,13 +381,16 @@ def _rotations(
     settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...], drive_hz: float
 ) -> Routine[list[RotationRecord]]:
     """Take the records of a cycle's sines."""
-    yield _slow(settings)
+    slow = _slow(settings)
+    yield slow
     channels = channels_of(settings, "sense", "output")
+    highest_hz = drive_hz + settings.difference_hz
+    points = oscilloscope.points_over(10.0 * slow.timebase_s_per_div, highest_hz, _A_PERIOD)
     taken: list[RotationRecord] = []
     for sign in signs:
         offset_hz, count = sign * settings.difference_hz, settings.rotation_records
         yield from set_sine(settings, 2.0 * drive_hz + offset_hz, settings.sine_amplitude_v)
-        step = steps.CaptureRotations(channels, shown_v, count, _ROTATION_POINTS, offset_hz, drive_hz)
+        step = steps.CaptureRotations(channels, shown_v, count, points, offset_hz, drive_hz)
         taken += answer((yield step), Rotations).records
     yield from v_vc_level_again()
     return taken

@@ -5,6 +5,7 @@ records of the oscilloscope. The sweep is that of :mod:`vcfbench.procedures.band
 holds it at resonance.
 """
 
+import math
 from collections.abc import Sequence
 from statistics import fmean
 from typing import Annotated, ClassVar
@@ -14,26 +15,45 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode, fit_decays, fit_release
 from vcfbench.analysis.sine_fit import fit_sine
-from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
+from vcfbench.errors import ClippedRecord, ConfigError, MeasurementError
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage, Waveform
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.measurand import Measurand, difference, mean_of_records, measurand
-from vcfbench.procedures.shared.oscilloscope import amplitudes, frequency_of
+from vcfbench.procedures.shared.oscilloscope import (
+    amplitudes,
+    as_expected,
+    frequency_of,
+    points_over,
+    points_that_show,
+)
 from vcfbench.records.devices import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
-from vcfbench.steps.scope import scale_v_per_div
+from vcfbench.steps.scope import interval_of, scale_v_per_div
 from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer, does
 
-_SENSE_RECORD, _DRIVE_RECORD = (0.05, 20_000), (0.02, 50_000)
-"""Time base (s/div) and points of the records: half a second and a fifth."""
+_DRIVE_RECORD = 0.02, 50_000
+"""Time base (s/div) and points of the drive's record: a fifth of a second, in which the rails fall; five points in a
+period of 50 kHz."""
+_LENGTH = 4.0
+"""Of a record of the sense modes, in time constants."""
+_FIRST_S = 0.1
+"""Time constant that a first record is meant for, before any is known."""
+_BEATS, _LONGEST = 4.0, 8.0
+"""Beats with the drive in a record, where that is no more than so many time constants."""
+_ROOM = 5.0
+"""Times by which a record may be longer than it need be."""
+_A_PERIOD = 6.0
+_LOOKS = 8
+"""Ring-downs by which length and scale of the records are found, at most."""
 
 
 class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
@@ -46,14 +66,19 @@ class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
     drive_ring_downs: Annotated[int, ranged(3, 1000, "ring-downs of the drive, rails off and on")] = 6
 
 
-class SenseDecay(StepResult, Struct, frozen=True):
-    """The drive frequency in one record, and the modes that rang down in it, the strongest first."""
+class SenseDecay(StepResult, Struct, frozen=True, omit_defaults=True):
+    """The drive frequency in one record, and the modes that rang down in it, the strongest first.
+
+    `trouble` says why none were seen, and `clipped` which channels were beyond their screens; empty otherwise.
+    """
 
     drive_hz: float
     modes: tuple[RingingMode, ...]
+    trouble: str = ""
+    clipped: tuple[int, ...] = ()
 
     def describe(self) -> str:
-        return ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
+        return self.trouble or ", ".join(f"{mode.frequency_hz:.2f} Hz with Q {mode.q:.4g}" for mode in self.modes)
 
 
 @does(Effect.MEASURES, "waveforms", overhead_s=2.0)
@@ -70,15 +95,27 @@ class CaptureDecay(Step, Struct, frozen=True):
         return "oscilloscope: the sense modes ring down"
 
     def perform(self, context: Context) -> SenseDecay:
-        """Capture, download and fit; MeasurementError: a record is clipped; ConfigError: nothing rings down."""
+        """Capture, download and fit; what is clipped or does not ring down is an answer too: nothing comes twice."""
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))
         scope.acquire(*self.channels)
-        drive, sense = (scope.waveform(channel, self.points) for channel in self.channels)
-        interval_s = float(drive.time_s[1] - drive.time_s[0])
+        taken: list[Waveform] = []
+        clipped: list[int] = []
+        for channel in self.channels:
+            try:
+                taken.append(steps.downloaded(context, channel, self.points))
+            except ClippedRecord:
+                clipped.append(channel)
+        if clipped:
+            return SenseDecay(0.0, (), "more than the screen shows", tuple(clipped))
+        drive, sense = taken
+        interval_s = interval_of(drive, self.expected.drive_hz)
         drive_hz = fit_sine(drive.voltage_v, interval_s).frequency_hz
-        return SenseDecay(drive_hz, fit_decays(sense.voltage_v, interval_s, drive_hz))
+        try:
+            return SenseDecay(drive_hz, fit_decays(sense.voltage_v, interval_s, drive_hz))
+        except ConfigError as error:
+            return SenseDecay(drive_hz, (), error.what)
 
     def predict(self, gyro: LinearGyro) -> SenseDecay:
         return self.expected
@@ -164,21 +201,20 @@ NOT_HELD = (
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
-    yield from sweep(settings)
+    _, drive_hz = yield from sweep(settings)
     yield steps.Note("The sense modes ring down as V_Vc is switched off")
     yield from routines.v_vc_level_again()
-    expected_hz, splits_hz = fmean(settings.drive.frequency_hz), (settings.split_guess_hz, settings.in_phase_split_hz)
-    expected = SenseDecay(expected_hz, tuple(RingingMode(expected_hz - each, 1000.0, 1.0) for each in splits_hz))
-    decays = yield from ring_downs(
-        settings, settings.ring_down_v_vc_v, settings.sense_ring_downs, _SENSE_RECORD, expected
-    )
+    splits_hz = settings.split_guess_hz, settings.in_phase_split_hz
+    expected = SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in splits_hz))
+    v_vc_v, count = settings.ring_down_v_vc_v, settings.sense_ring_downs
+    decays = yield from ring_downs(settings, v_vc_v, count, _LENGTH, expected)
     drive_hz = fmean(each.drive_hz for each in decays)
     yield steps.Note("The drive rings down as the rails are switched off")
     channel = settings.station.channel_of("drive")
     seconds_a_division, points = _DRIVE_RECORD
     yield steps.DisableVvc()
     yield steps.ConfigureScope(seconds_a_division, channel)
-    (drive_v,) = yield from amplitudes(channel)
+    (drive_v,) = yield from amplitudes(settings, channel, points=points_that_show(10.0 * seconds_a_division, drive_hz))
     rails = routines.rails_of(settings)
     for number in range(settings.drive_ring_downs):
         if number:
@@ -189,25 +225,70 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
 
 
 def ring_downs(
-    settings: ProcedureSettings, v_vc_v: float, count: int, record: tuple[float, int], expected: SenseDecay
+    settings: ProcedureSettings, v_vc_v: float, count: int, length: float, expected: SenseDecay
 ) -> Routine[list[SenseDecay]]:
-    """Switch V_Vc off `count` times, and fit what rings down; `record` is time base (s/div) and points."""
+    """Switch V_Vc off until the records fit what rings down, and then `count` times; return the last `count`.
+
+    A record shall be `length` time constants of the mode that is nearest to the drive long, and show some beats of the
+    two; a signal that is more than the screen shows is shown at twice the scale. `expected` has the drive frequency.
+
+    Raises:
+        MeasurementError: nothing rings down, whatever is tried, or the drive is not at the expected frequency.
+    """
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
-    seconds_a_division, points = record
-    yield steps.ConfigureScope(seconds_a_division, channels[0])
+    drive_hz = expected.drive_hz
+    s_per_div = one_two_five(length * _FIRST_S / 10.0)
+    shown_v: tuple[float, ...] = ()
+    yield steps.ConfigureScope(s_per_div, channels[0])
     found: list[SenseDecay] = []
-    for _ in range(count):
+    for _ in range(_LOOKS + count):
         yield from routines.set_v_vc(settings, v_vc_v)
-        if not found:
-            drive_v, sense_v = yield from amplitudes(*channels)
+        if not shown_v:
+            points = points_that_show(10.0 * s_per_div, drive_hz)
+            shown_v = yield from amplitudes(settings, *channels, points=points)
         yield steps.SetVvc(0.0)
-        found.append(answer((yield CaptureDecay(channels, (drive_v, sense_v), points, expected)), SenseDecay))
-    return found
+        points = points_over(10.0 * s_per_div, drive_hz, _A_PERIOD)
+        seen = answer((yield CaptureDecay(channels, (shown_v[0], shown_v[1]), points, expected)), SenseDecay)
+        wanted = _s_per_div(seen, length, s_per_div)
+        if seen.clipped:
+            found, shown_v = (
+                [],
+                tuple(v * (1 + (each in seen.clipped)) for v, each in zip(shown_v, channels, strict=True)),
+            )
+        elif not found and not wanted <= s_per_div <= _ROOM * wanted:
+            s_per_div = wanted
+            yield steps.ConfigureScope(s_per_div, channels[0])
+        elif seen.trouble:
+            break
+        else:
+            as_expected(settings, seen.drive_hz)
+            found.append(seen)
+        if len(found) == count:
+            return found
+    raise MeasurementError(
+        f"the sense modes are not seen to ring down as V_Vc is switched off: {seen.trouble or 'each time otherwise'}",
+        instrument="oscilloscope",
+        hint="look at the leads of V_Vc and of the sense signal; a long time constant needs a longer settle_s",
+    )
+
+
+def _s_per_div(seen: SenseDecay, length: float, s_per_div: float) -> float:
+    """Return the time base that fits what rang down; ten times as long where nothing did."""
+    if not seen.modes:
+        return s_per_div if seen.clipped else 10.0 * s_per_div
+    near = min(seen.modes, key=lambda mode: abs(mode.frequency_hz - seen.drive_hz))
+    lasts_s, beat_s = near.q / (math.pi * near.frequency_hz), 1.0 / abs(near.frequency_hz - seen.drive_hz)
+    return one_two_five(max(length * lasts_s, min(_BEATS * beat_s, _LONGEST * lasts_s)) / 10.0)
+
+
+def rang_down(measured: Measured, count: int) -> list[SenseDecay]:
+    """Return the last `count` ring-downs: those before were for length and scale of the records."""
+    return [found for _, found in measured.found(SenseDecay)][-count:]
 
 
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
     """Combine the records of each way, and compare the ways."""
-    decays = [found for _, found in measured.found(SenseDecay)]
+    decays = rang_down(measured, settings.sense_ring_downs)
     released = [found for _, found in measured.found(DriveDecay)]
     return combined(band_of(settings, measured), decays, released)
 

@@ -303,6 +303,11 @@ class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against it")] = (-180.0, 180.0)
     start_up_s: Annotated[bounds.StartUp, bounds.said("time given to the drive loop after power-on")] = 5.0
 
+    @property
+    def foreseen(self) -> tuple[float, float, float]:
+        """Frequency (Hz), amplitude (V) and phase (deg) with which a dry run answers; a run measures them."""
+        return _middle(self.frequency_hz), _middle(self.amplitude_v), _middle(self.phase_deg)
+
 
 class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The settings that all procedures share; the defaults are the paper's.

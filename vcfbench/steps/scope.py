@@ -1,10 +1,11 @@
 """Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
 
+from collections.abc import Callable, Sequence
 from statistics import fmean
 
 from msgspec import Struct
 
-from vcfbench.errors import MeasurementError
+from vcfbench.errors import ClippedRecord, MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, Waveform
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does
@@ -18,6 +19,67 @@ _LEAST_V = 0.01
 def scale_v_per_div(amplitude_v: float) -> float:
     """Return the vertical scale, V/div, that shows an amplitude with a third to spare."""
     return max(amplitude_v, _LEAST_V) / _DIVISIONS
+
+
+def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
+    """Download what `channel` shows; the record stands, so that it can be asked for twice."""
+    return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
+
+
+_MOST_V = 15.0
+"""No node exceeds the rails, which are 15 V at most: a third more, and every probe shows it."""
+_A_PERIOD = 2.1
+"""Points in a period of the fastest sine, at least: with two it may be any other."""
+
+
+class Screen:
+    """Channels of an oscilloscope, each at a scale that shows its amplitude."""
+
+    def __init__(self, context: Context, channels: Sequence[int], amplitudes_v: Sequence[float]) -> None:
+        self._context = context
+        self._shown_v = dict(zip(channels, amplitudes_v, strict=True))
+        for channel in channels:
+            self._show(channel)
+
+    def _show(self, channel: int) -> None:
+        self._context.bench.oscilloscope.configure_channel(channel, scale_v_per_div(self._shown_v[channel]))
+
+    def record(self, acquire: Callable[[], None], points: int = 1000) -> list[Waveform]:
+        """Acquire and download all channels; a channel that comes clipped is shown at twice the scale, and all again.
+
+        Raises:
+            ClippedRecord: at the scale of the largest voltage that there is.
+        """
+        while True:
+            acquire()
+            found: list[Waveform] = []
+            for channel, shown_v in self._shown_v.items():
+                try:
+                    found.append(downloaded(self._context, channel, points))
+                except ClippedRecord:
+                    if shown_v >= _MOST_V:
+                        raise
+                    self._shown_v[channel] = min(2.0 * max(shown_v, _LEAST_V), _MOST_V)
+                    self._show(channel)
+                    break
+            else:
+                return found
+
+
+def interval_of(record: Waveform, highest_hz: float) -> float:
+    """Return the spacing of a record's points, s.
+
+    Raises:
+        MeasurementError: they are too far apart for a sine of `highest_hz`, and would show another one.
+    """
+    interval_s = float(record.time_s[1] - record.time_s[0])
+    if _A_PERIOD * highest_hz * interval_s > 1.0:
+        raise MeasurementError(
+            f"points every {interval_s:.3g} s do not tell a sine of {highest_hz:.6g} Hz from a slower one",
+            instrument="oscilloscope",
+            hint="is its memory as deep as its model's, and is it shared with segments or other channels?",
+        )
+    return interval_s
 
 
 class ScopeReady(StepResult, Struct, frozen=True):
@@ -75,11 +137,6 @@ class ConfigureScope(Step, Struct, frozen=True):
 
     def predict(self, gyro: LinearGyro) -> ScopeReady:
         return ScopeReady(0.0)
-
-
-def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
-    """Download what `channel` shows; the record stands, so that it can be asked for twice."""
-    return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
 
 
 @does(Effect.CHECKS, "drive signal", overhead_s=0.4)
@@ -200,19 +257,21 @@ class CaptureSines(Step, Struct, frozen=True):
         return max(0.2 * len(self.channels), self.spacing_s) * self.count
 
     def perform(self, context: Context) -> SineRecords:
-        """Take, download and fit them; MeasurementError: a record is clipped; ConfigError: there is no sine in one."""
-        scope = context.bench.oscilloscope
-        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
-            scope.configure_channel(channel, amplitude_v / _DIVISIONS)
-        return SineRecords(self.channels, tuple(self._record(context) for _ in range(self.count)))
+        """Take, download and fit them.
 
-    def _record(self, context: Context) -> SineRecord:
+        Raises:
+            MeasurementError: a record is clipped at the largest scale.
+            ConfigError: there is no sine in one.
+        """
+        screen = Screen(context, self.channels, self.amplitudes_v)
+        return SineRecords(self.channels, tuple(self._record(context, screen) for _ in range(self.count)))
+
+    def _record(self, context: Context, screen: Screen) -> SineRecord:
         from vcfbench.analysis.sine_fit import fit_sine, phase_difference  # noqa: PLC0415  # NumPy, needed here alone
 
         clock = context.bench.clock
         next_s = clock.now() + self.spacing_s
-        self.acquire(context.bench.oscilloscope)
-        taken = [downloaded(context, channel) for channel in self.channels]
+        taken = screen.record(lambda: self.acquire(context.bench.oscilloscope))
         interval_s = float(taken[0].time_s[1] - taken[0].time_s[0])
         first = fit_sine(taken[0].voltage_v, interval_s)
         others = [
@@ -262,12 +321,13 @@ _DIGIT = 8.0 / 256.0
 
 
 @does(Effect.MEASURES, "waveforms", overhead_s=1.0)
-class FindAmplitudes(Step, Struct, frozen=True):
+class FindAmplitudes(Step, Struct, frozen=True, omit_defaults=True):
     """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
 
     channels: tuple[int, ...]
     largest_v: float
     expected_v: float
+    points: int = 1000
 
     def describe(self) -> str:
         return f"oscilloscope: find channels {', '.join(map(str, self.channels))}, up to {self.largest_v:g} V"
@@ -276,16 +336,14 @@ class FindAmplitudes(Step, Struct, frozen=True):
         """Look twice, so that an offset error of the first scale does not count.
 
         Raises:
-            MeasurementError: a channel shows more than `largest_v` by a third.
+            MeasurementError: a channel is clipped at the largest scale.
         """
         scope = context.bench.oscilloscope
         levels_v = [self.largest_v] * len(self.channels)
         for _ in range(2):
             scales = [scale_v_per_div(level_v) for level_v in levels_v]
-            for channel, scale in zip(self.channels, scales, strict=True):
-                scope.configure_channel(channel, scale)
-            scope.acquire(*self.channels)
-            seen_v = [float(abs(downloaded(context, channel).voltage_v).max()) for channel in self.channels]
+            taken = Screen(context, self.channels, levels_v).record(lambda: scope.acquire(*self.channels), self.points)
+            seen_v = [float(abs(each.voltage_v).max()) for each in taken]
             levels_v = [max(level_v, _DIGIT * scale) for level_v, scale in zip(seen_v, scales, strict=True)]
         return Amplitudes(self.channels, tuple(levels_v))
 
@@ -337,18 +395,33 @@ class CaptureRotations(Step, Struct, frozen=True):
         return self.count * (4.0 / abs(self.difference_hz) + 1.0)
 
     def perform(self, context: Context) -> Rotations:
-        """Take, download and fit them; MeasurementError: a record is clipped; ConfigError: nothing in it turns."""
-        scope = context.bench.oscilloscope
-        for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
-            scope.configure_channel(channel, scale_v_per_div(amplitude_v))
-        return Rotations(tuple(self._record(context) for _ in range(self.count)))
+        """Take, download and fit them.
 
-    def _record(self, context: Context) -> RotationRecord:
+        Raises:
+            MeasurementError: a record is clipped at the largest scale, or its points are too far apart.
+            ConfigError: nothing in it turns.
+        """
+        screen = Screen(context, self.seen, self.amplitudes_v[: len(self.seen)])
+        return Rotations(tuple(self._record(context.bench.oscilloscope, screen) for _ in range(self.count)))
+
+    @property
+    def seen(self) -> tuple[int, ...]:
+        """The channels that are looked at."""
+        return self.channels
+
+    def taken(self, scope: Oscilloscope, screen: Screen) -> tuple[list[Waveform], float]:
+        """Take one record; return what each channel showed, and the spacing of the points, s."""
+        taken = screen.record(lambda: self.acquire(scope), self.points)
+        return taken, interval_of(taken[0], self.drive_hz + max(0.0, self.difference_hz))
+
+    def acquire(self, scope: Oscilloscope) -> None:
+        """Have one record taken."""
+        scope.acquire(*self.seen)
+
+    def _record(self, scope: Oscilloscope, screen: Screen) -> RotationRecord:
         from vcfbench.analysis.rotating import fit_rotation  # noqa: PLC0415  # NumPy, needed here alone
 
-        context.bench.oscilloscope.acquire(*self.channels)
-        drive, sense, output = (downloaded(context, channel, self.points) for channel in self.channels)
-        interval_s = float(drive.time_s[1] - drive.time_s[0])
+        (drive, sense, output), interval_s = self.taken(scope, screen)
         found = fit_rotation(drive.voltage_v, sense.voltage_v, output.voltage_v, interval_s, self.difference_hz)
         return RotationRecord(found.drive_hz, found.difference_hz, found.reference_deg, found.turning, found.output)
 

@@ -11,8 +11,8 @@ from msgspec import structs
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.plan import CaptureFar, Modes, level_v, middle_of, modes_of
-from vcfbench.procedures.resonance import SenseDecay
+from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level_v, middle_of, modes_of
+from vcfbench.procedures.resonance import rang_down
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
@@ -64,7 +64,7 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     Raises:
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
-    decays = [found for _, found in measured.found(SenseDecay)]
+    decays = rang_down(measured, RING_DOWNS)
     if not decays:
         return {}
     placed = settings.station.instruments["oscilloscope"]

@@ -18,17 +18,25 @@ from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import AveragesWaveforms, SetsSine, lacking
+from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.resonance import SenseDecay, ring_downs
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, channels_of
+from vcfbench.procedures.shared.oscilloscope import (
+    CaptureSense,
+    amplitudes,
+    capture_drive,
+    channels_of,
+    points_over,
+    points_that_show,
+)
 from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_vc_level_again, v_vc_on
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
 from vcfbench.steps.drive_check import one_two_five
-from vcfbench.steps.step import Context, Routine
+from vcfbench.steps.scope import Screen
+from vcfbench.steps.step import Routine
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
@@ -94,9 +102,9 @@ def middle_of(found: Sequence[Modes]) -> Modes:
 
 
 _LEVEL_V = 0.7
-_RING_DOWNS = 6
-_RING_DOWN_RECORD = (0.02, 5_000)
-"""Time base (s/div) and points: a fifth of a second, twice the time constant of a good mode."""
+RING_DOWNS: Final = 6
+_LENGTH = 1.5
+"""Of their records, in time constants of the mode that measures."""
 _MEANS, _PERIODS = 12, 3.0
 """Means of drive and carrier, and periods in their records: short ones come the faster."""
 _HIGHEST = 0.8
@@ -104,8 +112,8 @@ _HIGHEST = 0.8
 converter's steps, which no noise of a mean hides, differ in each; from one place they would all err by 20 ppm."""
 _STATES = (1.0, -1.0, -1.0, 1.0)
 _RECORDS = 4
-_SPACING_S = 0.5
-"""Between two records: four time constants of the sense modes, whose noise swings at the mode split."""
+_APART = 4.0
+"""Between two records: so many time constants of the sense modes, whose noise swings at the mode split."""
 _NEAR_HZ, _OF_SPLIT = 8.0, 1.0 / 3.0
 """By which the sine is off twice the drive frequency: the smaller of this and of that share of the split."""
 _OF_DRIVE = 0.43
@@ -115,8 +123,9 @@ _SPLITS_HZ, _Q, _SHARE = (25.0, 150.0), 1200.0, 0.15
 """Values for a dry run: splits and Q of both modes of the paper's class, and the share of the in-phase one."""
 _NEAR_RECORDS, _FAR_RECORDS = 2, 3
 _A_PERIOD = 2.3
-"""Points in a period of the drive, at least: two would be too few. Oscilloscopes give 1, 2 or 5 times 10^n of them."""
-_FAR_POINTS, _FAR_S_PER_DIV = 10_000, 5e-3
+"""Points in a period of the drive, at least: two would be too few."""
+_FAR_PERIODS, _FAR_A_PERIOD = 100.0, 30.0
+"""The same of the sine far from the modes, and the periods of the drive in its records."""
 
 
 class CaptureFar(steps.CaptureRotations, frozen=True):
@@ -125,14 +134,18 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
     The last of `channels` is not looked at.
     """
 
-    def _record(self, context: Context) -> steps.RotationRecord:
-        scope, (first, second, _) = context.bench.oscilloscope, self.channels
+    @property
+    def seen(self) -> tuple[int, ...]:
+        return self.channels[:2]
+
+    def acquire(self, scope: Oscilloscope) -> None:
         if isinstance(scope, AveragesWaveforms):  # a feed-through that matters is a ten-thousandth of the screen
-            scope.acquire_fine(first, second)
+            scope.acquire_fine(*self.seen)
         else:
-            scope.acquire(first, second)
-        drive, sense = (steps.downloaded(context, channel, self.points) for channel in (first, second))
-        interval_s = float(drive.time_s[1] - drive.time_s[0])
+            scope.acquire(*self.seen)
+
+    def _record(self, scope: Oscilloscope, screen: Screen) -> steps.RotationRecord:
+        (drive, sense), interval_s = self.taken(scope, screen)
         found = fit_rotation(drive.voltage_v, sense.voltage_v, drive.voltage_v, interval_s, self.difference_hz)
         return steps.RotationRecord(found.drive_hz, found.difference_hz, 0.0, found.turning, 0.0)
 
@@ -166,24 +179,29 @@ def examined(
         return
     yield steps.Note("Health: what K_Vc depends on, by the oscilloscope")
     yield from v_vc_on()
-    expected = _expected(fmean(settings.drive.frequency_hz))
+    (drive_v,) = yield from amplitudes(settings, settings.station.channel_of("drive"))
+    seen = yield from capture_drive(settings, drive_v)
+    expected = _expected(seen.frequency_hz)
     foreseen = SenseDecay(expected.drive_hz, (expected.anti_phase, expected.in_phase))
-    decays = yield from ring_downs(settings, level_v(settings), _RING_DOWNS, _RING_DOWN_RECORD, foreseen)
+    decays = yield from ring_downs(settings, level_v(settings), RING_DOWNS, _LENGTH, foreseen)
     modes = [modes_of(each) for each in decays][-1]
     split_hz, drive_hz = abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
-    yield from _at_both_signs(settings)
+    lasts_s = modes.anti_phase.q / (math.pi * modes.anti_phase.frequency_hz)
+    yield from _at_both_signs(settings, drive_hz, seen.amplitudes_v[0], one_two_five(_APART * lasts_s))
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
-    near_points = round(one_two_five(_A_PERIOD * drive_hz * 10.0 * near_s_per_div))
+    far_s_per_div = one_two_five(_FAR_PERIODS / drive_hz / 10.0)
+    near_points = points_over(10.0 * near_s_per_div, drive_hz + near_hz, _A_PERIOD)
+    far_points = points_over(10.0 * far_s_per_div, (1.0 + _OF_DRIVE) * drive_hz, _FAR_A_PERIOD)
     near, far = channels_of(settings, "sense", "output"), channels_of(settings, "sense", "carrier")
     for kind, channels, s_per_div, count, points, off_hz in (
         (steps.CaptureRotations, near, near_s_per_div, _NEAR_RECORDS, near_points, near_hz),
-        (CaptureFar, far, _FAR_S_PER_DIV, _FAR_RECORDS, _FAR_POINTS, _OF_DRIVE * drive_hz),
+        (CaptureFar, far, far_s_per_div, _FAR_RECORDS, far_points, _OF_DRIVE * drive_hz),
     ):
         yield steps.ConfigureScope(s_per_div, channels[0])
         for sign in (1.0, -1.0):  # V_Vc turns the sense signal against the drive
             yield from set_sine(settings, 2.0 * drive_hz + sign * off_hz, 2.0 * level_v(settings))
-            shown_v = yield from amplitudes(*channels)
+            shown_v = yield from amplitudes(settings, *channels, points=points_that_show(10.0 * s_per_div, drive_hz))
             yield kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
     yield from v_vc_level_again()
     yield steps.DisableVvc()
@@ -196,16 +214,18 @@ def _expected(drive_hz: float) -> Modes:
     return Modes(drive_hz, RingingMode(near, _Q, 1.0 - _SHARE), RingingMode(far, _Q, _SHARE))
 
 
-def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
-    """Take drive, carrier and sense signal at both signs of V_Vc; means of many records of the first two."""
-    drive = settings.drive
-    drive_hz, channels = fmean(drive.frequency_hz), channels_of(settings, "carrier", "sense")
+def _at_both_signs(settings: KnownVvcSettings, drive_hz: float, amplitude_v: float, spacing_s: float) -> Routine[None]:
+    """Take drive, carrier and sense signal at both signs of V_Vc; means of many records of the first two.
+
+    `drive_hz` and `amplitude_v` are the drive's.
+    """
+    channels = channels_of(settings, "carrier", "sense")
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     shown_v: tuple[float, ...] = (0.0, 0.0, 0.0)
     for sign in (1.0, -1.0):
         yield from set_v_vc(settings, sign * level_v(settings))
-        shown_v = max(shown_v, (yield from amplitudes(*channels)), key=lambda seen: seen[2])
-    amplitude_v, turned = fmean(drive.amplitude_v), 1j * _expected(drive_hz).answer(_SHARE, 0.0)
+        shown_v = max(shown_v, (yield from amplitudes(settings, *channels)), key=lambda seen: seen[2])
+    turned = 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = steps.SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
     for place in range(_MEANS):
         level = _HIGHEST * amplitude_v * (2.0 * place / (_MEANS - 1) - 1.0)
@@ -217,5 +237,5 @@ def _at_both_signs(settings: KnownVvcSettings) -> Routine[None]:
         seen = steps.SineRecord(
             drive_hz, (amplitude_v, amplitude_v, 1.0), (0.0, -90.0, math.degrees(cmath.phase(sign * turned)))
         )
-        yield CaptureSense(channels, shown_v, _RECORDS, seen, _SPACING_S, 0.0, sign * level_v(settings))
+        yield CaptureSense(channels, shown_v, _RECORDS, seen, spacing_s, 0.0, sign * level_v(settings))
     yield steps.SetVvc(0.0)

@@ -6,18 +6,30 @@ from collections.abc import Callable, Iterable, Sequence
 from statistics import fmean
 
 from vcfbench import steps
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records
 from vcfbench.station.parts import Node
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import Routine, answer
 
 TIME_BASE = 25e-6
 """DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""
 _SKEW_S = 1e-10
 """DSO7104B: delay of a channel, either way (unverified), rectangular."""
-_LARGEST_V = 10.0
-"""Voltage that no node of the PCB exceeds: its rails."""
 _DRIVE_RECORDS = 8
+_SCREEN_POINTS = 1000
+"""Of the screen itself, which is read soonest."""
+_LEAST_A_PERIOD, _MANY_POINTS = 2.5, 100_000
+"""Points in a period at least, where more would be more than so many: they take their time to come."""
+_ROUNDS = 8.0
+"""Times that the phases which a slow screen shows must go round in a record, at least."""
+
+
+def points_over(span_s: float, highest_hz: float, a_period: float) -> int:
+    """Return how many points show a sine with so many in a period: 1, 2 or 5 times 10^n of them."""
+    periods = span_s * highest_hz
+    return round(one_two_five(max(_LEAST_A_PERIOD * periods, min(a_period * periods, _MANY_POINTS))))
 
 
 class CaptureSense(steps.CaptureSines, frozen=True):
@@ -33,20 +45,53 @@ def channels_of(settings: ProcedureSettings, second: Node, third: Node) -> tuple
     return of("drive"), of(second), of(third)
 
 
-def amplitudes(*channels: int) -> Routine[tuple[float, ...]]:
-    """Look how large the signals on some channels are, V."""
-    return answer((yield steps.FindAmplitudes(channels, _LARGEST_V, 1.0)), steps.Amplitudes).amplitudes_v
+def amplitudes(settings: ProcedureSettings, *channels: int, points: int = _SCREEN_POINTS) -> Routine[tuple[float, ...]]:
+    """Look how large the signals on some channels are, V, at first on a screen for the rails, which no node exceeds."""
+    largest_v = max(settings.positive_rail_v, -settings.negative_rail_v)
+    return answer((yield steps.FindAmplitudes(channels, largest_v, 1.0, points)), steps.Amplitudes).amplitudes_v
+
+
+def points_that_show(span_s: float, drive_hz: float) -> int:
+    """Return how many points over a slow screen show how large a sine of the drive's frequency is.
+
+    Those of the screen may be too few to show the sine itself. They do show its size, unless they meet the same few of
+    its phases again and again: where four periods of the sine are close to a whole number of points.
+    """
+    points, quarters = _SCREEN_POINTS, 4.0 * drive_hz * span_s
+    while points < 2.0 * quarters and abs(math.remainder(quarters / points, 1.0)) * points < _ROUNDS:
+        points = round(one_two_five(1.1 * points))
+    return points
 
 
 def capture_drive(
     settings: ProcedureSettings, drive_v: float | None = None, records: int = _DRIVE_RECORDS
-) -> Routine[float]:
-    """Measure the drive frequency, Hz, on a screen for `drive_v`: else for the largest amplitude that is expected."""
+) -> Routine[steps.SineRecord]:
+    """Measure frequency and amplitude of the drive, on a screen for `drive_v`: else for the largest that is expected.
+
+    The time base is that of the drive's check.
+
+    Raises:
+        MeasurementError: the frequency is not the expected one.
+    """
     drive, channel = settings.drive, settings.station.channel_of("drive")
-    expected = steps.SineRecord(fmean(drive.frequency_hz), (fmean(drive.amplitude_v),), (0.0,))
+    frequency_hz, amplitude_v, _ = drive.foreseen
+    expected = steps.SineRecord(frequency_hz, (amplitude_v,), (0.0,))
     shown_v = drive.amplitude_v[1] if drive_v is None else drive_v
     found = answer((yield steps.CaptureSines((channel,), (shown_v,), records, expected)), steps.SineRecords)
-    return fmean(each.frequency_hz for each in found.records)
+    drive_hz = as_expected(settings, fmean(each.frequency_hz for each in found.records))
+    return steps.SineRecord(drive_hz, (fmean(each.amplitudes_v[0] for each in found.records),), (0.0,))
+
+
+def as_expected(settings: ProcedureSettings, drive_hz: float) -> float:
+    """Return a drive frequency that was found, Hz; MeasurementError: the bench file expects another."""
+    low_hz, high_hz = settings.drive.frequency_hz
+    if not low_hz <= drive_hz <= high_hz:
+        raise MeasurementError(
+            f"the drive was found at {drive_hz:.6g} Hz, expected {low_hz:g} to {high_hz:g} Hz (drive.frequency_hz)",
+            instrument="oscilloscope",
+            hint="is this another gyroscope, or does its loop not hold the drive at its resonance?",
+        )
+    return drive_hz
 
 
 def frequency_of(values_hz: Sequence[float], owner: str = "oscilloscope") -> Measurand:
