@@ -73,13 +73,15 @@ def test_timebase() -> None:
 
 def test_the_trigger_is_set_after_its_channel_and_read_back() -> None:
     level: Exchange = (":TRIG:EDGE:LEV?", "+2.50E-001")
-    exchanges = [*left_of(2), *CHANNEL, *TRIGGER, level, *RECORD, *RECORD, *CHANNEL, *TRIGGER, level, *RECORD]
+    finer: list[Exchange] = [(sent.replace("SCAL 0.5", "SCAL 0.2"), answer) for sent, answer in CHANNEL]  # type: ignore[union-attr, arg-type]
+    exchanges = [*left_of(2), *CHANNEL, *TRIGGER, level, *RECORD, *CHANNEL, *RECORD, *finer, *TRIGGER, level, *RECORD]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
         scope.configure_trigger(2, 0.25)
         scope.configure_channel(2, 0.5)
         scope.acquire(2)
-        scope.acquire(2)  # it is set already
         scope.configure_channel(2, 0.5)
+        scope.acquire(2)  # it is set already
+        scope.configure_channel(2, 0.2)
         scope.acquire(2)
 
 

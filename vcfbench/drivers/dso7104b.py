@@ -125,7 +125,8 @@ class Dso7104B(ScpiInstrument):
     def __init__(self, session: Session, *, probe: float = 1.0, serial_number: str | None = None) -> None:
         super().__init__(session, serial_number=serial_number)
         self._probe = probe
-        self._scales_v: dict[str, float] = {}
+        self._shown: dict[str, tuple[float, float]] = {}
+        """Scale and offset of the channels that were set, V/div and V."""
 
     @classmethod
     def opened(cls, session: Session, settings: VisaSettings) -> Self:
@@ -146,9 +147,10 @@ class Dso7104B(ScpiInstrument):
             f":{source}:SCAL {decimal(scale_v_per_div)}",
             f":{source}:OFFS {decimal(offset_v)}",
         )
-        self._scales_v[source] = scale_v_per_div
-        if self._trigger is not None and source == self._trigger[0]:
+        shown = scale_v_per_div, offset_v
+        if self._trigger is not None and source == self._trigger[0] and self._shown.get(source) != shown:
             self._armed = False  # what its level can be depends on scale and offset
+        self._shown[source] = shown
 
     def configure_timebase(self, scale_s_per_div: float) -> None:
         """Set the main time base, trigger in the centre."""
@@ -174,7 +176,8 @@ class Dso7104B(ScpiInstrument):
             ":TRIG:SWE AUTO",  # or an untriggered :DIGitize would block the instrument for good
         )
         # Three digits come back; how finely levels are set is unverified
-        step_v = 0.005 * abs(float(level)) + 0.02 * self._scales_v.get(source, self.least_scale_v)
+        scale_v, _ = self._shown.get(source, (self.least_scale_v, 0.0))
+        step_v = 0.005 * abs(float(level)) + 0.02 * scale_v
         self._read_back(":TRIG:EDGE:LEV?", level, step_v, "V", form=self.reading_form)
         self._armed = True
 
