@@ -158,9 +158,10 @@ def over_scale_factor(run: Run) -> dict[str, float]:
 
 
 def by_own_scale_factor(run: Run) -> dict[str, float]:
-    """Return u of a bias as a rate by that of the scale factor of the run."""
+    """Return u of a bias as a rate by the readings that the scale factor of the run is of."""
     scale_factor = run.values["scale_factor"]
-    return {name: abs(each.value / scale_factor.value) * scale_factor.u for name, each in run.values.items()}
+    (u,) = [abs(part.u) for part in scale_factor.parts if part.source == "readings on the table"]
+    return {name: abs(each.value / scale_factor.value) * u for name, each in run.values.items()}
 
 
 def of_curvature(run: Run) -> dict[str, float]:

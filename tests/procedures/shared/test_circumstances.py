@@ -94,13 +94,13 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
     q = {"temperature": 0.6, "warm-up": 0.4, "misalignment": 1e-3, DEMODULATOR_PHASE: 1.0}
     found = around.applied(VALUES, q)
     scale, k_vc = 1.0 + around.phases.effect("scale_factor", q), 1.0 + around.phases.effect("k_vc", q)
-    moved = 0.043 * (k_vc * scale / (1.0 - 100e-6 * 0.6) - 1.0)
+    moved = 0.043 * (1.0 / (k_vc * scale * (1.0 - 100e-6 * 0.6)) - 1.0)
     drifted = 0.01 * 1.0 + 0.5
     assert found == pytest.approx(
         {
-            "virtual.k_vc": 150.0 / 1.001 * k_vc,
-            "turntable.scale_factor": -0.0125 * 1.001 / (1.0 - 100e-6) * scale,
-            "virtual.scale_factor": -0.0127 * 1.001 / (1.0 - 100e-6) * scale,
+            "virtual.k_vc": 150.0 / 1.001 / k_vc,
+            "turntable.scale_factor": -0.0125 * 1.001 / (1.0 - 100e-6) / scale,
+            "virtual.scale_factor": -0.0127 * 1.001 / (1.0 - 100e-6) / scale,
             "turntable.bias": -0.042 + drifted * 0.0125,
             "virtual.bias": 0.001 + drifted * 0.0127 + moved,
             "virtual.bias_deg_s": (-0.08 - drifted) / 1.001 + moved / -0.0127,
