@@ -86,7 +86,7 @@ def test_drivers_understand_real_identities(model: str, identity: str) -> None:
 
 
 def test_driver_understands_a_recorded_preamble() -> None:
-    waveform = Preamble.parse(replies.numbers(PREAMBLE)).waveform(np.array([128, 2, 254], dtype=np.uint8))
+    waveform = Preamble.parse(PREAMBLE).waveform(np.array([128, 2, 254], dtype=np.uint8))
     times = waveform.time_s
     assert len(times) == 1000
     assert times[0] == pytest.approx(-100e-9)
@@ -147,7 +147,7 @@ def test_recorded_readings_are_understood_and_of_the_simulated_form(reply: str, 
 def test_a_preamble_that_is_only_a_zero_is_refused() -> None:
     """A DSO-X 2022A has answered +0 to :WAV:PRE? (https://github.com/ngscopeclient/scopehal/pull/1015)."""
     with pytest.raises(TransportError):
-        Preamble.parse(replies.numbers("+0"))
+        Preamble.parse("+0")
 
 
 @pytest.mark.parametrize(
