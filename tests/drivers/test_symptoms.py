@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -24,6 +25,7 @@ KNOWN = {
     "34401A": {"*IDN?": "HEWLETT-PACKARD,34401A,0,10-5-2", "SYST:ERR?": '+0,"No error"', "*OPC?": "1"},
     "E36312A": {"*IDN?": "Keysight Technologies,E36312A,MY1,1.0", "SYST:ERR?": '+0,"No error"', "*OPC?": "1"},
     "acl": {"*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800", ":Status:STB?": "0", ":Read:Rate? 1": "0.0"},
+    "acl u32le2": {"*IDN?": "Acutronic R&D USA,Acutrol3000,0,A8800", ":Status:STB?": "0", ":Read:Rate? 1": "0.0"},
     "esp": {
         "VE?": "ESP301 Version 3.0.1 6/1/99",
         "1TV": "0.0",
@@ -44,14 +46,17 @@ class Chatting:
     ) -> None:
         self._clock, self._known, self._quirk = clock, KNOWN[model], quirk
         self._coming = [(clock.now() + after_s, unasked)] if unasked else []
-        self._heard = ""
+        self._heard, self._counted = "", model.endswith("le2")
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         del deadline
         *whole, self._heard = (self._heard + data.decode()).replace("\r", "\n").split("\n")
         for line in filter(None, whole):
             known = self._known.get(line)
-            said = self._quirk(line, b"" if known is None else known.encode() + b"\r\n")
+            framed = b"" if known is None else f"{known}\r\n".encode()
+            if self._counted and framed:
+                framed = struct.pack("<II", 0, len(framed) - 2) + framed[:-2]
+            said = self._quirk(line, framed)
             self._coming = sorted([*self._coming, (self._clock.now() + 0.005, said)], key=lambda each: each[0])
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
@@ -78,9 +83,9 @@ def opened(model: str, quirk: Callable[[str, bytes], bytes], unasked: bytes = b"
     clock = VirtualClock()
     wire = Chatting(clock, model, quirk, unasked, after_s)
     where: Any = {"name": "role", "resource": "socket://x:1", "clock": clock, "timeout_s": 2.0}
-    if model not in ("acl", "esp"):
+    if not model.startswith(("acl", "esp")):
         return find_driver(model).driver_class(Session(wire, **where))
-    return RateTableDriver(TableLine(wire, **where), spoken(model, TableSettings())[0], TableSettings())
+    return RateTableDriver(TableLine(wire, **where), spoken(model[:3], TableSettings())[0], TableSettings())
 
 
 def echo(line: str, healthy: bytes) -> bytes:

@@ -24,6 +24,8 @@ _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
 """One item of an answer that is no block; a quoted one may hold separators (IEEE 488.2, 8.7.8)."""
 
 _PROMPT = re.compile(rb"[\w .:/-]{1,40}>(?:\s|$)")
+_NUL = re.compile(rb"^\0(?!\0)|(?<!\0)\0$")
+"""One at an end of a line; counted replies begin with several."""
 _NEGOTIATION = re.compile(rb"\xff[\xfb-\xfe]")
 """WILL, WON'T, DO or DON'T of telnet (RFC 854)."""
 
@@ -71,14 +73,14 @@ def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None
     `on_port` says whether it came over a serial port.
     """
     line = came.strip()
-    if b"\0" in line:
-        return "a NUL byte comes with the answers, adapters add one: tell it not to (Prologix: ++eot_enable 0)"
     if _NEGOTIATION.search(line):
         return "a terminal server negotiates telnet (IAC): set its port to raw TCP"
     if asked and line == asked.strip().encode("latin-1"):
         return "what was sent comes back: switch the echo off, at the instrument, the adapter or the terminal server"
     if _PROMPT.match(line):
         return "a prompt comes: this port is for people (telnet, often 5024), use that for programs (often 5025)"
+    if _NUL.search(line):
+        return "a NUL byte comes with the answers, adapters add one: tell it not to (Prologix: ++eot_enable 0)"
     if on_port and not line.isascii():
         return "is baud_rate in the bench file what the instrument's port is set to?"
     return None

@@ -95,13 +95,15 @@ class AclDialect(TableDialect):
 
     def __init__(self, settings: TableSettings) -> None:
         self.axis = settings.axis
-        self.header = settings.reply_header
+        self.header = self._told_header = settings.reply_header
         self._identity = b""
 
     # Identity and synchronisation
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
+        if not self._identity:
+            self.header = self._told_header  # what was learnt so far was learnt of no identity: of a greeting
         answer = self.ask(line, "*IDN?", deadline)
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
@@ -273,7 +275,9 @@ class AclDialect(TableDialect):
     def _body(self, line: TableLine, deadline: Deadline) -> str:
         """Return the data of the next reply that has any, or that a header says to have none."""
         if self.header == "auto":
-            first = line.take(_HEADER_BYTES, deadline)
+            first = b"\n"
+            while first[:1] in (b"\r", b"\n"):
+                first = first[1:] + line.take(_HEADER_BYTES - len(first) + 1, deadline)
             line.put_back(first)
             self.header = detect_header(first)
         body = b""

@@ -283,7 +283,14 @@ class TableLine(Conversation):
         if len(self._received) > _LONGEST_LINE:
             raise errors.FramingError(f"{len(self._received)} bytes came without an end")
         self._awaited = True
-        self._arrived(self._wire.receive(deadline)[0])
+        try:
+            self._arrived(self._wire.receive(deadline)[0])
+        except errors.DeadlineExceeded as error:
+            if self._received:  # without its end, or less than it was to be
+                self._came = self._received
+                error.what += f" but {self._received[:60]!r}"
+                error.hint = error.hint or self._cause()
+            raise
         self._awaited = False
 
     def _arrived(self, data: bytes) -> None:
