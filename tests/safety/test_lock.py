@@ -117,6 +117,28 @@ def test_the_owners_of_resources_are_told_by_number_while_they_live(holder: subp
     assert owners_of([METER, SUPPLY]) == {}
 
 
+@pytest.mark.skipif(not Path("/proc/locks").exists(), reason="the system does not tell who holds a lock")
+def test_nobody_is_ended_on_the_word_of_a_text(holder: subprocess.Popen[str], folder: Path) -> None:
+    """Everybody may lay a file there that names another's process."""
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as victim:
+        said = json.loads(lock_path(METER).read_text("utf-8"))
+        named = json.dumps({**said, "pid": victim.pid, "mark": mark_of(victim.pid)})
+        lock_path("GPIB0::10::INSTR").write_text(named, encoding="utf-8")
+        assert owners_of(["GPIB0::10::INSTR"]) == {}  # nobody holds it
+        lock_path(METER).write_text(named, encoding="utf-8")
+        assert {*owners_of([METER])} == {holder.pid}  # who holds it, whatever it says
+        folder.chmod(0o777)
+        with pytest.raises(BenchError, match=f"process {holder.pid} holds .* nothing was ended"):
+            owners_of([METER])
+        folder.chmod(0o1777)
+        assert {*owners_of([METER])} == {holder.pid}
+        if os.geteuid() == 0:
+            os.chown(lock_path(METER), 12_345, 12_345)
+            with pytest.raises(BenchError, match="the file is user 12345's and the process user 0's"):
+                owners_of([METER])
+        victim.kill()
+
+
 def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(
     holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -21,10 +21,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from msgspec import Struct, to_builtins
+from msgspec.structs import replace
 
 from vcfbench.clock import WallClock, sleep, utc_now
 from vcfbench.errors import BenchError
-from vcfbench.files import kept_from_forks, try_lock, unlock
+from vcfbench.files import holder_of, kept_from_forks, try_lock, unlock
 from vcfbench.safety.processes import dying, mark_of
 from vcfbench.station.resources import resource_key
 from vcfbench.typed import typed
@@ -37,6 +38,7 @@ _SHARED: Final = ("/run/lock", "/var/lock", "/tmp")  # noqa: S108  # made for th
 _OF_SOCKET: Final = re.compile(r"vcfbench-socket-localhost-([0-9]+)-[0-9a-f]{8}\.lock")
 _DYING_S: Final = 5.0
 """Longest wait for a process that is dying, s."""
+_BY_HAND: Final = "end it by hand, it makes its bench safe; or safe --force speaks beside it"
 _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
 
 
@@ -130,9 +132,49 @@ def _is_served(port: int) -> bool:
 
 
 def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
-    """Return by number the processes that have any of `resources` and have not ended; nothing is locked for that."""
-    signed = (_signed(lock_path(resource)) for resource in resources)
-    return {owner.pid: owner for owner in signed if owner is not None and owner.alive()}
+    """Return by number the processes that hold the locks of any of `resources`, asked of the system; none is taken.
+
+    What a file says is believed of the process alone that holds its lock, and is the file's user.
+
+    Raises:
+        BenchError: it cannot be told who holds one, or not be believed: the directory's rights, another user's file.
+    """
+    found: dict[int, Owner] = {}
+    for path in map(lock_path, resources):
+        try:
+            file = os.open(path, _FLAGS & ~os.O_RDWR | os.O_RDONLY)
+        except OSError:  # nobody has made one, or something else lies there
+            continue
+        try:
+            holder, of_file = holder_of(file), os.fstat(file)
+        except OSError:
+            raise BenchError(f"who holds {path} cannot be asked of this system", hint=_BY_HAND) from None
+        finally:
+            os.close(file)
+        if holder is None:
+            continue
+        if why := _unbelievable(path.parent, holder, of_file):
+            raise BenchError(f"process {holder} holds {path}, but {why}: nothing was ended", hint=_BY_HAND)
+        signed = _signed(path)
+        if signed is None or signed.pid != holder:
+            signed = Owner(holder, f"user {of_file.st_uid}", "", "an unknown time", "an unknown station", str(path))
+        found[holder] = replace(signed, host=socket.gethostname(), mark=mark_of(holder))
+    return found
+
+
+def _unbelievable(folder: Path, holder: int, of_file: os.stat_result) -> str:
+    """Return why the holder of a lock is not to be ended for that: anyone may have laid the file; or nothing."""
+    if sys.platform == "win32":
+        return ""
+    rights = folder.stat()
+    if rights.st_mode & (stat.S_IWGRP | stat.S_IWOTH) and not rights.st_mode & stat.S_ISVTX:
+        return f"others than their owners may lay and take away files in {folder}"
+    if rights.st_uid not in {0, os.geteuid()}:
+        return f"{folder} is user {rights.st_uid}'s"
+    with suppress(OSError):
+        user = Path(f"/proc/{holder}").stat().st_uid
+        return "" if user == of_file.st_uid else f"the file is user {of_file.st_uid}'s and the process user {user}'s"
+    return "" if of_file.st_uid == os.geteuid() else f"the file is user {of_file.st_uid}'s"
 
 
 def lock_path(resource: str) -> Path:
