@@ -7,6 +7,7 @@ import gc
 import json
 import socket
 from contextlib import ExitStack, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -323,6 +324,44 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
             with suppress(ConnectionResetError):
                 assert each.recv(1) == b""
         assert httpx.get(page.address.split("run/")[0], timeout=5.0).status_code == 200
+
+
+def test_a_stop_is_heard_at_once_in_a_flood_of_connections(tmp_path: Path) -> None:
+    """They held it away until each had had its time to ask something."""
+    with LivePage(tmp_path, tmp_path, 0) as page, ExitStack() as stack:
+        page.follow(control := RunControl())
+        address, token = page.address.split("#")
+        port = int(address.split(":")[2].split("/")[0])
+        for _ in range(400):
+            stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0))
+        clock = WallClock()
+        done = httpx.post(f"{address}/stop", headers={"X-Vcfbench-Token": token}, timeout=5.0)
+        assert (done.status_code, control.stop_by) == (200, "the page")
+        assert clock.now() < 0.5 * connections._ASKING_S
+
+
+def test_a_stop_stops_the_run_that_the_page_names_and_a_stream_stays_with_its_own(tmp_path: Path) -> None:
+    """In a sitting one run follows the other, and who looks at the first has not seen the second."""
+    with LivePage(tmp_path, tmp_path, 0) as page:
+        page.follow(first := RunControl())
+        page.view.about, page.view.version = {"run": "first"}, 1
+        address, token = page.address.split("#")
+        ask = partial(httpx.post, headers={"X-Vcfbench-Token": token}, timeout=5.0)
+        with httpx.stream("GET", f"{address}/events", timeout=5.0) as stream:
+            lines = stream.iter_lines()
+            assert next(lines) == "event: news"
+            one = page.view
+            page.follow(second := RunControl())
+            page.view.about, page.view.version = {"run": "second"}, 1
+            late = ask(f"{address}/stop", params={"run": "first"})
+            assert (late.status_code, late.text) == (409, "first is over, another run goes here now: second")
+            assert (first.stop_by, second.stop_by) == ("", "")
+            one.finished({"status": "complete", "parts": []})
+            said = "\n".join(lines)
+            assert "event: last" in said
+            assert "second" not in said
+        assert ask(f"{address}/stop", params={"run": "second"}).status_code == 200
+        assert second.stop_by == "the page"
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the descriptors of a process are counted there")

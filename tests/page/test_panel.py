@@ -59,10 +59,10 @@ def test_a_device_is_named_mounted_measured_and_judged_in_that_order(panel: Pane
     for too_early in (panel.start, lambda: panel.name("G2"), lambda: panel.answer("done")):
         with pytest.raises(ConfigError, match="the panel is at measuring"):
             too_early()
-    view = View(planned_s=60.0, t_s=12.0, began_s=2.0, doing={"what": "ramp"}, control="running")
+    view = View(planned_s=60.0, t_s=12.0, began_s=2.0, doing={"what": "ramp"}, control="running", about={"run": "R"})
     panel.begin("turntable", 1, 2, view)
     run = {"procedure": "turntable", "number": 1, "of": 2, "t_s": 10.0, "planned_s": 60.0, "doing": "ramp"}
-    assert panel.shown()["run"] == {**run, "control": "running"}
+    assert panel.shown()["run"] == {**run, "run": "R", "control": "running"}
     panel.judge("FAIL", "turntable: FAIL")
     shown = panel.shown()
     assert (shown["state"], shown["verdict"]) == ("verdict", {"word": "FAIL", "why": "turntable: FAIL", "run": None})

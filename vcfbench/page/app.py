@@ -151,9 +151,10 @@ class EventStream:
         headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         seen, silent_s, over = BrowserPosition(), 0.0, False
+        live = self._shown.live if self._name == LIVE else None  # the next run of a sitting is another
         while not over:
             closing = self._shown.closing
-            view = await run_in_threadpool(self._shown.view, self._name)
+            view = live if live is not None else await run_in_threadpool(self._shown.view, self._name)
             news = await run_in_threadpool(view.news, seen)
             end = None if news is None else news["end"]
             # nothing more will be said: the run is over, and its results are there if it has some
@@ -266,6 +267,8 @@ class _Routes:
         control, live = self._shown.control, self._shown.live
         if control is None or live is None or live.end is not None:
             raise HTTPException(409, "no run goes here any more")
+        if (named := request.query_params.get("run")) not in {None, "", (goes := str(live.about.get("run", "")))}:
+            raise HTTPException(409, f"{named} is over, another run goes here now: {goes}")
         acts = {"stop": control.stop, "pause": control.pause, "go-on": control.go_on}
         _chosen(request, acts)(_BY)
         return _json({"state": control.state})

@@ -155,7 +155,13 @@ class Panel:
         if run is not None and view is not None:
             begun_s = view.t_s if view.began_s is None else view.began_s
             doing = "" if view.doing is None else view.doing["what"]
-            progress = {"t_s": view.t_s - begun_s, "planned_s": view.planned_s, "doing": doing, "control": view.control}
+            progress = {
+                "run": view.about.get("run", ""),
+                "t_s": view.t_s - begun_s,
+                "planned_s": view.planned_s,
+                "doing": doing,
+                "control": view.control,
+            }
             state["run"] = {**run, **progress}
         return state
 

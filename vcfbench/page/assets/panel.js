@@ -5,6 +5,7 @@ const token = location.hash.slice(1);
 const COLOURS = { PASS: "good", MARGINAL: "warn", DONE: "" };
 let state = null;
 let wantsAnother = false;
+let lost = false;
 
 async function asked(path, words) {
   const answer = await fetch(path, { method: "POST", headers: { "X-Vcfbench-Token": token }, body: words || "" });
@@ -23,6 +24,8 @@ async function act(path, words) {
     return false;
   }
 }
+
+const control = (what) => act(`/run/live/${what}?run=${encodeURIComponent(state.run.run)}`);
 
 function problem(words) {
   byId("problem").textContent = words;
@@ -102,16 +105,18 @@ byId("answering").addEventListener("submit", async (event) => {
   if (await act("/panel/answer", byId("answer").value)) byId("answer").value = "";
 });
 byId("other").addEventListener("click", () => { wantsAnother = true; take(state); });
-byId("pause").addEventListener("click", () => act(`/run/live/${byId("pause").textContent === "Pause" ? "pause" : "go-on"}`));
-byId("stop").addEventListener("click", () => act("/run/live/stop"));
+byId("pause").addEventListener("click", () => control(byId("pause").textContent === "Pause" ? "pause" : "go-on"));
+byId("stop").addEventListener("click", () => control("stop"));
 
 async function look() {
   try {
     const answer = await fetch("/panel/state");
     if (answer.ok) take(await answer.json());
+    if (lost) problem("");
+    lost = false;
   } catch {
-    problem("The panel's command does not answer any more. What is shown is what was known last.");
-    byId("stop").disabled = byId("pause").disabled = true;
+    lost = true;
+    problem("The panel's command does not answer any more; it is asked again. What is shown is what was known last.");
   }
   setTimeout(look, 500);
 }

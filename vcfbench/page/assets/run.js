@@ -266,6 +266,11 @@ function drawEnd() {
 // ---- what comes
 
 function take(news) {
+  if (news.about && run.about.run && news.about.run !== run.about.run) { location.reload(); return; } // the next of a sitting
+  if (!run.end && (news.about || run.about.run)) {
+    byId("over").hidden = true;
+    byId("stop").hidden = !(isLive && token);
+  }
   if (news.about) {
     run.steps = []; run.log = []; run.points = []; run.lines = [];
     Object.assign(run, { about: news.about, planned_s: news.planned_s, headings: news.headings });
@@ -307,17 +312,21 @@ function listen() {
   source.addEventListener("last", (event) => {
     source.close();
     const news = JSON.parse(event.data);
-    if (news) take(news);
+    const known = run.end && run.end.parts && news && news.about && news.about.run === run.about.run;
+    if (news && !known) take(news);
     if (!run.end) lost();
+    if (isLive) setTimeout(listen, 2000); // another run may begin here
   });
-  source.onerror = () => { if (!run.end && source.readyState !== EventSource.OPEN) lost(); };
+  source.onerror = () => {
+    if (!run.end && source.readyState !== EventSource.OPEN) lost();
+    if (source.readyState === EventSource.CLOSED && (isLive || !run.end)) setTimeout(listen, 2000); // it does not try again by itself
+  };
 }
 
 function lost() {
   byId("status").textContent = "no connection";
   byId("status").className = "pill lost";
-  byId("stop").hidden = byId("pause").hidden = true;
-  byId("over").textContent = "The command that measured does not answer any more. What is shown is what came so far; the record has all of it.";
+  byId("over").textContent = "The command that measured does not answer any more; it is asked again. What is shown is what came so far; the record has all of it. The run may go on: Stop is tried, and says whether it was heard.";
   byId("over").className = "banner bad";
   byId("over").hidden = false;
 }
@@ -325,7 +334,7 @@ function lost() {
 // ---- stop, pause, go on
 
 const asked = async (what) => {
-  const answer = await fetch(`${base}/${what}`, { method: "POST", headers: { "X-Vcfbench-Token": token } });
+  const answer = await fetch(`${base}/${what}?run=${encodeURIComponent(run.about.run || "")}`, { method: "POST", headers: { "X-Vcfbench-Token": token } });
   if (!answer.ok) throw new Error(await answer.text());
 };
 
