@@ -11,6 +11,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench import steps
 from vcfbench.analysis.input_limits import Line, limit_of
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.rate_limits import RATE_LIMITS
 from vcfbench.sim.simulation import true_output
 from vcfbench.testing import simulated
@@ -137,3 +138,12 @@ def test_output_that_bends_at_the_line_itself_has_limits_beyond_the_line(second_
     limits = [side.limit for side in (found.positive, found.negative)]
     assert all(limit is None or abs(limit.value) > 50.0 for limit in limits)
     assert sum(limit is not None and abs(limit.value) < 51.0 for limit in limits) == 1
+
+
+@pytest.mark.parametrize("turned", [{"k_vc_guess_deg_s_per_v": -150.0}, {"scale_factor_v_per_deg_s": 0.0125}])
+def test_an_output_that_goes_the_other_way_than_is_told_is_refused_before_the_limits(turned: dict[str, Any]) -> None:
+    with pytest.raises(
+        MeasurementError, match=r"the output goes by -1\.8\d* V/V|the output goes by \+1\.8\d* V/V"
+    ) as ended:
+        run("ideal", **turned)
+    assert "polarity" in str(ended.value)

@@ -12,8 +12,10 @@ from scipy.optimize import curve_fit
 import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.threshold import ThresholdResult
+from vcfbench.procedures.shared.known.v_vc import VvcKnown
+from vcfbench.procedures.threshold import _AT_REST, ThresholdResult, ThresholdSettings, results
 from vcfbench.records.devices import DeviceStore
+from vcfbench.records.schema import Point
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
@@ -145,3 +147,15 @@ def test_settings_that_cannot_be(settings: dict[str, Any], said: str) -> None:
 def test_noisier_output_is_taken_more_often_within_the_time() -> None:
     assert found_of(0.0, "lab").blocks == 2
     assert 3 <= found_of(0.0, "lab", at_most_s=3000.0).blocks <= 6
+
+
+def test_steps_that_the_generator_cannot_make_are_refused() -> None:
+    """Levels that are one about a rate: 2 uV, of 0.02 deg/s at 10 000 (deg/s)/V, and nothing to divide by."""
+    points = [
+        Point(_AT_REST, 0.0, level, -0.0125 * level, 1e-5, 10)
+        for size in (0.02, 0.01, 0.0)
+        for level in (0.0, size, -size, -size, size, 0.0)
+    ]
+    asked = ThresholdSettings(steps_deg_s=(2.0, 1.0, 0.5), v_vc=VvcKnown.SET)
+    with pytest.raises(MeasurementError, match=r"steps of 0\.5 deg/s about 0 deg/s make no difference of V_Vc"):
+        results(asked, points)

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.analysis.input_limits import Limit, Line, limit_of
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import as_rate
@@ -152,7 +153,16 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
 
 
 def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
-    return Line.of(list(map(settings.input_of, points[: len(CHOPPED)])), [each.output_v for each in points])
+    line = Line.of(list(map(settings.input_of, points[: len(CHOPPED)])), [each.output_v for each in points])
+    scale, k_vc = scale_factor_used(settings), settings.k_vc_guess_deg_s_per_v
+    if not settings.by_table and line.slope * scale.value * k_vc < 0.0:
+        raise MeasurementError(
+            f"the output goes by {line.slope:+.4g} V/V with V_Vc: not as {scale.value:+.4g} V/(deg/s) ({scale.source}) "
+            f"and {k_vc:+g} (deg/s)/V (k_vc_guess_deg_s_per_v) have it",
+            instrument="multimeter",
+            hint="give both their signs, or look at the leads: vcfbench run polarity tells",
+        )
+    return line
 
 
 def _point(settings: RateLimitsSettings, step: int, rate_deg_s: float, before: Sequence[Point]) -> Routine[Point]:

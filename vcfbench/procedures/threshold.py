@@ -243,6 +243,14 @@ def _about(
         Block(tuple(v_vc.measured_level([p], by_hand) if by_v_vc else p.rate_deg_s for p in each)) for each in taken
     ]
     y, x = (np.array([b.differences_v for b in each]).reshape(count, -1).mean(axis=0) for each in (chopped, inputs))
+    if (lost := np.flatnonzero(x == 0.0)).size:
+        size = sizes[int(lost[0]) // 2]
+        raise MeasurementError(
+            f"steps of {size:g} deg/s about {about_deg_s:g} deg/s make no difference of V_Vc: the generator's own are "
+            "larger there",
+            instrument="rate_source",
+            hint="larger steps_deg_s",
+        )
     noise, rough = noise_of(settings, chopped, own), float(x @ y / (x @ x))
     scatter_v2 = [p.v_vc_std_v**2 / p.n for p in own if p.v_vc_std_v is not None]
     u_offset_v = v_vc.v_vc_error(settings).u_offset_v if by_v_vc and settings.v_vc_role is None else 0.0

@@ -70,11 +70,11 @@ def _find_drive(drive: DriveWindow, channels: tuple[int, int]) -> Routine[DriveA
 
 def _complaint(reading: DriveReading, drive: DriveWindow, previous_v: float) -> str:
     """Name the deviation of the drive signal from its window; empty when there is none."""
-    low_deg = drive.phase_deg[0]
+    middle_deg = sum(drive.phase_deg) / 2.0  # a window may hold 180 deg: a phase is told as the turn that is nearest
     for name, value, (low, high), unit in (
         ("frequency", reading.frequency_hz, drive.frequency_hz, "Hz"),
         ("amplitude", reading.amplitude_v, drive.amplitude_v, "V"),
-        ("phase", low_deg + (reading.phase_deg - low_deg) % 360.0, drive.phase_deg, "deg"),  # a window may hold 180
+        ("phase", middle_deg + math.remainder(reading.phase_deg - middle_deg, 360.0), drive.phase_deg, "deg"),
     ):
         if not low <= value <= high:
             return f"{name} {value:.6g} {unit}, expected {low:g}...{high:g} {unit}"
