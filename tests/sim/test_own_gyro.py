@@ -110,7 +110,7 @@ def test_with_the_papers_imperfections_it_is_still_that_gyroscope(tmp_path: Path
         ({"drive_hz": 1000.0, "q_drive": 1e5}, "q_drive: expected a start within 600 s, came 637 s"),
         ({"drive_hz": 1000.0, "q_sense": 1e5}, "q_sense: expected an output that settles within 20 s, came 382 s"),
         (
-            {"range_deg_s": 20.0, "k_vc_deg_s_per_v": 15.0, "q_sense": 700.0, "quadrature_deg_s": 300.0},
+            {"range_deg_s": 50.0, "k_vc_deg_s_per_v": 50.0, "q_sense": 700.0, "quadrature_deg_s": 300.0},
             "quadrature_deg_s",
         ),
         ({"k_vc_deg_s_per_v": 1000.5}, "k_vc_deg_s_per_v: expected the range at 0.4 to 9 V of V_Vc, came 0.4 V"),
