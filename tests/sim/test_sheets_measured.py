@@ -48,8 +48,8 @@ def data_sheets(draw: st.DrawFn) -> dict[str, Any]:
     sheet["bias_instability_deg_h"] = draw(sizes(1e-3, 2000.0)) * noise_deg_s
     whole_v = draw(sizes(0.41, 8.9))
     sheet["k_vc_deg_s_per_v"] = math.copysign(sheet["range_deg_s"] / whole_v, sheet["k_vc_deg_s_per_v"])
-    narrow = draw(st.one_of(st.none(), sizes(0.5, 40.0)))
-    sheet["bandwidth_hz"] = None if narrow is None else min(narrow, 0.5 * abs(sheet["split_hz"]))
+    narrow = draw(st.one_of(st.none(), sizes(0.251, 0.499)))
+    sheet["bandwidth_hz"] = None if narrow is None else narrow * abs(sheet["split_hz"])
     return sheet
 
 

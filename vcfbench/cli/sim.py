@@ -28,7 +28,7 @@ _FIGURES: Final = {
     "quadrature_deg_s": ("quadrature", "Quadrature, deg/s, as the rate that moves the sense mode as much", 0.0),
     "angle_random_walk_deg_sqrt_h": ("noise", "Angle random walk, deg/sqrt(h)", 0.0),
     "bias_instability_deg_h": ("bias_instability", "Bias instability (Allan minimum), deg/h", 0.0),
-    "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, at most half the split", None),
+    "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, a quarter to half the split", None),
     "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V, signed: rate that one volt of V_Vc stands for", None),
     "rail_v": ("rail", "Rails, V, either polarity", 10.0),
 }

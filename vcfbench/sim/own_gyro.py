@@ -32,6 +32,8 @@ _AT_THE_PEAK = 0.6
 """Share of the range that a sine takes at the peak of the response: beyond, the output's curvature is in the gains."""
 _TABLE_DEG_S = 900.0
 """The simulated table turns at 1000 deg/s, its own trip above the limit included."""
+TABLE_RATE_ERROR = 1e-5
+"""Class of a BD125, unverified."""
 _LEAST_SINE_V, _LEAST_LEVEL_V, _LEAST_STEP_V = 0.01, 0.07, 0.04
 """The least of a sine on V_Vc, of a level whose offset of 4 mV does not tell, of one taken with both signs."""
 _MOST_V_VC_V = 10.0
@@ -162,7 +164,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "zero": _noise_bandwidth(sheet),
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
-        "repeatability": {**level, "settle_s": started_s},
+        "repeatability": {**level, "settle_s": _round(max(settling_s(sheet)))},
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(max(0.05, 0.5 * wider))},
         "polarity": {
             **started,
@@ -237,7 +239,7 @@ def _flicker_deg_h(sheet: DataSheet) -> float:
 def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
     """Return what is known of a simulated bench, as that of the bench `paper` has it; values are those of the run."""
     return {
-        "table_rate_error": 2.0 * own.table.rate_error,
+        "table_rate_error": TABLE_RATE_ERROR if own.table.rate_error else 0.0,
         "bias_instability_deg_h": _flicker_deg_h(sheet),
         "scale_factor_ppm_k": _round(1e6 * abs(change_per_k(own))),
         "bias_deg_h_k": _round(1.2 * 3600.0 * abs(own.thermal.bias_coefficient_deg_s_k)),

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.sim.gyro.data_sheet import OUTPUT_SHARE, DataSheet
-from vcfbench.sim.own_gyro import own_gyro_bench
+from vcfbench.sim.own_gyro import TABLE_RATE_ERROR, own_gyro_bench
 
 
 def drawn_sheet(seed: int) -> DataSheet:
@@ -30,13 +30,20 @@ def drawn_bench(seed: int, *, imperfections: bool = True, noise: bool = True) ->
 
     Args:
         seed: of the gyroscope; the instruments are drawn by that of the run.
-        imperfections: as large as the paper's, of gyroscope, PCB and instruments; else none but quadrature.
+        imperfections: as large as the paper's, of gyroscope, PCB and instruments, the table's drawn within what its
+            bench file says of it; else none but quadrature.
         noise: that of the data sheet; else none.
     """
     sheet = drawn_sheet(seed)
     if not noise:
         sheet = replace(sheet, angle_random_walk_deg_sqrt_h=0.0, bias_instability_deg_h=0.0)
-    return own_gyro_bench(sheet, f"gyroscope-{seed}", imperfections=imperfections)
+    text = own_gyro_bench(sheet, f"gyroscope-{seed}", imperfections=imperfections)
+    if not imperfections:
+        return text
+    random = Random(f"table {seed}")  # noqa: S311  # rates, no secrets
+    phases_rad = [random.uniform(-math.pi, math.pi) for _ in range(2)]
+    rate_error = random.uniform(-TABLE_RATE_ERROR, TABLE_RATE_ERROR)
+    return f"{text}\n[simulation.override.table]\nrate_error = {rate_error!r}\nripple_phase_rad = {phases_rad!r}\n"
 
 
 def _figures(random: Random) -> dict[str, Any]:

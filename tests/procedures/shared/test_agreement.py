@@ -50,6 +50,16 @@ def test_a_lead_that_comes_off_or_is_swapped_within_a_sweep_is_found(
         require_steady_slope(faulty(sweep(), since, fault))
 
 
+def test_levels_that_were_measured_are_no_fault_however_far_the_generator_is_off() -> None:
+    """Offsets of 3.6 and -4.3 mV again: V_Vc as it was set lets expect half or twice the step, as measured the step."""
+    levels = [-0.067, -0.037, -0.015, 0.0, 0.015, 0.037, 0.067]
+    seen = [(v, v + (3.6e-3 if abs(v) < 0.03 else -4.3e-3)) for v in levels]
+    points = [replace(point(4, 0.0, -1.88 * is_v, v), v_vc_measured_v=is_v) for v, is_v in seen]
+    require_steady_slope(points, (points[3], points[-1]))
+    with pytest.raises(MeasurementError, match="lets expect"):
+        require_steady_slope(faulty(points, 4, lambda _: 0.0), (points[3], points[-1]))
+
+
 def test_small_levels_on_two_ranges_of_a_generator_are_no_fault_where_they_are_believed_as_set() -> None:
     """Seen: offsets of 3.6 and -4.3 mV, each within 2 % and 4 mV, between 15 and 37 mV."""
     per_v = -1.88

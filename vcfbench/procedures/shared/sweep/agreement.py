@@ -83,11 +83,17 @@ def require_steady_slope(
 
 def _distinct(points: Sequence[Point]) -> list[Point]:
     """Return the last point of each setting, by rising settings."""
-    return sorted({_x(point): point for point in points}.values(), key=_x)
+    return sorted({_asked(point): point for point in points}.values(), key=_asked)
+
+
+def _asked(point: Point) -> float:
+    return point.v_vc_v if point.step in _DRIVEN else point.rate_deg_s
 
 
 def _x(point: Point) -> float:
-    return point.v_vc_v if point.step in _DRIVEN else point.rate_deg_s
+    """Return what the output should follow: V_Vc as it was measured, where it was; else what was asked for."""
+    measured_v = point.v_vc_measured_v
+    return measured_v if point.step in _DRIVEN and measured_v is not None else _asked(point)
 
 
 def _slope(left: Point, right: Point) -> float:
