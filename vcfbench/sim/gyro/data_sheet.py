@@ -81,8 +81,8 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         yield "q_sense", peak, f"{q:g}", q * split_hz >= 2.0 * drive_hz
         if self.bandwidth_hz is not None:
             came = f"{self.bandwidth_hz:g}"
-            within = 0.25 * split_hz <= self.bandwidth_hz <= 0.5 * split_hz
-            yield "bandwidth_hz", "a quarter to half the split, else no peak is seen", came, within
+            seen = 0.25 * split_hz <= self.bandwidth_hz <= 0.5 * split_hz
+            yield "bandwidth_hz", "a quarter to half the split, else no peak is seen", came, seen
         drive_s, sense_s = settling_s(self)
         yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{drive_s:.3g} s", drive_s <= _DRIVE_STARTS_S
         settled = sense_s <= _OUTPUT_SETTLES_S
