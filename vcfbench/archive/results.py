@@ -24,6 +24,7 @@ from vcfbench.reports.text import printable
 from vcfbench.station.acceptance import Acceptance, judged
 from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
+from vcfbench.steps.no_result import is_arithmetic, no_result
 from vcfbench.typed import decoder_of, typed
 
 STORED_SETTINGS: Final = "settings"  # Title of the table of settings below results that are shown as they were stored
@@ -60,6 +61,8 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
     except BenchError:
         raise
     except Exception as error:  # the arithmetic is anybody's
+        if is_arithmetic(error):
+            raise no_result(error, "the readings") from error
         raise ConfigError(mistake_in(error)) from error
     try:
         report = procedure.report(settings, taken, results)

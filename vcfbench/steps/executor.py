@@ -20,6 +20,7 @@ from vcfbench.interfaces import Operator, nobody
 from vcfbench.records.journal import Journal
 from vcfbench.records.schema import Point, Status
 from vcfbench.steps import Window
+from vcfbench.steps.no_result import as_bench_error
 from vcfbench.steps.replay import TakenOver
 from vcfbench.steps.step import Context, Effect, Plan, Reading, Routine, Step, StepResult, abandon
 from vcfbench.steps.supply import cause_behind
@@ -225,8 +226,8 @@ class Executor:
                     step = advance()
                 except StopIteration:
                     break
-                except BenchError as error:
-                    self._keep(error)
+                except Exception as error:  # noqa: BLE001  # what is no error of readings is raised again
+                    self._keep(as_bench_error(error, self._number))
                     break
                 advance = self._perform(plan, step)
             self._walked = True
@@ -368,7 +369,7 @@ class Executor:
                 self._pause_if_wanted()
             self._number, pausing = self._number + 1, False
             result = self._act(step)
-        except (BenchError, KeyboardInterrupt) as problem:
+        except (Exception, KeyboardInterrupt) as problem:  # noqa: BLE001  # as above
             self._number += pausing
             error = self._failed(step, problem)
             # after a person's stop nothing more is done for the plan, the safety stack takes over
@@ -453,8 +454,7 @@ class Executor:
 
     def _failed(self, step: Step, problem: BaseException) -> BenchError:
         """Put the step into the error and both into the journal."""
-        error = problem if isinstance(problem, BenchError) else Aborted("stopped by the operator")
-        error = Aborted.behind(error) or error
+        error = as_bench_error(problem, self._number)
         if step.effect in {Effect.MEASURES, Effect.CHECKS}:
             error = cause_behind(error, self._context)
         if error.step is None:

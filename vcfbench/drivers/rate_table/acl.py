@@ -95,7 +95,7 @@ class AclDialect(TableDialect):
 
     def __init__(self, settings: TableSettings) -> None:
         self.axis = settings.axis
-        self.header = self._told_header = settings.reply_header
+        self.header = self._header_asked = settings.reply_header
         self._identity = b""
 
     # Identity and synchronisation
@@ -103,7 +103,7 @@ class AclDialect(TableDialect):
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask ``*IDN?``; its answer serves to find the place again after a failed exchange."""
         if not self._identity:
-            self.header = self._told_header  # what was learnt so far was learnt of no identity: of a greeting
+            self.header = self._header_asked  # what was learnt so far was learnt of no identity: of a greeting
         answer = self.ask(line, "*IDN?", deadline)
         identity = Identity(*replies.identity_fields(answer))
         self._identity = answer.encode("ascii")
