@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec import Struct
 
 from tests.procedures.fakes import FakeBench, MemoryJournal
 from vcfbench.errors import MeasurementError
@@ -40,7 +41,7 @@ def slope(change_v: float, over_s: float) -> float:
 
 
 @does(Effect.MEASURES, "output")
-class Divides(Step):
+class Divides(Step, Struct, frozen=True):
     def describe(self) -> str:
         return "divides"
 
