@@ -9,20 +9,26 @@ from typing import TYPE_CHECKING
 import pytest
 from msgspec import structs
 
+import vcfbench
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.procedures.bandwidth import characteristics
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.health.check import checked, not_measured
 from vcfbench.procedures.health.found import _feedthrough  # type: ignore[attr-defined]
 from vcfbench.procedures.health.plan import Modes
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_change, k_vc_sensitivities
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
-from vcfbench.records.devices import Characteristics, Measured, together
-from vcfbench.sim.gyro.data_sheet import own_gyro
+from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, together
+from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
 from vcfbench.sim.gyro.design import demodulated
+from vcfbench.sim.own_gyro import own_gyro_bench
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import RotationRecord
 from vcfbench.testing.gyroscopes import drawn_sheet
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from vcfbench.sim.parameters import BenchParameters, SenseMode
 
 SEEDS = range(40)
@@ -245,3 +251,46 @@ def test_a_feed_through_has_its_sign_whichever_side_the_mode_is_on(split_hz: flo
     modes, share, far = far_records(split_hz, through)
     found = _feedthrough(far, modes, Measured(value=share, u=0.01), 1.0)
     assert found.value == pytest.approx(through, rel=0.05)
+
+
+EVERY = pytest.mark.exhaustive
+CORNERS = [
+    pytest.param(k_vc, slope, split_hz, marks=[] if (k_vc, slope, split_hz) == (-150.0, 0.0125, -24.8) else [EVERY])
+    for k_vc in (150.0, -150.0)
+    for slope in (0.0125, -0.0125)
+    for split_hz in (24.8, -24.8)
+]
+
+
+@pytest.mark.parametrize(("k_vc_deg_s_per_v", "slope", "split_hz"), CORNERS)
+def test_the_store_has_the_signs_of_the_gyroscope(
+    k_vc_deg_s_per_v: float, slope: float, split_hz: float, tmp_path: Path
+) -> None:
+    """By `kvc` with health; K_Vc, splits, share, phases and sensitivities of either sign."""
+    sheet = DataSheet(
+        scale_factor_v_per_deg_s=slope,
+        k_vc_deg_s_per_v=k_vc_deg_s_per_v,
+        split_hz=split_hz,
+        angle_random_walk_deg_sqrt_h=0.2,
+        bias_instability_deg_h=3.0,
+    )
+    bench = parse_bench(own_gyro_bench(sheet, "drawn", imperfections=True), "drawn")
+    settings = {"dut": "G", "devices": str(tmp_path), "cycles": 1, "samples": 5, "warm_up_s": 1800.0}
+    vcfbench.run("kvc", bench, seed=2, settings=settings, runs=tmp_path)
+    record = DeviceStore(tmp_path).certificate("G").record
+    assert isinstance(record, Certificate)
+    assert record.k_vc.coefficients[1] == pytest.approx(k_vc_deg_s_per_v, rel=1e-3)
+    assert record.scale_factor_v_per_deg_s is not None
+    assert record.scale_factor_v_per_deg_s.value == pytest.approx(slope, rel=1e-3)
+    assert record.characteristics is not None
+    true = measured(physical_parameters(bench))
+    for name in ("split_hz", "in_phase_split_hz", "carrier_phase_deg", "demodulator_phase_deg", "in_phase_share"):
+        found, right = getattr(record.characteristics, name), getattr(true, name)
+        scatter = 0.06 * abs(right.value) if name == "in_phase_share" else 0.0  # its u holds that of the records alone
+        assert abs(found.value - right.value) <= 5.0 * found.u + scatter, name
+    assert record.characteristics.split_size_hz is None
+    by = {each.quantity: each for each in record.sensitivities}
+    for name in ("carrier_phase_deg", "split_hz", "q_anti_phase"):
+        right = sensitivities(true)[name]
+        found = by[name]
+        assert abs(found.ppm_per_unit - right.value) <= 3.0 * found.u_ppm_per_unit + 0.02 * abs(right.value), name
