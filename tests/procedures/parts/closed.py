@@ -157,11 +157,15 @@ def over_scale_factor(run: Run) -> dict[str, float]:
     return {name: abs(each.value / run.settings.scale_factor_v_per_deg_s) for name, each in run.values.items()}
 
 
-def by_own_scale_factor(run: Run) -> dict[str, float]:
-    """Return u of a bias as a rate by the readings that the scale factor of the run is of."""
-    scale_factor = run.values["scale_factor"]
-    (u,) = [abs(part.u) for part in scale_factor.parts if part.source == "readings on the table"]
-    return {name: abs(each.value / scale_factor.value) * u for name, each in run.values.items()}
+def by_scale_factor(of: Callable[[Run], dict[str, float]]) -> Callable[[Run], dict[str, float]]:
+    """Return what gives u of a bias as a rate by that of the run's scale factor, which `of` gives."""
+
+    def every(run: Run) -> dict[str, float]:
+        scale_factor = run.values["scale_factor"].value
+        share = of(run)["scale_factor"] / abs(scale_factor)
+        return {name: share * abs(each.value) for name, each in run.values.items()}
+
+    return every
 
 
 def of_curvature(run: Run) -> dict[str, float]:

@@ -74,6 +74,8 @@ MOVED: MappingProxyType[str, Change | tuple[Change, ...] | Moves] = MappingProxy
         "readings": readings(),
         "readings on the table": readings(1),
         "readings by V_Vc": readings(3),
+        "readings, by the scale factor": closed.by_scale_factor(readings()),
+        "readings on the table, by the scale factor": closed.by_scale_factor(readings(1)),
         "readings of V_Vc": readings_of_v_vc,
         "flicker": flicker,
         "readings, over the static response": closed.over_static(readings()),
@@ -96,7 +98,6 @@ MOVED: MappingProxyType[str, Change | tuple[Change, ...] | Moves] = MappingProxy
         "the other axes": closed.across,
         "in proportion": closed.in_proportion,
         "as it is": closed.alike,
-        "scale factor of the run": closed.by_own_scale_factor,
         "over the scale factor as told": closed.over_scale_factor,
         "over K_Vc": closed.over_k_vc,
     }

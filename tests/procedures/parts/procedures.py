@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from tests.procedures.parts.held import Part
+from tests.procedures.parts.held import Part, Run
 from tests.procedures.parts.moved import MOVED
 from tests.procedures.parts.simulated import Bench, blind, noisy, quiet, sensitive_to_g
 from vcfbench.files import parse_toml
@@ -30,6 +30,15 @@ class Held(NamedTuple):
     slow: int = 0
     """1: all gyroscopes but the first are for the exhaustive tests."""
 
+    def key(self, gyroscope: str) -> str:
+        """Return the name of the run of a gyroscope."""
+        return f"{self.procedure}, {gyroscope}"
+
+    def run(self, gyroscope: str) -> Run:
+        """Return the run of a gyroscope."""
+        bench = Bench(self.file, gyroscope, self.as_built)
+        return Run(bench, self.procedure, self.told(bench))
+
 
 _SWEEP = {"rates_deg_s": [200.0, 50.0, 10.0, 0.0, -10.0, -50.0, -200.0], "samples": 4}
 _FEW = {"samples": 4, "cycles": 1}
@@ -49,10 +58,15 @@ PROCEDURES = (
     Held("turntable", lambda _: _SWEEP),
     Held("virtual-coriolis", lambda _: _SWEEP),
     Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}),
+    Held(
+        "self-calibration",
+        lambda bench: {**_FEW, "virtual_rates_deg_s": [20.0, 80.0, 200.0], "health": False, **_k_vc(bench)},
+    ),
+    Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}),
     Held("bandwidth", lambda _: _SHORT, ("paper's",)),
     Held("resonance", lambda _: _SHORT, ("paper's",)),
     Held("phase", lambda _: _WARM, slow=1),
-    Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}),
+    Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=1),
     Held(
         "temperature",
         lambda bench: {
@@ -63,6 +77,7 @@ PROCEDURES = (
             "level_deg_s": 100.0,
             "bias_instability_deg_h": 0.5,
         },
+        slow=1,
     ),
     Held("electrical", lambda _: {}),
     Held(
@@ -81,13 +96,15 @@ PROCEDURES = (
         "threshold",
         lambda bench: {**_FEW, "at_most_s": 60.0, "k_vc_deg_s_per_v": bench.k_vc, "k_vc_u_deg_s_per_v": 0.02},
         as_built=blind,
+        slow=1,
     ),
     Held(
         "warmup",
         lambda bench: {"shortest_s": 300.0, "longest_s": 400.0, "bias_instability_deg_h": 0.5, **_scale(bench)},
         as_built=noisy,
+        slow=1,
     ),
-    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 600.0, **_scale(bench)}, as_built=noisy),
+    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 600.0, **_scale(bench)}, as_built=noisy, slow=1),
 )
 
 _PER_U = {

@@ -7,15 +7,16 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from tests.procedures.parts import values
 from tests.procedures.parts.held import Part, Run, grouped, parts_of
 from tests.procedures.parts.procedures import PROCEDURES, Held, parts_of_table
-from tests.procedures.parts.simulated import Bench, Change
+from tests.procedures.parts.simulated import Change
 from vcfbench.procedures.shared.budget.statement import StatedValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-PARTS = parts_of_table()
+PARTS, KEPT = parts_of_table(), values.kept()
 
 _CLOSE, _OF_U = 0.06, 0.01
 """A part may be off by so much of itself, for second orders of the gyroscope's curves, and by so much of u."""
@@ -26,16 +27,18 @@ _NO_ROW = 0.05
 @pytest.mark.parametrize(
     ("held", "gyroscope"),
     [
-        pytest.param(held, each, id=f"{held.procedure}, {each}", marks=[pytest.mark.exhaustive] * (held.slow and later))
+        pytest.param(held, each, id=held.key(each), marks=[pytest.mark.exhaustive] * (held.slow and later))
         for held in PROCEDURES
         for later, each in enumerate(held.gyroscopes)
     ],
 )
-def test_every_part_is_that_of_the_table(held: Held, gyroscope: str) -> None:
-    bench = Bench(held.file, gyroscope, held.as_built)
-    run, rows = Run(bench, held.procedure, held.told(bench)), PARTS[held.procedure]
+def test_every_part_is_that_of_the_table_and_every_number_as_it_was(held: Held, gyroscope: str) -> None:
+    run, rows = held.run(gyroscope), PARTS[held.procedure]
     moved = [(part, part.moves(run)) for part in rows]
-    assert "\n".join([*_left_over(run, rows), *_wrong(run, moved), *_not_in_it(run, moved), *_turned(run, moved)]) == ""
+    wrong = [*_left_over(run, rows), *_wrong(run, moved), *_not_in_it(run, moved), *_turned(run, moved)]
+    if (kept := KEPT.get(held.key(gyroscope))) is not None:
+        wrong += values.differing(values.of_run(run), kept)
+    assert "\n".join(wrong) == ""
 
 
 def _left_over(run: Run, rows: Sequence[Part]) -> Iterator[str]:

@@ -1,0 +1,32 @@
+"""All numbers of a run are as they were, on any kind of processor."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.procedures.parts import values
+
+LONG = ("temperature with the split", "four steps, by both signs", "four steps, by a curve")
+
+
+def test_every_run_has_kept_figures() -> None:
+    assert values.kept().keys() == values.jobs().keys()
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(each, marks=[pytest.mark.exhaustive] * (each in LONG)) for each in values.NOISY]
+)
+def test_runs_state_what_they_stated(name: str) -> None:
+    """Where a number was changed on purpose: ``python -m tests.procedures.parts.values``."""
+    assert values.differing(values.noisy_runs(name), values.kept()[name]) == []
+
+
+def test_a_number_that_moves_by_a_thousandth_is_seen() -> None:
+    before = {
+        "a": {"parts": [{"source": "x", "u": 1e-7, "dof": 12}, {"source": "y", "u": 3e-8, "dof": None}]},
+        "b": 1.0,
+    }
+    for source, key, after in ((1, "u", 3.003e-8), (0, "u", -1e-7), (0, "dof", 13), (1, "dof", 5)):
+        parts = [{**each, key: after} if place == source else each for place, each in enumerate(before["a"]["parts"])]  # type: ignore[index]
+        moved = values.figures_of({"a": {"parts": parts}, "b": 1.0})
+        assert len(values.differing(moved, values.figures_of(before))) == 1

@@ -1,0 +1,157 @@
+"""A figure of all numbers that a run states, kept: golden's hashes of results hold on one processor, these on all.
+
+``python -m tests.procedures.parts.values [PART OF A KEY ...]`` writes them anew, after a change that was meant.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+from zlib import crc32
+
+import vcfbench
+from tests.procedures.parts.procedures import PROCEDURES
+from tests.procedures.parts.simulated import Bench, Change, quiet
+from vcfbench.records.plain import plain
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+    from tests.procedures.parts.held import Run
+
+FILE = Path(__file__).with_name("values.json")
+_NOTHING, _MANY = 1e-9, 1e6
+"""What rounding leaves of none, and degrees of freedom from which on there are as many as one likes."""
+
+Figures = dict[str, float]
+
+
+def _logarithms(value: Any, name: str) -> Iterator[float]:
+    """Yield the logarithm of each number below, signed, each with a weight that goes with its place; words likewise."""
+    if isinstance(value, dict):
+        for key, each in value.items():
+            yield from _logarithms(each, f"{name}.{key}")
+    elif isinstance(value, list):
+        parts = [each for each in value if isinstance(each, dict) and "source" in each and "u" in each]
+        least = 1e-6 * max((abs(each["u"]) for each in parts), default=0.0)  # below that it is what rounding leaves
+        for place, each in enumerate(value):
+            if each not in parts:
+                yield from _logarithms(each, f"{name}[{place}]")
+            elif abs(each["u"]) > least:  # parts are in the order of their size
+                yield from _logarithms(each, f"{name}[{each['source']}]")
+    else:
+        if isinstance(value, str) and any(map(str.isdigit, value)):
+            return  # rounded numbers
+        number = float(crc32(str(value).encode())) if value is None or isinstance(value, str | bool) else float(value)
+        size = min(abs(number), _MANY) if name.endswith("dof") else abs(number)
+        sized = math.log(size / _NOTHING) if size > _NOTHING else 0.0
+        yield math.copysign(sized, number) * Random(name).uniform(1.0, 2.0)  # noqa: S311  # weights, not secrets
+
+
+def figures_of(values: Mapping[str, Any]) -> Figures:
+    """Return a number for each field of results: it moves by at least what any number in it moves by, relatively."""
+    found = json.loads(json.dumps(values))
+    return {name: round(math.fsum(_logarithms(each, name)), 5) for name, each in found.items()}
+
+
+def differing(came: Figures, kept: Figures) -> list[str]:
+    """Return the fields that are not as they were, to some parts in ten thousand of one of their numbers."""
+    return [
+        f"{name}: was {kept.get(name)}, came {came.get(name)}"
+        for name in {**kept, **came}
+        if abs(came.get(name, math.inf) - kept.get(name, 0.0)) > 3e-4
+    ]
+
+
+_SHORT: Mapping[str, Any] = MappingProxyType({"samples": 4, "cycles": 1})
+_SWEEP: Mapping[str, Any] = MappingProxyType(
+    {"samples": 4, "rates_deg_s": [200.0, 50.0, 10.0, 0.0, -10.0, -50.0, -200.0]}
+)
+NOISY: Mapping[str, tuple[tuple[str, str, Mapping[str, Any]], ...]] = MappingProxyType(
+    {
+        "turntable, a loop between zeros": (
+            ("turntable", "paper", {**_SWEEP, "order": "loop", "zeros": "bracket", "earth": "rate"}),
+        ),
+        "turntable, there and back": (
+            ("turntable", "paper", {**_SWEEP, "order": "abba", "zeros": "ends", "repeat": 2}),
+        ),
+        "four steps, levels as they are set": (("virtual-coriolis", "paper", _SWEEP),),
+        "four steps, outputs as they are": (("virtual-coriolis", "lab", {**_SWEEP, "match": "absolute"}),),
+        "four steps, by a curve": (("virtual-coriolis", "lab", {**_SWEEP, "k_vc_by": "curve", "zeros": "bracket"}),),
+        "four steps, by both signs": (("virtual-coriolis", "paper", {**_SWEEP, "k_vc_by": "plus-minus"}),),
+        "K_Vc, levels as they are set": (
+            ("kvc", "paper", {**_SHORT, "v_vc": "set", "health": False}),
+            ("self-calibration", "paper", {**_SHORT, "v_vc": "set", "health": False}),
+        ),
+        "K_Vc, and a self-calibration by it": (
+            ("kvc", "quiet", {**_SHORT, "temperature_c": 20.0}),
+            ("self-calibration", "quiet", {**_SHORT, "temperature_c": 21.5}),
+            ("online", "quiet", {"duration_s": 300.0, "warm_up_s": 60.0}),
+        ),
+        "polarity": (("polarity", "lab", {}),),
+        "repeatability": (
+            ("repeatability", "paper", {"samples": 4, "power_cycles": 4, "off_s": 300.0, "warm_up_s": 60.0}),
+        ),
+        "threshold by the table": (
+            ("threshold", "paper", {**_SHORT, "by": "table", "at_most_s": 60.0, "steps_deg_s": [2.0, 1.0, 0.5, 0.1]}),
+        ),
+        "rate limits by the table": (("rate-limits", "lab", {"warm_up_s": 60.0, "samples": 4, "by": "table"}),),
+        "temperature with the split": (
+            (
+                "temperature",
+                "lab",
+                {**_SHORT, "warm_up_s": 60.0, "temperatures_c": [0.0, 40.0, 20.0, 0.0], "split": True},
+            ),
+        ),
+    }
+)
+"""Runs on embedded benches with all their noise, one after another with one device."""
+
+
+def kept() -> dict[str, Figures]:
+    """Return the figures that are kept, by the names of their runs."""
+    found: dict[str, Figures] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
+    return found
+
+
+def of_run(run: Run) -> Figures:
+    """Return the figures of a run of the table of parts."""
+    return figures_of(plain(run.results))
+
+
+def noisy_runs(name: str) -> Figures:
+    """Return the figures of runs on a bench, one after another, and of what is kept of their device."""
+    found: dict[str, Any] = {}
+    with TemporaryDirectory() as folder:
+        for procedure, bench, settings in NOISY[name]:
+            one = Bench("lab", "paper's", quiet).described(Change(1.0)) if bench == "quiet" else bench
+            of_device = {"dut": "G", "devices": folder} if len(NOISY[name]) > 1 else {}
+            run = vcfbench.run(procedure, one, seed=5, settings={**settings, **of_device}, runs=folder)
+            found |= {f"{procedure}: {key}": each for key, each in plain(run.results).items()}
+            if run.device_entry is not None:
+                entry = json.loads(run.device_entry.read_text(encoding="utf-8"))
+                found[f"{procedure}: kept"] = {key: each for key, each in entry.items() if isinstance(each, dict)}
+    return figures_of(found)
+
+
+def jobs() -> dict[str, Callable[[], Figures]]:
+    """Return what makes the figures, by the key that they are kept under."""
+    quiet_ones = {
+        held.key(gyroscope): (lambda held=held, gyroscope=gyroscope: of_run(held.run(gyroscope)))
+        for held in PROCEDURES
+        for gyroscope in held.gyroscopes[: 2 - held.slow]
+    }
+    return {**quiet_ones, **{name: (lambda name=name: noisy_runs(name)) for name in NOISY}}
+
+
+if __name__ == "__main__":
+    every, wanted = jobs(), sys.argv[1:]
+    made = {key: make() for key, make in every.items() if not wanted or any(word in key for word in wanted)}
+    whole = {**kept(), **made}
+    FILE.write_text("{\n" + ",\n".join(f"{json.dumps(key)}: {json.dumps(whole[key])}" for key in every) + "\n}\n")
