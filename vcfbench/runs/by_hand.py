@@ -17,7 +17,7 @@ from vcfbench.bench.bench import Bench
 from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
 from vcfbench.drivers.plain import plain
-from vcfbench.errors import BenchError, ConfigError, InterlockError, LimitError
+from vcfbench.errors import Aborted, BenchError, ConfigError, InterlockError, LimitError
 from vcfbench.procedures.shared.routines import look_at_drive, rails_of, ramp_to
 from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import StopSignals
@@ -334,9 +334,18 @@ class ByHand:
         sleep(self.bench.clock, seconds)
 
     def _safe(self) -> str:
+        failed: list[str] = []
         for name in ("table.off", "vibration.off", "v_vc.off", "chamber.off", "power.off"):
             if name in self.words:
-                self.perform(name, [])
+                try:
+                    self.perform(name, [])
+                except Aborted:
+                    raise
+                except BenchError as error:  # the next must be switched off whatever this one does
+                    failed.append(f"{name}: {error}")
+        if failed:
+            hint = "what is not named is off; leaving makes everything safe"
+            raise BenchError(f"not all is safe: {'; '.join(failed)}", hint=hint)
         return "table at rest, outputs off"
 
 
