@@ -168,8 +168,12 @@ def test_a_signature_sees_what_seals_alone_cannot(key: str, tmp_path: Path) -> N
     journal.write_bytes(b"".join(lines[:-1]))
     assert verified().wrong == "it ends without a signature"
     assert "lines may be missing from its end" in (verify_run(record).wrong or "")
-    amend_run(record, {"dut": "G-018"}, reason="label")
-    assert "amends what was to be signed before, and is not" in (verified().wrong or "")
+    with pytest.raises(ConfigError, match="nothing was amended or signed: it was to be signed"):
+        amend_run(record, {"dut": "G-018"}, reason="label")  # what it is held to be would be signed
+    journal.write_bytes(whole)
+    append_line(journal, {"type": "amendment", "revision": 2, "by": "Eve", "reason": "none", "changes": []})
+    with pytest.raises(ConfigError, match="nothing was amended or signed: what was amended"):
+        amend_run(record, {"dut": "G-018"}, reason="label")
     journal.write_bytes(whole)
     amend_run(record, {"dut": "G-018"}, reason="label")
     assert verified().verdict == "PASS"

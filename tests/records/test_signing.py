@@ -95,3 +95,12 @@ def test_the_environment_names_a_key_before_the_bench_file_does(
     assert of_environment is not None
     assert of_bench.public == public_key_of(tmp_path / "a")
     assert of_environment.public == public_key_of(tmp_path / "b")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are different there")
+@pytest.mark.parametrize("mode", [0o644, 0o640, 0o660, 0o604, 0o602])
+def test_a_key_that_others_may_use_signs_nothing(mode: int, tmp_path: Path) -> None:
+    new_key(tmp_path / "station.pem")
+    (tmp_path / "station.pem").chmod(mode)
+    with pytest.raises(ConfigError, match=rf"may use this private key \(mode {mode:04o}\).*chmod 600"):
+        SigningKey(tmp_path / "station.pem")

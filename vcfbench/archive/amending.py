@@ -9,6 +9,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from vcfbench.archive.recorded import directory_of
+from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import Amendment, amend
 from vcfbench.records.devices import DeviceStore
@@ -44,6 +45,12 @@ def amend_run(
     record = directory.read()
     by = f"{getpass.getuser()}@{socket.gethostname()}" if by is None else by
     key = named_key(None)  # no key that the record names: whose it is nobody knows
+    if key is not None:
+        found, last = verify_run(directory.path), record.lines[-1:]
+        unsigned = "what was amended last is not signed" if last and last[0].get("type") == "amendment" else None
+        if (why := found.wrong or unsigned) is not None:  # a signature would vouch for that, too
+            hint = "see to it, or amend it without a key: VCFBENCH_SIGNING_KEY unset"
+            raise ConfigError(f"{directory.run}: nothing was amended or signed: {why}", hint=hint)
     made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
     device = next((each.was for each in made.changes if each.field == "dut"), None)
     settings = record.header.get("settings")

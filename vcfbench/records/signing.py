@@ -5,6 +5,7 @@ A seal vouches for all lines before it, so one signature vouches for the record 
 """
 
 import os
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +35,11 @@ class SigningKey:
             raise ConfigError(f"{shown(path)}: expected a private key in PEM without password: {error}") from None
         if not isinstance(self._key, _ed25519().Ed25519PrivateKey):
             raise ConfigError(f"{shown(path)}: expected a key of Ed25519", hint="vcfbench runs new-key FILE makes one")
+        if os.name == "posix" and (rights := stat.S_IMODE(path.stat().st_mode)) & 0o077:
+            raise ConfigError(
+                f"{shown(path)}: others than its owner may use this private key (mode {rights:04o}), it signs nothing",
+                hint=f"chmod 600 {shown(path)}; if somebody may have read it, make another: vcfbench runs new-key FILE",
+            )
 
     @property
     def public(self) -> str:
