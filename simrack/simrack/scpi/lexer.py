@@ -140,8 +140,6 @@ def _header(text: str, position: int) -> tuple[Unit, int]:
         _refuse_character(text, position + from_root)
     mnemonics = tuple(match[1].upper().split(":"))
     common = mnemonics[0].startswith("*")  # after a colon too, which IEEE 488.2, 7.6.1 has not, and boxes take
-    if any(len(mnemonic) > _MNEMONIC_LIMIT for mnemonic in mnemonics):
-        raise ScpiError(-112)
     _check_blanks_around_colon(text, match.end())
     unit = Unit(mnemonics, query=match[2] is not None, common=common, from_root=from_root)
     return unit, match.end()

@@ -35,7 +35,8 @@ class Command(Struct, frozen=True):
         query_parameters: what may follow the question mark. None: nothing, or MIN, MAX or DEF when the command's only
             parameter is a Number with limits.
         reply: format of the query's value.
-        repeat: the last parameter may be given any number of times more (its `required` says whether zero is allowed).
+        repeat: the last parameter may be given any number of times more (its `required` says whether zero is allowed);
+            of a row with both forms the command's alone.
         takes_s: simulated time before the command form acts, s.
         query_takes_s: simulated time before the query answers, s.
         indefinite: the reply has no definite end, so a query after it in the same message is refused with -440.
@@ -222,7 +223,8 @@ class CommandTable:
             word = _SPECIALS.parse(unit.tokens[0])
             return CompiledUnit(lambda model, which: query_limit.special(which, model), (Special[word],), command, unit)
         parameters = (command.query_parameters or ()) if unit.query else command.parameters
-        wanted = _spread(parameters, len(unit.tokens), command)
+        repeats = command.repeat and not (unit.query and command.do is not None)
+        wanted = _spread(parameters, len(unit.tokens), repeats=repeats)
         arguments = [_argument(parameter, token) for parameter, token in _pairs(wanted, unit.tokens)]
         step = CompiledUnit(handler, (*suffixes, *arguments), command, unit)
         step.settling = tuple(
@@ -249,25 +251,37 @@ class CommandTable:
 def _next(node: _Node, word: str) -> tuple[Mnemonic, _Node]:
     numbered = node.children.get(word.rstrip("0123456789"), [])
     known = node.children.get(word) or [each for each in numbered if each[0].suffixes is not None]
-    if not known:
-        raise ScpiError(-113)
+    if not known:  # a word of a manual may be longer than IEEE 488.2 has them: INPutimpedance
+        raise ScpiError(-112 if len(word) > _WORD_LIMIT else -113)
     return next((each for each in known if each[0].match(word) is not None), known[0])
 
 
-def _spread(parameters: tuple[Parameter, ...], given: int, command: Command) -> tuple[Parameter, ...]:
+def _spread(parameters: tuple[Parameter, ...], given: int, *, repeats: bool) -> tuple[Parameter, ...]:
     """Return the parameters for `given` tokens; -108 for too many, -109 for too few."""
-    if command.repeat and parameters and given > len(parameters):
+    if repeats and parameters and given > len(parameters):
         parameters = parameters + parameters[-1:] * (given - len(parameters))
     if given > len(parameters):
         raise ScpiError(-108)
     if any(parameter.required for parameter in parameters[given:]):
         raise ScpiError(-109)
-    return parameters[:given] if command.repeat else parameters
+    return parameters[:given] if repeats else parameters
 
 
 def _pairs(wanted: tuple[Parameter, ...], tokens: tuple[Token, ...]) -> Iterator[tuple[Parameter, Token | None]]:
+    """Yield each parameter with its token; words that may be left out may be so in the middle, too."""
+    left = list(tokens)
     for index, parameter in enumerate(wanted):
-        yield parameter, tokens[index] if index < len(tokens) else None
+        later = wanted[index + 1 :] if len(left) < len(wanted) - index else ()
+        may_be_left_out = left and later and isinstance(parameter, Choice) and not parameter.required
+        left_out = may_be_left_out and not _fits(parameter, left[0]) and any(_fits(each, left[0]) for each in later)
+        yield parameter, left.pop(0) if left and not left_out else None
+
+
+def _fits(parameter: Parameter, token: Token) -> bool:
+    try:
+        return isinstance(parameter, Choice) and parameter.parse(token) is not None
+    except ScpiError:
+        return False
 
 
 def _argument(parameter: Parameter, token: Token | None) -> Any:
