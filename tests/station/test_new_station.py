@@ -11,6 +11,9 @@ from hypothesis import strategies as st
 
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.station.file import template
 from vcfbench.station.new_station import Draft, filled_template
 
@@ -71,3 +74,28 @@ def test_limits_come_with_what_they_limit() -> None:
     assert draft.value("limits") is None
     draft.add_instrument("rate_table", {"dialect": "acl", "resource": "COM3"})
     assert draft.value("limits") == {"max_rate_deg_s": 50.0, "max_acceleration_deg_s2": 50.0}
+
+
+ALL = {
+    "power": {"model": "E3631A", "resource": "GPIB0::5::INSTR"},
+    "rate_source": {"model": "33220A", "resource": "GPIB0::10::INSTR"},
+    "multimeter": METER,
+    "v_vc_meter": {"model": "34401A", "resource": "GPIB0::23::INSTR"},
+    "vibration_source": {"model": "33220A", "resource": "GPIB0::11::INSTR"},
+    "oscilloscope": {"model": "DSO7104B", "resource": "GPIB0::7::INSTR"},
+    "rate_table": {"dialect": "acl", "resource": "COM3"},
+    "chamber": {"model": "ATS-545", "resource": "GPIB0::18::INSTR"},
+}
+
+
+@pytest.mark.parametrize("limit_deg_s", [5.0, 8.0, 20.0, 50.0, 75.0, 120.0, 199.0, 200.0, 300.0])
+def test_no_procedure_leaves_the_rates_that_a_new_bench_allows(limit_deg_s: float) -> None:
+    draft = Draft("new.toml")
+    for role, keys in ALL.items():
+        draft.add_instrument(role, keys)
+    draft.set({"limits.max_rate_deg_s": limit_deg_s})
+    bench = parse_bench(draft.text("Written by a test."), "new.toml")
+    for name in BUILT_IN:
+        settings_of(
+            PROCEDURES[name], bench, asked_in_python({"k_vc": "150"} if name in {"self-calibration", "online"} else {})
+        )

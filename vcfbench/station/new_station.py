@@ -36,15 +36,33 @@ _NOTE_COLUMN: Final = 40
 _ROLES: Final = (*ROLES, "rate_table")
 
 
+_MATCHES: Final = ("procedure.kvc.match_rates_deg_s", "procedure.self-calibration.virtual_rates_deg_s")
+_RATES_DEG_S: Final = {
+    "phase.rate_deg_s": 100.0,
+    "online.virtual_rate_deg_s": 50.0,
+    "threshold.at_rate_deg_s": 10.0,
+    "polarity.polarity_rate_deg_s": 10.0,
+}
+"""Rates of single procedures where nothing is set."""
+
+
 def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:
-    """Return rates of the procedures that stay below a limit, and a rate of the match."""
+    """Return rates that stay below a limit, for every procedure whose own do not."""
+    largest = {f"procedure.{key}": most for key, most in _RATES_DEG_S.items()}
     if limit_deg_s >= max(PAPER_RATES_DEG_S):
-        return {"procedure.rates_deg_s": None, "procedure.virtual-coriolis": None}
+        return dict.fromkeys(("procedure.rates_deg_s", "procedure.virtual-coriolis", *_MATCHES, *largest))
     fitting = [rate for rate in PAPER_RATES_DEG_S if abs(rate) <= limit_deg_s]
     rates = fitting if len(fitting) >= 7 else [limit_deg_s * part for part in (1.0, 0.5, 0.2, 0.0, -0.2, -0.5, -1.0)]
     positive = [rate for rate in reversed(rates) if rate > 0.0]
     match = {"match_rate_deg_s": min(10.0, limit_deg_s), "match_rates_deg_s": positive}
-    return {"procedure.rates_deg_s": rates, "procedure.virtual-coriolis": match}
+    curve = [round(limit_deg_s * part, 6) for part in (0.1, 0.2, 0.4, 0.7, 1.0)]
+    single = {key: min(most, limit_deg_s) if most > limit_deg_s else None for key, most in largest.items()}
+    return {
+        "procedure.rates_deg_s": rates,
+        "procedure.virtual-coriolis": match,
+        **dict.fromkeys(_MATCHES, curve),
+        **single,
+    }
 
 
 def _rails(volts: float) -> dict[str, Any]:
@@ -77,6 +95,8 @@ class Draft:
         """
         candidate = deepcopy(self.values)
         for path, value in changes.items():
+            if value is None and self.value(path) is None:
+                continue
             values = candidate
             *tables, key = path.split(".")
             for table in tables:
