@@ -63,6 +63,8 @@ class EspDialect(TableDialect):
             what = f"its stage counts in unit {unit}, which is no angle"
             raise InstrumentError(what, hint=f"set degrees at it: {self.axis}SN7", **line.where)
         self._unit_deg = _UNIT_DEG[unit]
+        self._collect(line, deadline)
+        self._refused.clear()  # to whoever asked before, as who looks for a table of another language
         return Identity("Newport", model, "", firmware.removeprefix("Version").strip())
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:

@@ -139,6 +139,7 @@ def test_esp_jog_and_stop() -> None:
     said = [
         VERSION,
         DEGREES,
+        FINE,
         ("1AC20;1AG20;1VA10.5", None),
         FINE,
         ("1VA?", "10.5"),
@@ -159,6 +160,7 @@ def test_esp_stops_before_it_turns_the_other_way() -> None:
     said = [
         VERSION,
         DEGREES,
+        FINE,
         ("1AC20;1AG20;1VA10", None),
         FINE,
         ("1VA?", "10"),
@@ -186,6 +188,7 @@ def test_esp_refusals_are_raised_and_faults_kept() -> None:
     said = [
         VERSION,
         DEGREES,
+        FINE,
         ("1VA10", None),
         ("TB?", "7, 451322, PARAMETER OUT OF RANGE"),
         ("TB?", "113, 451330, AXIS-1 MOTOR NOT ENABLED"),
@@ -207,6 +210,7 @@ def test_esp_finds_its_place_by_the_version() -> None:
     said = [
         VERSION,
         DEGREES,
+        FINE,
         ("1TV", None),
         ("VE?", "3.5\r\nESP301 Version 3.0.1 6/1/99"),
         ("1MO?", "1"),
@@ -217,7 +221,7 @@ def test_esp_finds_its_place_by_the_version() -> None:
 
 
 def test_esp_reads_its_velocity_back_before_it_moves() -> None:
-    said = [VERSION, DEGREES, ("1VA10", None), FINE, ("1VA?", "9.99")]
+    said = [VERSION, DEGREES, FINE, ("1VA10", None), FINE, ("1VA?", "9.99")]
     with (
         expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table,
         pytest.raises(InstrumentError, match=r"velocity of 10 but reads back 9\.99"),
@@ -226,7 +230,7 @@ def test_esp_reads_its_velocity_back_before_it_moves() -> None:
 
 
 def test_esp_takes_a_velocity_above_its_limit_for_refused() -> None:
-    said = [VERSION, DEGREES, ("1VA10", None), ("TB?", "110, 451322, AXIS-1 MAXIMUM VELOCITY EXCEEDED"), FINE]
+    said = [VERSION, DEGREES, FINE, ("1VA10", None), ("TB?", "110, 451322, AXIS-1 MAXIMUM VELOCITY EXCEEDED"), FINE]
     with (
         expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table,
         pytest.raises(InstrumentError, match="refused with 110"),
@@ -237,7 +241,7 @@ def test_esp_takes_a_velocity_above_its_limit_for_refused() -> None:
 @pytest.mark.parametrize(("unit", "per_unit"), [("8", 0.9), ("9", 57.29577951), ("10", 0.05729577951)])
 def test_esp_speaks_in_the_unit_that_was_left(unit: str, per_unit: float) -> None:
     velocity = f"{10.0 / per_unit:.6f}".rstrip("0").rstrip(".")
-    said = [VERSION, ("1SN?", unit), (f"1VA{velocity}", None), FINE, ("1VA?", velocity), ("1MV+", None), FINE]
+    said = [VERSION, ("1SN?", unit), FINE, (f"1VA{velocity}", None), FINE, ("1VA?", velocity), ("1MV+", None), FINE]
     with expected_exchange(driver(EspDialect(LIMITS)), esp(*said, ("1TV", f"{10.0 / per_unit}"))) as table:
         table.dialect.demand_rate(table.line, 10.0, float("inf"), table.line.deadline())
         assert table.rate_deg_s() == pytest.approx(10.0)
@@ -315,3 +319,11 @@ def test_atl_silence_closes_the_line() -> None:
     said = [("PPO", b"0.0000" + PROMPT), ("PVE", None), ("\rSTA", None)]
     with expected_exchange(driver(AtlDialect(LIMITS)), atl(*said)) as table, pytest.raises(OutOfSync):
         table.rate_deg_s()
+
+
+def test_esp_takes_what_was_refused_to_others_for_no_refusal_of_its_own() -> None:
+    """Who looks for tables asks in other languages; what that left in the queue ended the first run."""
+    left = ("TB?", "6, 451322, COMMAND DOES NOT EXIST")
+    said = [VERSION, DEGREES, left, left, FINE, ("1ST", None), FINE, ("1MO", None), FINE]
+    with expected_exchange(driver(EspDialect(LIMITS)), esp(*said)) as table:
+        table.dialect.close_servo(table.line, table.line.deadline())
