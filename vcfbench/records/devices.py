@@ -13,7 +13,7 @@ from contextlib import suppress
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 import msgspec
 from msgspec import Meta, Struct, structs
@@ -25,8 +25,7 @@ from vcfbench.typed import typed
 FORMAT = 1  # Version of the entries' layout; raised when a reader of the old one would misread the new one
 
 _SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}(?:\.[A-Za-z0-9_-]{1,63}){0,7}", re.ASCII)
-_RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)
-"""Names that Windows keeps for itself."""
+_RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)  # Windows has them itself
 _ENTRY = re.compile(r"(\d{4,})\.json", re.ASCII)
 
 Uncertainty = Annotated[float, Meta(ge=0.0)]
@@ -57,6 +56,10 @@ class Measured(_Value, frozen=True, kw_only=True):
     shares: tuple[Share, ...] = ()  # Contributions to `u`, where they are known: their squares add up to its square
     missing: tuple[Text, ...] = ()  # Contributions that `u` lacks, because nobody told them
 
+    def signed(self, sign: float) -> Self:
+        """Return this size with the sign of a number."""
+        return structs.replace(self, value=math.copysign(self.value, sign))
+
 
 class CurveShare(_Value, frozen=True, kw_only=True):
     """Contribution of one source to the covariance of a curve."""
@@ -67,8 +70,7 @@ class CurveShare(_Value, frozen=True, kw_only=True):
     covariance: tuple[tuple[float, ...], ...]  # Covariance from this source; all add up to that of the curve
 
 
-_HIGHEST_V = 1e3
-_LARGEST = 1e100
+_HIGHEST_V, _LARGEST = 1e3, 1e100
 """Numbers of a curve of which sums of products cannot overflow, and no curve that was measured has larger ones."""
 
 
@@ -102,9 +104,8 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
     def rate_deg_s(self, v_vc_v: float) -> float:
         """Return the rate that `v_vc_v` stands for; ValueError: it lies outside of what was measured."""
         if not self.v_vc_min_v <= v_vc_v <= self.v_vc_max_v:
-            raise ValueError(
-                f"V_Vc of {v_vc_v:g} V is outside of {self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
-            )
+            between = f"{self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
+            raise ValueError(f"V_Vc of {v_vc_v:g} V is outside of {between}")
         powers = (v_vc_v**power for power in range(len(self.coefficients)))
         return math.fsum(c * p for c, p in zip(self.coefficients, powers, strict=True))
 
@@ -134,9 +135,7 @@ class Characteristics(_Value, frozen=True, kw_only=True):
     q_anti_phase: Measured | None = None  # Quality factor of that mode
     in_phase_split_hz: Measured | None = None  # Drive less in-phase sense frequency
     q_in_phase: Measured | None = None  # Quality factor of that mode
-    in_phase_share: Measured | None = (
-        None  # Part of that mode in the static response to V_Vc, by stiffness; its sign too
-    )
+    in_phase_share: Measured | None = None  # Part of that mode in the static response to V_Vc, by stiffness, signed
     carrier_phase_deg: Measured | None = None  # Against the drive's velocity, apart from half turns; 0 is ideal
     demodulator_phase_deg: Measured | None = None  # Phase of the demodulator's reference against the same
     comb_mismatch: Measured | None = None  # In-phase over anti-phase force, over that of a rate, less 1; 0: equal combs
@@ -309,9 +308,8 @@ class DeviceStore(Struct, frozen=True):
         """Return all entries of a device, oldest first; ConfigError: it can have none, or one cannot be read."""
         require_serial(serial)
         found = tuple(Entry(path, read_entry(path)) for _, path in _numbered(self.root / serial))
-        for path, record in ((each.path, each.record) for each in found):
-            if record.serial != serial:
-                raise ConfigError(f"{shown(path)}: it is of device {record.serial!r}, and lies with {serial!r}")
+        for each in (one for one in found if one.record.serial != serial):
+            raise ConfigError(f"{shown(each.path)}: it is of device {each.record.serial!r}, and lies with {serial!r}")
         return found
 
     def device(self, serial: str) -> Device:
@@ -400,20 +398,13 @@ def together(found: Iterable[Characteristics]) -> Characteristics:
         if "split_hz" in values:
             last.pop("split_size_hz", None)
         elif "split_size_hz" in values and "split_hz" in last:  # of which the sign is known
-            values["split_hz"] = with_sign(values.pop("split_size_hz"), last["split_hz"].value)
+            values["split_hz"] = values.pop("split_size_hz").signed(last["split_hz"].value)
         last |= values
     for unit in ("ppm_k", "ppm_v"):
         table, v_vc = last.get(f"table_slope_{unit}"), last.get(f"v_vc_slope_{unit}")
         if table is not None and v_vc is not None:
             last[f"k_vc_{unit}"] = Measured(value=v_vc.value - table.value, u=math.hypot(v_vc.u, table.u))
     return Characteristics(**last)
-
-
-def with_sign(size: Measured, sign: float) -> Measured:
-    """Return a size with the sign of a number, the effects of what makes it uncertain likewise."""
-    turned = math.copysign(1.0, sign)
-    shares = tuple(structs.replace(share, u=turned * share.u) for share in size.shares)
-    return structs.replace(size, value=turned * size.value, shares=shares)
 
 
 def last_certificate(entries: Sequence[Entry]) -> Entry | None:
@@ -423,11 +414,9 @@ def last_certificate(entries: Sequence[Entry]) -> Entry | None:
 
 def since_certificate(entries: Sequence[Entry]) -> tuple[Entry, ...]:
     """Return the self-calibrations by the last certificate; without one, those by a K_Vc from elsewhere."""
-    certificate = last_certificate(entries)
+    certificate, own = last_certificate(entries), [each for each in entries if isinstance(each.record, SelfCalibration)]
     name = None if certificate is None else certificate.name
-    return tuple(
-        each for each in entries if isinstance(each.record, SelfCalibration) and each.record.certificate == name
-    )
+    return tuple(each for each in own if cast("SelfCalibration", each.record).certificate == name)
 
 
 def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:

@@ -12,7 +12,7 @@ from msgspec import Struct, structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
-from vcfbench.records.devices import Characteristics, Measured, Sensitivity, with_sign
+from vcfbench.records.devices import Characteristics, Measured, Sensitivity
 from vcfbench.reports.document import Table, heads
 
 
@@ -91,9 +91,9 @@ def inputs_of(*known: Characteristics) -> list[_Inputs]:
     found = []
     for sign in (1.0, -1.0) if split_hz is None else (split_hz,):
         inputs = {name: getattr(known[0], name) or each for name, each in ASSUMED.items()}
-        inputs["split_hz"] = known[0].split_hz or with_sign(known[0].split_size_hz or ASSUMED["split_hz"], sign)
+        inputs["split_hz"] = known[0].split_hz or (known[0].split_size_hz or ASSUMED["split_hz"]).signed(sign)
         if known[0].in_phase_share is None:
-            inputs["in_phase_share"] = with_sign(ASSUMED["in_phase_share"], sign * inputs["in_phase_split_hz"].value)
+            inputs["in_phase_share"] = ASSUMED["in_phase_share"].signed(sign * inputs["in_phase_split_hz"].value)
         found.append(inputs)
     return found
 
