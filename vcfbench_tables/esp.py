@@ -85,7 +85,7 @@ class EspDialect(TableDialect):
         stop = f"{self.axis}ST\r".encode("ascii")
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\r" + stop,)
-        return b"\r" + stop, f"{self.axis}AG{self._told(acceleration_deg_s2)}\r".encode("ascii"), stop
+        return b"\r" + stop, f"{self.axis}AG{self._in_its_unit(acceleration_deg_s2)}\r".encode("ascii"), stop
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Stop, then switch the motor on."""
@@ -104,7 +104,7 @@ class EspDialect(TableDialect):
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
         """Set acceleration, deceleration and velocity, then jog; rate 0 is ``ST``."""
-        acceleration = self._told(acceleration_deg_s2)
+        acceleration = self._in_its_unit(acceleration_deg_s2)
         ramp = f"{self.axis}AC{acceleration};{self.axis}AG{acceleration};"
         ramps = ramp if math.isfinite(acceleration_deg_s2) else ""
         if rate_deg_s * self._steady.demanded_deg_s < 0.0:
@@ -123,7 +123,7 @@ class EspDialect(TableDialect):
             self._command(line, f"{ramps}{self.axis}ST", deadline)
             return
         # One that is refused would leave the stage to start at the velocity before
-        velocity, question = self._told(abs(rate_deg_s)), f"{self.axis}VA?"
+        velocity, question = self._in_its_unit(abs(rate_deg_s)), f"{self.axis}VA?"
         self._sets_velocity = True
         try:
             self._command(line, f"{ramps}{self.axis}VA{velocity}", deadline)
@@ -135,7 +135,7 @@ class EspDialect(TableDialect):
             raise InstrumentError(what, command=question, **line.where)
         self._command(line, f"{self.axis}MV{'+' if rate_deg_s > 0.0 else '-'}", deadline)
 
-    def _told(self, degrees: float) -> str:
+    def _in_its_unit(self, degrees: float) -> str:
         """Return a rate or acceleration as the stage is told it, in its own unit."""
         return decimal(degrees / self._unit_deg)
 
