@@ -54,6 +54,8 @@ _ROOM = 5.0
 _A_PERIOD = 6.0
 _LOOKS = 8
 """Ring-downs by which length and scale of the records are found, at most."""
+_PATIENCE, _SLOWEST = 3, 5.0
+"""Ring-downs in which too few modes were seen, before a longer record is tried; and the longest, s/div."""
 
 
 class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
@@ -207,7 +209,13 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
     splits_hz = settings.split_guess_hz, settings.in_phase_split_hz
     expected = SenseDecay(drive_hz, tuple(RingingMode(drive_hz - each, 1000.0, 1.0) for each in splits_hz))
     v_vc_v, count = settings.ring_down_v_vc_v, settings.sense_ring_downs
-    decays = yield from ring_downs(settings, v_vc_v, count, _LENGTH, expected)
+    decays = yield from ring_downs(settings, v_vc_v, count, _LENGTH, expected, modes=1)
+    if len(decays) < count:
+        raise MeasurementError(
+            f"the sense modes were seen to ring down {len(decays)} times of {count} as V_Vc was switched off",
+            instrument="oscilloscope",
+            hint="look at the leads of V_Vc and of the sense signal; ring_down_v_vc_v gives more of a weak signal",
+        )
     drive_hz = fmean(each.drive_hz for each in decays)
     yield steps.Note("The drive rings down as the rails are switched off")
     channel = settings.station.channel_of("drive")
@@ -225,70 +233,66 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
 
 
 def ring_downs(
-    settings: ProcedureSettings, v_vc_v: float, count: int, length: float, expected: SenseDecay
+    settings: ProcedureSettings, v_vc_v: float, count: int, length: float, expected: SenseDecay, *, modes: int
 ) -> Routine[list[SenseDecay]]:
     """Switch V_Vc off until the records fit what rings down, and then `count` times; return the last `count`.
 
     A record shall be `length` time constants of the mode that is nearest to the drive long, and show some beats of the
     two; a signal that is more than the screen shows is shown at twice the scale. `expected` has the drive frequency.
+    Fewer records are returned where so many `modes` are not seen, however often it is tried.
 
     Raises:
-        MeasurementError: nothing rings down, whatever is tried, or the drive is not at the expected frequency.
+        MeasurementError: the drive is not at the expected frequency.
     """
     channels = settings.station.channel_of("drive"), settings.station.channel_of("sense")
-    drive_hz = expected.drive_hz
     s_per_div = one_two_five(length * _FIRST_S / 10.0)
     shown_v: tuple[float, ...] = ()
     yield steps.ConfigureScope(s_per_div, channels[0])
     found: list[SenseDecay] = []
-    for _ in range(_LOOKS + count):
+    for tries in range(1, _LOOKS + 2 * count):
         yield from routines.set_v_vc(settings, v_vc_v)
         if not shown_v:
-            points = points_that_show(10.0 * s_per_div, drive_hz)
+            points = points_that_show(10.0 * s_per_div, expected.drive_hz)
             shown_v = yield from amplitudes(settings, *channels, points=points)
         yield steps.SetVvc(0.0)
-        points = points_over(10.0 * s_per_div, drive_hz, _A_PERIOD)
+        points = points_over(10.0 * s_per_div, expected.drive_hz, _A_PERIOD)
         seen = answer((yield CaptureDecay(channels, (shown_v[0], shown_v[1]), points, expected)), SenseDecay)
-        wanted = _s_per_div(seen, length, s_per_div)
         if seen.clipped:
-            found, shown_v = (
-                [],
-                tuple(v * (1 + (each in seen.clipped)) for v, each in zip(shown_v, channels, strict=True)),
-            )
-        elif not found and not wanted <= s_per_div <= _ROOM * wanted:
+            found = []
+            shown_v = tuple(v * (1 + (each in seen.clipped)) for v, each in zip(shown_v, channels, strict=True))
+            continue
+        wanted = _s_per_div(seen, length)
+        if not found and wanted and not wanted <= s_per_div <= _ROOM * wanted:
             s_per_div = wanted
             yield steps.ConfigureScope(s_per_div, channels[0])
-        elif seen.trouble:
-            break
-        else:
+        elif len(seen.modes) >= modes:
             as_expected(settings, seen.drive_hz)
             found.append(seen)
+        elif not found and tries % _PATIENCE == 0 and s_per_div < _SLOWEST:
+            s_per_div = one_two_five(_ROOM * s_per_div)
+            yield steps.ConfigureScope(s_per_div, channels[0])
         if len(found) == count:
-            return found
-    raise MeasurementError(
-        f"the sense modes are not seen to ring down as V_Vc is switched off: {seen.trouble or 'each time otherwise'}",
-        instrument="oscilloscope",
-        hint="look at the leads of V_Vc and of the sense signal; a long time constant needs a longer settle_s",
-    )
+            break
+    return found
 
 
-def _s_per_div(seen: SenseDecay, length: float, s_per_div: float) -> float:
-    """Return the time base that fits what rang down; ten times as long where nothing did."""
+def _s_per_div(seen: SenseDecay, length: float) -> float | None:
+    """Return the time base that fits what rang down; None where nothing did."""
     if not seen.modes:
-        return s_per_div if seen.clipped else 10.0 * s_per_div
+        return None
     near = min(seen.modes, key=lambda mode: abs(mode.frequency_hz - seen.drive_hz))
     lasts_s, beat_s = near.q / (math.pi * near.frequency_hz), 1.0 / abs(near.frequency_hz - seen.drive_hz)
-    return one_two_five(max(length * lasts_s, min(_BEATS * beat_s, _LONGEST * lasts_s)) / 10.0)
+    return min(_SLOWEST, one_two_five(max(length * lasts_s, min(_BEATS * beat_s, _LONGEST * lasts_s)) / 10.0))
 
 
-def rang_down(measured: Measured, count: int) -> list[SenseDecay]:
-    """Return the last `count` ring-downs: those before were for length and scale of the records."""
-    return [found for _, found in measured.found(SenseDecay)][-count:]
+def rang_down(measured: Measured, count: int, modes: int) -> list[SenseDecay]:
+    """Return the last `count` ring-downs of so many modes: those before were for length and scale of the records."""
+    return [found for _, found in measured.found(SenseDecay) if len(found.modes) >= modes][-count:]
 
 
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
     """Combine the records of each way, and compare the ways."""
-    decays = rang_down(measured, settings.sense_ring_downs)
+    decays = rang_down(measured, settings.sense_ring_downs, modes=1)
     released = [found for _, found in measured.found(DriveDecay)]
     return combined(band_of(settings, measured), decays, released)
 

@@ -64,8 +64,8 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     Raises:
         MeasurementError: only one mode rang down, or V_Vc does not move the sense signal.
     """
-    decays = rang_down(measured, RING_DOWNS)
-    if not decays:
+    decays = rang_down(measured, RING_DOWNS, modes=2)
+    if not measured.found(Rotations):
         return {}
     placed = settings.station.instruments["oscilloscope"]
     scope = placed.owner
@@ -163,13 +163,18 @@ def _share_of(then: Characteristics | None, now: Modes) -> Kept | None:
 
 
 def _one_share(pair: Modes, sign: float, at_rest_v: float) -> float:
+    """Return the share by one ring-down.
+
+    V_Vc goes off anywhere in a period of the drive: a displacement rings on as it is, a velocity by w_d / w_0 larger.
+    """
     answers, modes = pair.answers(0.0), (pair.anti_phase, pair.in_phase)
+    forced_v = [2.0 * mode.amplitude_v / (1.0 + pair.drive_hz / mode.frequency_hz) for mode in modes]
     late_s = 0.0
     forces = [1.0, 0.0]
     for _ in range(_ROUNDS):
         forces = [
-            each * mode.amplitude_v * math.exp(math.pi * mode.frequency_hz / mode.q * late_s) / abs(answer)
-            for each, mode, answer in zip((1.0, sign), modes, answers, strict=True)
+            each * level_v * math.exp(math.pi * mode.frequency_hz / mode.q * late_s) / abs(answer)
+            for each, level_v, mode, answer in zip((1.0, sign), forced_v, modes, answers, strict=True)
         ]
         moved_v = abs(forces[0] * answers[0] + forces[1] * answers[1])
         late_s += pair.anti_phase.q / (math.pi * pair.anti_phase.frequency_hz) * math.log(at_rest_v / moved_v)

@@ -34,6 +34,7 @@ from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_
 from vcfbench.records.devices import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
+from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.scope import Screen
 from vcfbench.steps.step import Routine
@@ -101,7 +102,8 @@ def middle_of(found: Sequence[Modes]) -> Modes:
     return Modes(drive_hz, mode([each.anti_phase for each in found]), mode([each.in_phase for each in found]))
 
 
-_LEVEL_V = 0.7
+_OF_RANGE = 0.525
+"""V_Vc of ring-downs and phases, as a rate over the largest of `rates_deg_s`: 0.7 V of the paper's gyroscope."""
 RING_DOWNS: Final = 6
 _LENGTH = 1.5
 """Of their records, in time constants of the mode that measures."""
@@ -158,8 +160,8 @@ class CaptureFar(steps.CaptureRotations, frozen=True):
 
 def level_v(settings: KnownVvcSettings) -> float:
     """Return the V_Vc of ring-downs and phases, V; the peak of its sines is twice that."""
-    most_v = settings.station.limits.max_v_vc_v
-    return _LEVEL_V if most_v is None else min(_LEVEL_V, 0.5 * most_v)
+    level_v = _OF_RANGE * max(map(abs, settings.rates_deg_s)) / abs(settings.k_vc_guess_deg_s_per_v)
+    return min(level_v, 0.5 * (settings.station.limits.max_v_vc_v or V_VC_RANGE_V))
 
 
 def examined(
@@ -183,8 +185,13 @@ def examined(
     seen = yield from capture_drive(settings, drive_v)
     expected = _expected(seen.frequency_hz)
     foreseen = SenseDecay(expected.drive_hz, (expected.anti_phase, expected.in_phase))
-    decays = yield from ring_downs(settings, level_v(settings), RING_DOWNS, _LENGTH, foreseen)
-    modes = [modes_of(each) for each in decays][-1]
+    decays = yield from ring_downs(settings, level_v(settings), RING_DOWNS, _LENGTH, foreseen, modes=2)
+    if len(decays) < RING_DOWNS:
+        seen_v = f"both sense modes were seen to ring down {len(decays)} times of {RING_DOWNS}"
+        yield steps.NotChecked("what K_Vc depends on", f"{seen_v}: the in-phase mode may be too weak")
+        yield from _off_again(settings)
+        return
+    modes = modes_of(decays[-1])
     split_hz, drive_hz = abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
     lasts_s = modes.anti_phase.q / (math.pi * modes.anti_phase.frequency_hz)
     yield from _at_both_signs(settings, drive_hz, seen.amplitudes_v[0], one_two_five(_APART * lasts_s))
@@ -204,6 +211,10 @@ def examined(
             shown_v = yield from amplitudes(settings, *channels, points=points_that_show(10.0 * s_per_div, drive_hz))
             yield kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
     yield from v_vc_level_again()
+    yield from _off_again(settings)
+
+
+def _off_again(settings: KnownVvcSettings) -> Routine[None]:
     yield steps.DisableVvc()
     yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
