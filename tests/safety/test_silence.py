@@ -39,7 +39,7 @@ class Piped:
         self.killed = True
 
     def wait(self, timeout: float | None = None) -> int:
-        if not self.killed:
+        if timeout is not None and not self.killed:
             raise subprocess.TimeoutExpired("watchdog", timeout or 0.0)
         return -9
 
