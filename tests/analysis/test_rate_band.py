@@ -179,3 +179,21 @@ def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:
         tones.append(Tone(at, gain, read, 0.0, 0.01, 12.0, tuple(lines.tolist())))
     band = fit_rate_band(tones, 1.0, Known(drive, low_pass_hz=1e9))
     assert band.u_gain == pytest.approx(np.sqrt(noise(f)), rel=0.01)
+
+
+@pytest.mark.parametrize("drive_hz", [1000.0, 3488.9, 12_000.0])
+@pytest.mark.parametrize("split_hz", [24.8, -24.8, 40.0, -40.0])
+def test_q_is_that_of_a_mode_on_either_side_of_the_drive(drive_hz: float, split_hz: float) -> None:
+    size, apart_hz = abs(split_hz), max(0.042 * drive_hz, 6.0 * abs(split_hz))
+    f = size * np.concatenate([np.linspace(0.1, 0.8, 12), np.linspace(0.85, 1.2, 15), np.linspace(1.25, 2.0, 8)])
+    q = 30.0 * drive_hz / size
+    gain = split_response(f, drive_hz, np.array([split_hz, q, 1.0, apart_hz, 0.0]))
+    noise = 1e-5 * np.random.default_rng(1).standard_normal(f.size)
+    tones = [
+        Tone(at, each, 1e-6, 0.0, 5e-3, 28.0) for at, each in zip(f.tolist(), (gain + noise).tolist(), strict=True)
+    ]
+    band = fit_rate_band(tones, 1.0, Known(drive_hz, apart_hz, low_pass_hz=1e9))
+    assert band.split_hz[0] == pytest.approx(size, rel=1e-4)
+    assert abs(band.q[0] - q) < 4.0 * band.q[1]
+    assert band.q[1] < max(1e-3, 1.2 * size / drive_hz) * q
+    assert band.in_phase_share[0] * split_hz > 0.0

@@ -7,6 +7,7 @@ gyroscope is free: share and place of the in-phase mode, phase of the demodulato
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import numpy as np
 from msgspec import Struct
@@ -29,6 +30,8 @@ _ROUNDING = 1e-12
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
 _ROUNDS, _SETTLED = 40, 1e-6
+_SEEN, _TELLS = 3.0, 9.0
+"""The in-phase mode is seen by so many uncertainties of its part, a side of the drive by so much of chi-square."""
 _LEAST_SHARE = 0.03
 """Least amplitude, relative to that at the lowest frequency. A smaller one lies in the dip where the modes cancel: its
 dependence on their shares is so far from linear that no fit ends there."""
@@ -250,6 +253,10 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     The output stage's compression is read from the third harmonics and taken out. The noise of each tone is that of
     all tones with the same spacing of samples: part of it is flat, part passes through the modes as the response does.
 
+    A response shows how wide its peak is; the quality factor, which is the mode's frequency over that, differs by twice
+    the split over the drive frequency between a mode below the drive and one above. On which side it is, the in-phase
+    mode tells, which is below the drive and seen with the same sign; where that is too weak, u of q holds either.
+
     Raises:
         ConfigError: fewer than ten tones, or no peak among them.
     """
@@ -270,15 +277,27 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     gain = level / filter_gain / amplitude
     place = int(gain.argmax())
     q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
-    start = np.array([f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
     u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
     u = np.hypot(np.maximum(u, float(np.median(u / gain)) * gain), known.off_form * gain)
-    for _ in range(2):
-        fit = fit_model(lambda p, u=u: _residuals(p, f, gain, u, known), start, "bandwidth")  # type: ignore[misc]
-        start = fit.parameters
-        u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
-    fit = fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")
-    return _band(fit, known.drive_hz, f, gain, u, noise_dof=sum(tone.noise_dof for tone in ordered))
+
+    def fitted(side: float, u: Floats) -> tuple[ModelFit, Floats]:
+        start = np.array([side * f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
+        for _ in range(2):
+            fit = fit_model(lambda p, u=u: _residuals(p, f, gain, u, known), start, "bandwidth")  # type: ignore[misc]
+            start = fit.parameters
+            u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
+        return fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth"), u
+
+    sides: list[tuple[ModelFit, Floats]] = []
+    for side in (1.0, -1.0):
+        with suppress(ConfigError):
+            sides.append(fitted(side, u))
+    if not sides:
+        raise ConfigError("bandwidth: the points do not determine the model")
+    best, *others = sorted(sides, key=lambda each: (each[0].parameters[3] < 0.0, each[0].chi_square))
+    either = any(o.parameters[3] > 0.0 and o.chi_square < best[0].chi_square + _TELLS for o, _ in others)
+    dof = sum(tone.noise_dof for tone in ordered)
+    return _band(best[0], known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
 
 
 def _shape(parameters: Floats) -> Floats:
@@ -328,16 +347,20 @@ def _passed(f: Floats, shape: Floats, known: Known) -> Floats:
     return np.asarray(np.abs(sides[0]) ** 2 + np.abs(sides[1]) ** 2)
 
 
-def _band(fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *, noise_dof: float) -> RateBand:
+def _band(
+    fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *, noise_dof: float, either_side: bool
+) -> RateBand:
     def points(parameters: Floats) -> Floats:
         return _points(drive_hz, parameters)
 
     model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
-    split, q, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
+    split, q, _, in_phase, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
+    if either_side or in_phase[0] < _SEEN * in_phase[1]:
+        q = q[0], math.hypot(q[1], 2.0 * abs(split[0]) / drive_hz * q[0] / math.sqrt(3.0))
     found = zip(points(fit.parameters).tolist(), propagated(points, fit).tolist(), strict=True)
     plus_3_db, peak, peak_gain, minus_3_db, share = found
     return RateBand(
-        split_hz=split,
+        split_hz=(abs(split[0]), split[1]),
         q=q,
         static_gain=float(fit.parameters[2]),
         plus_3_db_hz=plus_3_db,
@@ -367,8 +390,9 @@ def _points(drive_hz: float, parameters: Floats) -> Floats:
     def gain(at_hz: float) -> float:
         return float(split_response(at_hz, drive_hz, shape)[0])
 
-    near = 1e-4 * split
-    peak = _zero(lambda at: gain(at + near) - gain(at - near), 0.5 * split, 1.5 * split)
+    size = abs(split)
+    near = 1e-4 * size
+    peak = _zero(lambda at: gain(at + near) - gain(at - near), 0.5 * size, 1.5 * size)
     plus_3_db = _zero(lambda at: gain(at) - math.sqrt(2.0), 0.0, peak)
     # The first one above the peak: the other mode may raise the gain again
     steps = peak + 0.05 * peak * np.arange(1, 100)
