@@ -8,8 +8,10 @@ from msgspec import Struct
 from msgspec.structs import replace
 from simrack.faults import Fault, Kind
 
-from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.sim.gyro.data_sheet import DataSheet, settling_s
 from vcfbench.station.description import BenchDescription
+from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
 
 What = Literal["fault", "kill", "power cut", "signal", "starter", "clock", "disk full", "sync fails"]
 _ENDS = frozenset({"kill", "power cut"})
@@ -20,6 +22,8 @@ TOGETHER = 10
 LANGUAGES = ("acl", "zaber", "atl", "esp", "dd16", "mn_as", "ruya", "aaaa")
 _SPARE = frozenset({"ruya", "aaaa"})
 """Tables whose rate follows from angles."""
+_SPARE_RANGE_DEG_S = 180.0
+"""Range of a gyroscope that is turned by them, to a few deg/s."""
 _METERS = ("34401A", "34461A", "34465A", "2000", "DMM6500")
 _WIRES: Mapping[str, Mapping[str, str]] = {
     "direct": {},
@@ -77,6 +81,8 @@ class Draw(Struct, frozen=True):
     seed: int
     specimens: int
     """Seed of the simulated bench."""
+    gyroscope: int
+    """Seed of its gyroscope."""
     language: str
     wires: str
     meter: str
@@ -93,24 +99,26 @@ class Draw(Struct, frozen=True):
 
     def bench(self) -> BenchDescription:
         """Return the bench."""
-        paper = load_bench("paper")
-        assert paper.rate_table is not None  # noqa: S101  # its file has one
-        assert paper.multimeter is not None  # noqa: S101
+        own = parse_bench(drawn_bench(self.gyroscope), f"gyroscope-{self.gyroscope}")
+        assert own.rate_table is not None  # noqa: S101  # its file has one
+        assert own.multimeter is not None  # noqa: S101
         steps = 16_000.0 / 9.0 if self.language == "zaber" else None
         roles: dict[str, Any] = {
-            "rate_table": replace(paper.rate_table, dialect=self.language, steps_per_deg=steps),
-            "multimeter": replace(paper.multimeter, model=self.meter),
-            "power": paper.power,
+            "rate_table": replace(own.rate_table, dialect=self.language, steps_per_deg=steps),
+            "multimeter": replace(own.multimeter, model=self.meter),
+            "power": own.power,
+            "v_vc_meter": None,
         }
         for role, resource in _WIRES[self.wires].items():
             roles[role] = replace(roles[role], resource=resource)
-        return replace(paper, **roles, limits=replace(paper.limits, max_acceleration_deg_s2=1000.0))
+        return replace(own, **roles, limits=replace(own.limits, max_acceleration_deg_s2=1000.0))
 
     def describe(self) -> list[str]:
         """Return it in lines for a reader."""
         settings = ", ".join(f"{key} {value}" for key, value in self.settings.items())
         journal = "synchronised" if self.synchronised else "as simulated"
-        bench = f"{self.procedure} on {self.language}, meter {self.meter}, wires {self.wires}, journal {journal}"
+        work = f"{self.procedure} of gyroscope {self.gyroscope}"
+        bench = f"{work} on {self.language}, meter {self.meter}, wires {self.wires}, journal {journal}"
         return [f"seed {self.seed}: {bench}", f"  {settings}", *(f"  {each.describe()}" for each in self.happenings)]
 
 
@@ -125,7 +133,11 @@ def _drawn(seed: int) -> Draw:
     language = random.choice(LANGUAGES)
     wires = random.choices(tuple(_WIRES), (12, 2, 1, 5))[0]  # each character on RS-232 takes its time
     meter = random.choice(_RS232_METERS if wires == "all on RS-232" else _METERS)
-    procedure, settings = _work(random, language, 0.5 if wires == "all on RS-232" else random.choice((0.1, 0.5)))
+    gyroscope = seed
+    while language in _SPARE and drawn_sheet(gyroscope).range_deg_s < _SPARE_RANGE_DEG_S:
+        gyroscope += 1_000_000
+    sheet = drawn_sheet(gyroscope)
+    procedure, settings = _work(random, language, sheet, 0.5 if wires == "all on RS-232" else random.choice((0.1, 0.5)))
     lives = random.choices((1, 2, 3), (5, 4, 1))[0]
     happenings = [_fault(random, life=random.randrange(lives)) for _ in range(random.randrange(6))]
     happenings += [_end(random, life) for life in range(lives - 1)]
@@ -133,31 +145,38 @@ def _drawn(seed: int) -> Draw:
     happenings.sort(key=lambda each: (each.life, each.at))
     synchronised = random.random() < 0.5
     specimens = 1 + seed % 1000
-    return Draw(seed, specimens, language, wires, meter, procedure, settings, synchronised, tuple(happenings))
+    return Draw(
+        seed, specimens, gyroscope, language, wires, meter, procedure, settings, synchronised, tuple(happenings)
+    )
 
 
-def _work(random: Random, language: str, interval_s: float) -> tuple[str, dict[str, Any]]:
+def _work(random: Random, language: str, sheet: DataSheet, interval_s: float) -> tuple[str, dict[str, Any]]:
     """Return a procedure and settings with which it is short; a reading every `interval_s`."""
+    started_s = settling_s(sheet)[0]
     procedure = random.choices(("turntable", "virtual-coriolis", "zero", "polarity", "power"), (10, 7, 1, 1, 1))[0]
     if procedure == "zero":
-        return procedure, {"duration_s": 200.0, "powered_s": 10.0}
+        return procedure, {"duration_s": 200.0, "powered_s": max(10.0, started_s)}
     spare: dict[str, Any] = {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
     if procedure == "power":
-        return procedure, spare | {"warm_up_s": 20.0, "log_s": 2.0, "off_s": 2.0, "cycles": 1, "samples": 3}
+        return procedure, spare | {
+            "warm_up_s": max(20.0, started_s),
+            "log_s": 2.0,
+            "off_s": 2.0,
+            "cycles": 1,
+            "samples": 3,
+        }
     if procedure == "polarity":
         return procedure, spare | {"samples": 3}
     rates = (20.0, 10.0, 0.0, -10.0, -20.0) if language == "aaaa" else (60.0, 20.0, 0.0, -20.0, -60.0)
     few = random.random() < 0.5
     settings: dict[str, Any] = {
-        "rates_deg_s": list(rates[1:-1] if few else rates),
+        "rates_deg_s": [rate * sheet.range_deg_s / 200.0 for rate in (rates[1:-1] if few else rates)],
         "samples": random.randrange(3, 7),
         "sample_interval_s": interval_s,
-        "settle_s": 0.7,
         "order": random.choice(("paper", "alternate", "abba", "loop")),
         "zeros": random.choice(("none", "ends", "bracket")),
     }
     settings |= {"nplc": 1} if interval_s < 0.5 else {}
-    settings |= {"match_rate_deg_s": 12.0} if procedure == "virtual-coriolis" else {}
     return procedure, settings | spare
 
 
