@@ -326,6 +326,13 @@ class _UnderWay(Struct):
             self.execution = executor.so_far()
         if execution.error is not None:
             self.take_error(execution.error)
+            return
+        for instrument in bench.instruments.values():  # a meter that is only read has been asked once, at its set-up
+            try:
+                instrument.check_errors()
+            except BenchError as error:
+                error.step = error.step or "end of the run, all was measured"
+                self.take_error(error)
 
     def _open_journal(self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0) -> Journal:
         prepared, description = self.prepared, self.prepared.description
