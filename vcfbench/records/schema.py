@@ -54,8 +54,9 @@ class Status(StrEnum):
     UNREADABLE = "unreadable"
 
 
+_LARGEST = 1e9
 _Count = Annotated[int, Meta(ge=0, le=10**9)]
-_Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
 """No table turns so many deg/s, no wire carries so many volts, and squares stay finite."""
 
 
@@ -80,6 +81,12 @@ class Point(Struct, frozen=True):
     v_vc_std_v: _Number | None = None
     moved_v: _Number = 0.0
     moved_u_v: _Number = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__struct_fields__:
+            value = getattr(self, name)
+            if value is not None and not abs(value) <= _LARGEST:
+                raise ValueError(f"{name}: expected a number within +-{_LARGEST:g}, came {value:g}")
 
     def referred(self) -> Self:
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""

@@ -88,7 +88,7 @@ def invalid_match_rates(
     """Yield the faults of rates at which V_Vc is matched for a curve of `order`, the key `match_rates_deg_s`."""
     magnitudes = sorted({abs(rate) for rate in rates_deg_s})
     if 2 * len(magnitudes) < order + 2:
-        expected = f"at least {order // 2 + 1} different rates for a curve of order {order}"
+        expected = f"at least {(order + 3) // 2} different magnitudes for a curve of order {order}, -20 and 20 are one"
         yield InvalidValue("match_rates_deg_s", expected, list(rates_deg_s))
     for index, rate_deg_s in enumerate(rates_deg_s):
         yield from invalid_match(settings, f"match_rates_deg_s[{index}]", rate_deg_s)
