@@ -84,6 +84,14 @@ def test_phases_are_those_of_the_data_sheet(sheet: DataSheet, tmp_path: Path) ->
     assert found.carrier_from_velocity_deg.value == pytest.approx(0.0, abs=0.12)
 
 
+@pytest.mark.parametrize("sheet", few(SHEETS, *QUICK_SHEETS[1:2]), ids=named)
+def test_the_vibration_of_a_healthy_device_is_the_closed_forms(sheet: DataSheet, tmp_path: Path) -> None:
+    found = run("vibration", bench_of(sheet, tmp_path), warm_up_s=10.0)
+    assert found.largest_e_n < 1.0
+    for each in found.responses:
+        assert each.response.value == pytest.approx(each.expected.value, rel=2e-3)
+
+
 def test_windows_of_the_drive_are_no_values(tmp_path: Path) -> None:
     """Nothing but checks by the window of frequency and amplitude: wide ones give the same."""
     bench = bench_of(sheet_of(), tmp_path, frequency_hz="frequency_hz = [1000.0, 50000.0]", amplitude_v="")

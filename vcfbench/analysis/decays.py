@@ -6,6 +6,7 @@ Hann's shape, one after the other, so that their noise stays independent; then i
 """
 
 import math
+from contextlib import suppress
 from typing import TypeAlias
 
 import numpy as np
@@ -17,7 +18,7 @@ from vcfbench.errors import ConfigError
 
 Complexes: TypeAlias = "NDArray[np.complex128]"
 
-_LEAST_PERIODS = 100.0
+_LEAST_PERIODS = 30.0
 """Of the carrier, in a record."""
 _REACH = 0.5
 """Share of the carrier's frequency within which modes are looked for."""
@@ -59,7 +60,9 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     parameters, left = _fitted(np.array(first), values, times, carrier_hz)
     second = _line(left, times, carrier_hz, {0.0: _NEAR_HZ, float(parameters[0]): _NEAR_HZ})
     if second is not None:
-        parameters, _ = _fitted(np.array([*parameters, second[0], parameters[1]]), values, times, carrier_hz)
+        with suppress(ConfigError):  # lost in the noise that moves both
+            both, _ = _fitted(np.array([*parameters, second[0], parameters[1]]), values, times, carrier_hz)
+            parameters = both if both[3] > 0.0 else parameters
     sizes = _solved(_basis(times, carrier_hz, parameters), values)[3:].reshape(-1, 2)
     modes = [
         _decay(carrier_hz + float(offset_hz), float(rate), math.hypot(*size))

@@ -6,8 +6,7 @@ the same run, and from the closed form of the modes; both are compared at each f
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from statistics import fmean
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -29,6 +28,7 @@ from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, several
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
@@ -36,6 +36,7 @@ from vcfbench.steps.step import Routine
 _STATIC = 1
 """The step of its points: V_Vc direct."""
 _LEAST_TONES = 3
+_LEAST_SPLIT_HZ = 1.0
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
 
@@ -54,7 +55,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     )
     static_v_vc_v: Annotated[float, ranged(1e-3, 10.0, "direct V_Vc of both signs, for the response at rest")] = 0.05
     record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
-    split_hz: Annotated[float, ranged(1.0, 1000.0, "drive less anti-phase sense frequency")] = 24.8
+    split_hz: Annotated[float, ranged(-1000.0, 1000.0, "drive less anti-phase sense frequency, of either sign")] = 24.8
     u_split_hz: Annotated[float, ranged(0.0, 100.0, "its standard uncertainty")] = 0.02
     q: Annotated[float, ranged(1.0, 1e6, "quality factor of the anti-phase sense mode")] = 1224.0
     u_q: Annotated[float, ranged(0.0, 1e5, "its standard uncertainty")] = 10.0
@@ -63,6 +64,11 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "its standard uncertainty")] = 0.01
     low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
     low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        yield from super().contradictions()
+        if abs(self.split_hz) < _LEAST_SPLIT_HZ:
+            yield InvalidValue("split_hz", f"at least {_LEAST_SPLIT_HZ:g} Hz either way", self.split_hz)
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:
@@ -183,9 +189,11 @@ def results(settings: VibrationSettings, measured: Measured) -> VibrationResult:
     mains_hz = float(settings.station.mains_hz)
     outputs = tones.fitted_tones([(hz, each, each.output_v) for hz, each in records], mains_hz)
     inputs = tones.fitted_tones([(hz, each, each.v_vc_v) for hz, each in records if each.v_vc_v], mains_hz)
-    noise_v = _noise_v(settings, outputs).tolist()
+    seen_hz = [each.frequency_hz for _, each in measured.found(steps.DriveReading) if not each.trouble]
+    drive_hz = seen_hz[-1] if seen_hz else settings.drive.foreseen[0]
+    noise_v = _noise_v(settings, outputs, drive_hz).tolist()
     responses = tuple(
-        _response(settings, static, output, noise_v[place], inputs[place] if inputs else None)
+        _response(settings, static, output, noise_v[place], inputs[place] if inputs else None, drive_hz=drive_hz)
         for place, output in enumerate(outputs)
     )
 
@@ -204,7 +212,7 @@ def _believed(settings: VibrationSettings, what: str, size: float) -> list[Uncer
     return [UncertaintyPart(f"generator's accuracy, {what}", size * generator_sheet(settings).setting / math.sqrt(3.0))]
 
 
-def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> Floats:
+def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone], drive_hz: float) -> Floats:
     """Return the standard uncertainty of each tone's amplitude by noise, V.
 
     It was read from the spectrum on both sides, over some hertz, where near the peak the modes pass more than at the
@@ -216,7 +224,8 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> Floats:
         return u_v
 
     def passed(frequency_hz: float) -> float:
-        return _closed_form(settings, frequency_hz, settings.split_hz, settings.q, settings.in_phase_share) ** 2
+        parameters = np.array([settings.split_hz, settings.q, settings.in_phase_share])
+        return _closed_form(settings, drive_hz, frequency_hz, parameters) ** 2
 
     def beside_hz(tone: Tone) -> list[float]:  # lines of the spectrum from which the noise about it was read
         width_hz = 1.0 / (settings.record_samples * tone.spacing_s)
@@ -233,7 +242,7 @@ def _noise_v(settings: VibrationSettings, outputs: Sequence[Tone]) -> Floats:
 
 
 def _response(
-    settings: VibrationSettings, static: Measurand, output: Tone, noise_v: float, v_vc: Tone | None
+    settings: VibrationSettings, static: Measurand, output: Tone, noise_v: float, v_vc: Tone | None, *, drive_hz: float
 ) -> VibrationResponse:
     amplitude_v = settings.vibration_amplitude_v if v_vc is None else v_vc.amplitude
     size = abs(static.value)
@@ -254,9 +263,9 @@ def _response(
     at, u_at = np.array([*inputs.values()]).T
 
     def closed_form(parameters: Floats) -> float:
-        return _closed_form(settings, output.frequency_hz, *parameters.tolist())
+        return _closed_form(settings, drive_hz, output.frequency_hz, parameters)
 
-    slopes = derivatives(closed_form, at, _STEP * np.maximum(at, 0.01))
+    slopes = derivatives(closed_form, at, _STEP * np.maximum(np.abs(at), 0.01))
     by_parameters = [UncertaintyPart(*each) for each in zip(inputs, (np.abs(slopes) * u_at).tolist(), strict=True)]
     expected = measurand(closed_form(at), "", by_parameters)
     response = measurand(value, "", parts)
@@ -266,16 +275,14 @@ def _response(
     )
 
 
-def _closed_form(
-    settings: VibrationSettings, frequency_hz: float, split_hz: float, q: float, in_phase_share: float
-) -> float:
-    """Return the response over that at rest: both side bands through both modes, and the filter."""
-    drive_hz = fmean(settings.drive.frequency_hz)
+def _closed_form(settings: VibrationSettings, drive_hz: float, frequency_hz: float, parameters: Floats) -> float:
+    """Return the response over that at rest, for split, Q and share: both side bands of both modes, and the filter."""
+    split_hz, q, in_phase_share = parameters.tolist()
     own, far = (1.0 / ((drive_hz - each) ** 2 - drive_hz**2) for each in (split_hz, settings.in_phase_split_hz))
     pick_off = in_phase_share / (1.0 - in_phase_share) * own / far
-    parameters = np.array([split_hz, q, pick_off, settings.in_phase_split_hz, 0.0])
+    shape = np.array([split_hz, q, pick_off, settings.in_phase_split_hz, 0.0])
     filtered = 1.0 / math.sqrt(1.0 + (frequency_hz / settings.low_pass_hz) ** (2 * settings.low_pass_order))
-    return filtered * float(split_response(frequency_hz, drive_hz, parameters)[0])
+    return filtered * float(split_response(frequency_hz, drive_hz, shape)[0])
 
 
 def report(_settings: VibrationSettings, _measured: Measured, found: VibrationResult) -> Report:

@@ -207,6 +207,7 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
             "static_v_vc_v": _both_signs_v(sheet, 0.05),
             "q": sheet.q_sense,
             **modes,
+            "split_hz": _round(sheet.split_hz),
             **filters,
         },
         "online": {
