@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 HERE = Path(__file__).parent
+_WORKER = "VCFBENCH_TESTED_BY"
 SLOW = (
     "faults/test_matrix.py",
     "faults/test_scripts.py",
@@ -96,13 +97,16 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vcfbench.drivers.conversation._BLIND_S", PLENTY_S)
 
 
-def _end_watchdogs(locks: str) -> None:
-    """End the processes that this session, known by the directory of its locks, has left behind."""
+@pytest.fixture(autouse=True, scope="module")
+def no_watchdog_left() -> Iterator[None]:
+    """End the watchdogs that a module has left behind: of benches that have gone they would try for ever."""
+    yield
     for process in Path("/proc").glob("[0-9]*"):
         with suppress(OSError):
-            ours = f"VCFBENCH_LOCKS={locks}".encode() in (process / "environ").read_bytes().split(b"\0")
-            if ours and b"vcfbench.cli.watchdog" in (process / "cmdline").read_bytes():
-                os.kill(int(process.name), 9)
+            if b"vcfbench.cli.watchdog" in (process / "cmdline").read_bytes():
+                ours = f"{_WORKER}={os.getpid()}".encode() in (process / "environ").read_bytes().split(b"\0")
+                if ours:
+                    os.kill(int(process.name), 9)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -111,10 +115,10 @@ def pytest_configure(config: pytest.Config) -> None:
     Bytecode is loaded also where none may be written beside the sources. Locks of programs that died bear ports that
     are given out again.
     """
+    os.environ[_WORKER] = str(os.getpid())
     if "PYTEST_XDIST_WORKER" not in os.environ and "VCFBENCH_LOCKS" not in os.environ:
         locks = TemporaryDirectory(prefix="locks-")
         os.environ["VCFBENCH_LOCKS"] = locks.name
-        config.add_cleanup(lambda: _end_watchdogs(locks.name))  # those whose benches have gone would try for ever
         config.add_cleanup(locks.cleanup)
     if sys.dont_write_bytecode and hasattr(config, "cache"):
         os.environ["PYTHONPYCACHEPREFIX"] = str(config.cache.mkdir("bytecode"))
