@@ -9,6 +9,7 @@ from msgspec import Struct
 from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings
 
 
@@ -30,6 +31,12 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
         Annotated[float, ranged(0.0, 1e3)] | None,
         said("its standard uncertainty; without it a bias in deg/s is incomplete"),
     ] = None
+
+    def expected_gyro(self) -> LinearGyro:
+        gyro = super().expected_gyro()
+        if self.scale_factor_v_per_deg_s is not None:
+            gyro.scale_factor = self.scale_factor_v_per_deg_s
+        return gyro
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
