@@ -28,7 +28,7 @@ class Held(NamedTuple):
     as_built: Callable[[BenchParameters], BenchParameters] = quiet
     file: str = "lab"
     slow: int = 0
-    """1: all gyroscopes but the first are for the exhaustive tests."""
+    """1: all gyroscopes but the first are for the exhaustive tests; 2: the first too."""
 
     def key(self, gyroscope: str) -> str:
         """Return the name of the run of a gyroscope."""
@@ -44,6 +44,10 @@ _SWEEP = {"rates_deg_s": [200.0, 50.0, 10.0, 0.0, -10.0, -50.0, -200.0], "sample
 _FEW = {"samples": 4, "cycles": 1}
 _WARM = {"warm_up_s": 10.0}
 _SHORT = {**_WARM, "record_samples": 256}
+_SPARSE = {
+    "frequencies_hz": [1.0, 4.5, 9.0, 16.0, 31.0, 48.0],
+    "around_split": [0.5, 0.7, 0.88, 0.96, 1.0, 1.04, 1.12, 1.35, 1.65],
+}
 
 
 def _scale(bench: Bench) -> dict[str, float]:
@@ -56,16 +60,16 @@ def _k_vc(bench: Bench) -> dict[str, Any]:
 
 PROCEDURES = (
     Held("turntable", lambda _: _SWEEP),
-    Held("virtual-coriolis", lambda _: _SWEEP),
-    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}),
+    Held("virtual-coriolis", lambda _: _SWEEP, slow=1),
+    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}, slow=1),
     Held(
         "self-calibration",
         lambda bench: {**_FEW, "virtual_rates_deg_s": [20.0, 80.0, 200.0], "health": False, **_k_vc(bench)},
     ),
-    Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}),
-    Held("bandwidth", lambda _: _SHORT, ("paper's",)),
-    Held("resonance", lambda _: _SHORT, ("paper's",)),
-    Held("phase", lambda _: _WARM, slow=1),
+    Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}, slow=2),
+    Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",)),
+    Held("resonance", lambda _: _SHORT, ("paper's",), slow=2),
+    Held("phase", lambda _: _WARM, slow=2),
     Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=1),
     Held(
         "temperature",
@@ -90,7 +94,7 @@ PROCEDURES = (
             "in_phase_share": 0.147,
         },
     ),
-    Held("rate-limits", lambda _: {**_WARM, "samples": 4}),
+    Held("rate-limits", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}),
     Held("g-sensitivity", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}, as_built=sensitive_to_g),
     Held(
         "threshold",
@@ -104,7 +108,7 @@ PROCEDURES = (
         as_built=noisy,
         slow=1,
     ),
-    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 600.0, **_scale(bench)}, as_built=noisy, slow=1),
+    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 300.0, **_scale(bench)}, as_built=noisy, slow=1),
 )
 
 _PER_U = {

@@ -27,7 +27,7 @@ _NO_ROW = 0.05
 @pytest.mark.parametrize(
     ("held", "gyroscope"),
     [
-        pytest.param(held, each, id=held.key(each), marks=[pytest.mark.exhaustive] * (held.slow and later))
+        pytest.param(held, each, id=held.key(each), marks=[pytest.mark.exhaustive] * (held.slow > 1 - later))
         for held in PROCEDURES
         for later, each in enumerate(held.gyroscopes)
     ],
