@@ -13,7 +13,14 @@ import vcfbench
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.errors import LimitError
 from vcfbench.interfaces import Waveform
-from vcfbench.procedures.resonance import DriveDecay, ReleaseDrive, SenseDecay, combined
+from vcfbench.procedures.resonance import (
+    DriveDecay,
+    ReleaseDrive,
+    ResonanceSettings,
+    SenseDecay,
+    combined,
+    resonance_characteristics,
+)
 from vcfbench.testing import simulated
 
 OVERRIDES = {
@@ -141,3 +148,11 @@ def test_v_vc_of_a_ring_down_is_held_against_its_limit() -> None:
     tight = structs.replace(paper, limits=structs.replace(paper.limits, max_v_vc_v=0.5))
     with pytest.raises(LimitError, match=r"0\.7 V"):
         vcfbench.dry_run("resonance", tight)
+
+
+def test_what_is_kept_of_a_device_is_what_rang_down(run: vcfbench.Run) -> None:
+    kept = resonance_characteristics(ResonanceSettings(), run.results)
+    assert (kept.q_in_phase, kept.drive_hz) == (run.results.in_phase_q.kept(), run.results.drive_hz.kept())
+    unseen = structs.replace(run.results, in_phase_q=None, in_phase_hz=None)
+    without = resonance_characteristics(ResonanceSettings(), unseen)
+    assert (without.q_in_phase, without.in_phase_split_hz) == (None, None)

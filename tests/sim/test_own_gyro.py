@@ -8,10 +8,12 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 
 import vcfbench
+from tests.sim.gyro.plain import rate_response as integrated
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, rate_response
@@ -145,3 +147,14 @@ def test_the_noise_of_a_random_data_sheet_comes_back(number: int, tmp_path: Path
     still = run("zero", bench, mode="gapless", duration_s=3600.0, powered_s=60.0).results
     noise = still.coefficient("angle random walk")
     assert noise.value == pytest.approx(sheet.angle_random_walk_deg_sqrt_h, rel=0.1), noise
+
+
+@pytest.mark.parametrize("split_hz", [12.0, -40.0])
+def test_the_response_to_a_rate_is_that_of_the_equations_of_motion(split_hz: float) -> None:
+    bench = own_gyro(
+        DataSheet(**{**SHEET, "split_hz": split_hz, "bandwidth_hz": None}), imperfections=False, latitude_deg=0.0
+    )
+    frequencies = np.array([1e-3, 3.0, 9.0, 15.0, 30.0])
+    by_equations = integrated(bench, frequencies) * (1.0 + (frequencies / bench.sense_path.low_pass_hz) ** 8) ** 0.5
+    found = np.array([rate_response(bench, each) for each in frequencies])
+    assert found == pytest.approx(by_equations / by_equations[0], rel=2e-3)

@@ -98,7 +98,13 @@ PROCEDURES = (
     Held("g-sensitivity", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}, as_built=sensitive_to_g),
     Held(
         "threshold",
-        lambda bench: {**_FEW, "at_most_s": 60.0, "k_vc_deg_s_per_v": bench.k_vc, "k_vc_u_deg_s_per_v": 0.02},
+        lambda bench: {
+            **_FEW,
+            "cycles": 2,
+            "at_most_s": 60.0,
+            "k_vc_deg_s_per_v": bench.k_vc,
+            "k_vc_u_deg_s_per_v": 0.02,
+        },
         as_built=blind,
         slow=1,
     ),
