@@ -374,7 +374,7 @@ def test_settings_are_checked_like_those_of_a_bench_file(
 
 def test_a_read_back_is_told_to_the_digit_that_is_wrong() -> None:
     tight = {**QUICK, "rate_tolerance_deg_s": 1e-5}
-    with pytest.raises(vcfbench.MeasurementError, match=r"\+10 deg/s.*: reads \+(10\.0\d{2,}|9\.99\d+) deg/s"):
+    with pytest.raises(vcfbench.NotSafe, match=r"not proved.*\+10 deg/s.*: reads \+(10\.0\d{2,}|9\.99\d+) deg/s"):
         vcfbench.run("turntable", seed=2, settings=tight, runs=None)
 
 

@@ -175,7 +175,7 @@ def test_ideal_and_paper_differ() -> None:
         ("output_stage.offset_vv = 1", "override.output_stage.offset_vv: expected a known name ('offset_v'?), came 1"),
         ("output_stage.offset_v = 'a'", "override.output_stage.offset_v: expected a number, came 'a'"),
         ("output_stage = 3", "override.output_stage: expected a table with gain, offset_v, "),
-        ("xyzzy = 3", "override.xyzzy: expected one of drive_mode, "),
+        ("xyzzy = 3", "override.xyzzy: expected one of 14 names (drive_mode, "),
         ("table.ripple_arcsec = 3", "override.table.ripple_arcsec: expected a list, came 3"),
         ("sense_path.low_pass_order = 3.5", "override.sense_path.low_pass_order: expected a whole number, came 3.5"),
     ],

@@ -9,7 +9,7 @@ import pyvisa
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.clock import VirtualClock
-from vcfbench.errors import OutOfSync
+from vcfbench.errors import DeadlineExceeded
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.file import embedded_text
@@ -117,7 +117,7 @@ def test_the_table_is_turned_over_its_line() -> None:
 def test_a_table_does_not_answer_at_the_wrong_speed() -> None:
     text = ON_A_PORT.replace('dialect = "acl"', 'dialect = "acl"\nbaud_rate = 19200')
     with (
-        pytest.raises(OutOfSync, match=r"nothing that came was an answer.*baud_rate"),
+        pytest.raises(DeadlineExceeded, match=r"no answer.*baud_rate"),
         open_bench(parse_bench(text, "serial")),
     ):
         pass

@@ -143,7 +143,7 @@ class Conversation:
         command = command or (self._said if isinstance(error, FramingError) else None)
         error.command = error.command or (None if command is None else shown(command))
         error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
-        if error.hint is None and isinstance(error, FramingError):
+        if error.hint is None and isinstance(error, (FramingError, DeadlineExceeded)):
             error.hint = self._cause()
         if isinstance(error, (LinkLost, OutOfSync)):
             self._give_up(error.what)
