@@ -73,7 +73,7 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
         **station,
         "site": {"latitude_deg": latitude_deg},
         "procedure": {**_shared(sheet), **_procedures(sheet)},
-        "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in (0.95, 1.05))},
+        "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in _expected_parts(sheet))},
         "uncertainty": _uncertainty(sheet, own),
         "simulation": {"parameters": simulation.parameters, "errors": errors},
     }
@@ -85,6 +85,18 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
     text = "\n".join((_HEAD, *figures, "", table_text(tables), *overrides, ""))
     parse_bench(text, name)
     return text
+
+
+def _expected_parts(sheet: DataSheet) -> tuple[float, float]:
+    """Return within which parts of the scale factor that of the first match comes: 5 %, and six times its noise."""
+    white_deg_s = sheet.angle_random_walk_deg_sqrt_h / 60.0  # two means of two seconds of readings
+    apart = 0.05 + 6.0 * white_deg_s / _least_match_deg_s(sheet)
+    return 1.0 - apart, 1.0 + apart
+
+
+def _least_match_deg_s(sheet: DataSheet) -> float:
+    """Return the smallest rate that V_Vc is matched with: 5 % of the range, by a level that stands above its offset."""
+    return max(0.05 * sheet.range_deg_s, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
 
 
 def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
@@ -151,7 +163,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
     instability_deg_h = max(_LEAST_DEG_H, _flicker_deg_h(sheet))
     level = {"level_deg_s": _round(200.0 * wider)}
-    least_deg_s = max(10.0 * wider, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
+    least_deg_s = _least_match_deg_s(sheet)
     steps = [(sheet.range_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
     matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
     started_s = _round(max(5.0, settling_s(sheet)[0]))
