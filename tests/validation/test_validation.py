@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from datetime import UTC, datetime
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import pytest
@@ -185,8 +186,22 @@ def test_seals_that_are_not_checked_are_named(monkeypatch: pytest.MonkeyPatch) -
 def test_flipped_sign_of_the_meter_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     read = vcfbench.drivers.hp34401a.Hp34401A.begun_reading_v
     monkeypatch.setattr(vcfbench.drivers.hp34401a.Hp34401A, "begun_reading_v", lambda meter: -read(meter))
-    names = [f"U95 of turntable, {value}" for value in ("scale factor", "bias")]
+    names = [f"U95 of virtual-coriolis: turntable, {value}" for value in ("scale factor", "bias")]
     assert failed(benches.checks(2), names) == names
+
+
+@pytest.mark.parametrize("size", [1.35, 1.0 / 1.35])
+def test_uncertainty_a_third_too_large_or_too_small_is_named(size: float) -> None:
+    calibrations = benches.Calibrations(benches.RUNS)
+    places = [(place + 0.5) / benches.RUNS for place in range(benches.RUNS)]
+    errors = [NormalDist().inv_cdf(each) for each in places]
+
+    def said(u: float) -> bool:
+        calibrations.kept = [{"k_vc.z": e / u, "k_vc.covered": abs(e) < 1.96 * u} for e in errors]
+        return calibrations.covered("k_vc").passed
+
+    assert said(1.0)
+    assert not said(size)
 
 
 def test_uncertainty_of_half_the_size_is_named() -> None:

@@ -30,6 +30,8 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         rates = [point.rate_deg_s for point in run.points if point.step == 1]
         output = true_output(description, rails_v=_rails_v(run))
         return turntable_truth(output, rates, earth_deg_s=_earth_deg_s(run))
+    if run.procedure in {"kvc", "self-calibration"}:
+        return small_signal_truth(true_output(description, at_input=True, rails_v=_rails_v(run)))
     if not isinstance(run.results, VirtualCoriolisResult):
         return {}
     driven = [point for point in run.points if point.step == 4]
@@ -71,6 +73,13 @@ def turntable_truth(output: Output, rates_deg_s: Sequence[float], *, earth_deg_s
     `earth_deg_s` is added to these, so that the bias is without it.
     """
     return _line([rate + earth_deg_s for rate in rates_deg_s], [output(rate, None) for rate in rates_deg_s])
+
+
+def small_signal_truth(output: Output) -> dict[str, float]:
+    """Return bias, V, scale factor and K_Vc at rest, of small signals; V_Vc is what `output` takes it for."""
+    slope = (output(0.01, None) - output(-0.01, None)) / 0.02
+    per_volt = (output(0.0, 1e-4) - output(0.0, -1e-4)) / 2e-4
+    return {"bias": output(0.0, None), "scale_factor": slope, "k_vc": per_volt / slope}
 
 
 def four_step_truth(
