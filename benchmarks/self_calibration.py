@@ -32,6 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import msgspec
 import numpy as np
+from limits import outside
 from msgspec import structs
 
 import vcfbench
@@ -147,8 +148,9 @@ def _z(found: Any, true: float) -> dict[str, float]:
     }
 
 
-def summary(files: list[Path]) -> None:
-    """Print bias, scatter and coverage of every quantity."""
+def summary(files: list[Path]) -> int:
+    """Print bias, scatter and coverage of every quantity; return 1 where one is beyond the limits, else 0."""
+    beyond = False
     lines = [json.loads(line) for file in files for line in file.read_text(encoding="utf-8").splitlines()]
     print(f"{len(lines)} seeds; sd of z is known to {100 / math.sqrt(2 * len(lines)):.0f} %")
     for name in ("k_vc", "table", "scale_factor", "since_certificate", "drift", "drift_since_last"):
@@ -157,15 +159,20 @@ def summary(files: list[Path]) -> None:
         u = statistics.fmean(line[name]["u_ppm"] for line in lines)
         held = 100.0 * statistics.fmean(line[name]["within_95"] for line in lines)
         spread = f"mean z {statistics.fmean(z):+.2f}, sd {statistics.stdev(z):.2f}, in U95 {held:.1f} %"
-        print(f"{name:18s} {spread}, u {u:.1f} ppm, largest error {max(map(abs, errors)):.0f} ppm")
+        found = outside([line[name]["within_95"] for line in lines], z)
+        beyond = beyond or bool(found)
+        print(
+            f"{name:18s} {spread}{f' * {found}' if found else ''}, u {u:.1f} ppm, largest error {max(map(abs, errors)):.0f} ppm"
+        )
     print(f"fresh ones that failed: {sum(line['failed_unaged'] for line in lines)}")
     for name in ("nonlinearity_ppm", "nonlinearity_17_ppm"):
         values = [line[name] for line in lines if name in line]
         if values:
             print(f"{name}: {min(values):.0f} to {max(values):.0f}")
+    return int(beyond)
 
 
-def main() -> None:
+def main() -> int:
     """Do what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", maxsplit=1)[0])
     parser.add_argument("--seeds", default="0:10")
@@ -175,12 +182,12 @@ def main() -> None:
     parser.add_argument("--summary", type=Path, nargs="+", metavar="FILE")
     asked = parser.parse_args()
     if asked.summary is not None:
-        summary(asked.summary)
-        return
+        return summary(asked.summary)
     first, last = map(int, asked.seeds.split(":"))
     for seed in range(first, last):
         print(json.dumps(case(seed, asked.errors, paper_rates=asked.paper_rates, field=asked.field)), flush=True)
+    return 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
