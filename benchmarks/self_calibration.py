@@ -161,9 +161,8 @@ def summary(files: list[Path]) -> int:
         spread = f"mean z {statistics.fmean(z):+.2f}, sd {statistics.stdev(z):.2f}, in U95 {held:.1f} %"
         found = outside([line[name]["within_95"] for line in lines], z)
         beyond = beyond or bool(found)
-        print(
-            f"{name:18s} {spread}{f' * {found}' if found else ''}, u {u:.1f} ppm, largest error {max(map(abs, errors)):.0f} ppm"
-        )
+        mark = f" * {found}" if found else ""
+        print(f"{name:18s} {spread}, u {u:.1f} ppm, largest error {max(map(abs, errors)):.0f} ppm{mark}")
     print(f"fresh ones that failed: {sum(line['failed_unaged'] for line in lines)}")
     for name in ("nonlinearity_ppm", "nonlinearity_17_ppm"):
         values = [line[name] for line in lines if name in line]
