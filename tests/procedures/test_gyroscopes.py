@@ -42,6 +42,7 @@ SHEETS = (
     *(sheet_of(split_hz=each) for each in SPLITS_HZ),
     *(sheet_of(quadrature_deg_s=each) for each in QUADRATURES_DEG_S),
     *(sheet_of(split_hz=split, q_sense=q) for split, q in ((80.0, 100.0), (24.8, 300.0), (24.8, 10_000.0))),
+    *(sheet_of(drive_hz, split_hz, q_sense=q) for drive_hz, split_hz, q in ((1e3, 3.0, 700.0), (1e3, 80.0, 100.0))),
     *(sheet_of(rail_v=rail_v, scale_factor_v_per_deg_s=1.2e-3 * rail_v) for rail_v in (5.0, 15.0)),
 )
 QUICK_SHEETS = (sheet_of(drive_hz=18_000.0), sheet_of(split_hz=-24.8), sheet_of(quadrature_deg_s=150.0))
@@ -70,7 +71,8 @@ def test_what_k_vc_depends_on_is_that_of_the_data_sheet(sheet: DataSheet, tmp_pa
     assert seen.q_anti_phase.value == pytest.approx(sheet.q_sense, rel=2e-3)
     assert seen.in_phase_split_hz.value == pytest.approx(sheet.in_phase_split_hz, rel=1e-3)
     assert seen.q_in_phase.value == pytest.approx(sheet.q_sense, rel=0.03)
-    assert seen.in_phase_share.value == pytest.approx(in_phase_share(sheet), rel=0.03)
+    assert seen.in_phase_share.value == pytest.approx(in_phase_share(sheet), rel=0.03, abs=4.0 * seen.in_phase_share.u)
+    assert abs(seen.v_vc_feedthrough.value) < 2e-5 + 3.0 * seen.v_vc_feedthrough.u
     for phase in (seen.carrier_phase_deg, seen.demodulator_phase_deg, seen.sense_phase_deg):
         assert phase.value == pytest.approx(0.0, abs=0.12)
 

@@ -118,8 +118,8 @@ _APART = 4.0
 """Between two records: so many time constants of the sense modes, whose noise swings at the mode split."""
 _NEAR_HZ, _OF_SPLIT = 8.0, 1.0 / 3.0
 """By which the sine is off twice the drive frequency: the smaller of this and of that share of the split."""
-_OF_DRIVE = 0.43
-"""The same over the drive frequency where no mode answers; no harmonic of the drive is there."""
+_OF_DRIVE = 0.43, 0.23
+"""The same over the drive frequency: that which is farther from both modes. No harmonic of the drive is there."""
 _TURNS = 4.0
 _SPLITS_HZ, _Q, _SHARE = (25.0, 150.0), 1200.0, 0.15
 """Values for a dry run: splits and Q of both modes of the paper's class, and the share of the in-phase one."""
@@ -199,11 +199,13 @@ def examined(
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
     far_s_per_div = one_two_five(_FAR_PERIODS / drive_hz / 10.0)
     near_points = points_over(10.0 * near_s_per_div, drive_hz + near_hz, _A_PERIOD)
-    far_points = points_over(10.0 * far_s_per_div, (1.0 + _OF_DRIVE) * drive_hz, _FAR_A_PERIOD)
+    own_hz = [abs(drive_hz - mode.frequency_hz) for mode in (modes.anti_phase, modes.in_phase)]
+    far_hz = max((of * drive_hz for of in _OF_DRIVE), key=lambda off: min(abs(off - each) for each in own_hz))
+    far_points = points_over(10.0 * far_s_per_div, drive_hz + far_hz, _FAR_A_PERIOD)
     near, far = channels_of(settings, "sense", "output"), channels_of(settings, "sense", "carrier")
     for kind, channels, s_per_div, count, points, off_hz in (
         (steps.CaptureRotations, near, near_s_per_div, _NEAR_RECORDS, near_points, near_hz),
-        (CaptureFar, far, far_s_per_div, _FAR_RECORDS, far_points, _OF_DRIVE * drive_hz),
+        (CaptureFar, far, far_s_per_div, _FAR_RECORDS, far_points, far_hz),
     ):
         yield steps.ConfigureScope(s_per_div, channels[0])
         for sign in (1.0, -1.0):  # V_Vc turns the sense signal against the drive
