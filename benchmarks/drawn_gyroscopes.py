@@ -8,8 +8,8 @@
 A line a gyroscope: its data sheet, and of each procedure the end ("complete", "refused" before anything is switched on,
 with the reason, or "ended" without results after that, with the error) and of each value with a closed form its name,
 value, truth, u, U95. The truth is that of the parameters (docs/theory.md), which the simulation does not use. What
-stands in the file of --lines is not run again. The exit code is 1 where a run has ended without results, or where U95
-holds less of the truths than it should.
+stands in the file of --lines is not run again. The exit code is 1 where a run has ended without results, or where a
+value is beyond the limits of limits.py.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+from limits import outside
 from msgspec import structs
 from procedures_truth import MEMORY, Modes, Stated, Truth, stated
 
@@ -59,7 +60,6 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "repeatability": {"off_s": 600.0},
 }
 DUT = "G"
-SHARE_LOW = 0.93
 
 
 def truths(bench: BenchDescription, run: Run) -> Mapping[str, Mapping[str, float]]:
@@ -178,9 +178,9 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], bool]:
         z = [(value - truth) / u for value, truth, u, _ in each]
         held = [abs(value - truth) <= (1.96 * u if u95 is None else u95) for value, truth, u, u95 in each]
         share, rms = sum(held) / len(z), math.sqrt(math.fsum(x * x for x in z) / len(z))
-        low = SHARE_LOW - 2.0 * math.sqrt(0.05 * 0.95 / len(z))
-        good = good and share >= low
-        mark = "" if share >= low else "  *"
+        beyond = outside(held, z)
+        good = good and not beyond
+        mark = f"  * {beyond}" if beyond else ""
         largest = max(map(abs, z))
         rows.append(
             f"{key:48} {len(z):6d} {sum(z) / len(z):+7.2f} {rms:6.2f} {largest:8.2f} {100.0 * share:6.1f}%{mark}"
