@@ -286,6 +286,7 @@ class FakeBench:
         self.oscilloscope = FakeScope(self, "oscilloscope", "FAKE::7")
         self.rate_table = FakeTable(self, "rate_table", "FAKE::COM1")
         self.v_vc_meter: FakeMeter = FakeVvcMeter(self, "v_vc_meter", "FAKE::23")
+        self.instruments: dict[str, Any] = {}  # none of these has an error queue
         self.answers: list[str] = []
         self.watchdog = None
         self.left_by: dict[str, str] = {}
