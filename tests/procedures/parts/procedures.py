@@ -67,7 +67,7 @@ PROCEDURES = (
         lambda bench: {**_FEW, "virtual_rates_deg_s": [20.0, 80.0, 200.0], "health": False, **_k_vc(bench)},
     ),
     Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}, slow=2),
-    Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",)),
+    Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",), slow=2),
     Held("resonance", lambda _: _SHORT, ("paper's",), slow=2),
     Held("phase", lambda _: _WARM, slow=2),
     Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=1),
@@ -81,7 +81,7 @@ PROCEDURES = (
             "level_deg_s": 100.0,
             "bias_instability_deg_h": 0.5,
         },
-        slow=1,
+        slow=2,
     ),
     Held("electrical", lambda _: {}),
     Held(
@@ -106,7 +106,7 @@ PROCEDURES = (
             "k_vc_u_deg_s_per_v": 0.02,
         },
         as_built=blind,
-        slow=1,
+        slow=2,
     ),
     Held(
         "warmup",
