@@ -19,13 +19,20 @@ DELAY_S = 4.16e-3
 
 
 def records(
-    difference_hz: float, reference_deg: float, *, gain: float = 1.7, noise_v: float = 0.0, seed: int = 0, thin: int = 1
+    difference_hz: float,
+    reference_deg: float,
+    *,
+    gain: float = 1.7,
+    noise_v: float = 0.0,
+    seed: int = 0,
+    thin: float = 1,
+    drive_hz: float = DRIVE_HZ,
 ) -> tuple[NDArray[np.float64], ...]:
     """Return drive, sense and output: the output is the sense phasor seen along the reference, late by the delay."""
     random = np.random.default_rng(seed)
-    t = INTERVAL_S * thin * np.arange(POINTS // thin)
+    t = INTERVAL_S * thin * np.arange(round(POINTS / thin))
     start, at_rest, turned = random.uniform(-math.pi, math.pi, 3)
-    drive_rad = 2.0 * math.pi * DRIVE_HZ * t + start
+    drive_rad = 2.0 * math.pi * drive_hz * t + start
     turn_rad = 2.0 * math.pi * difference_hz * t + turned
     sense = 0.4 * np.cos(drive_rad + at_rest) + 1.1 * np.cos(drive_rad + turn_rad)
     late_rad = turn_rad - 2.0 * math.pi * difference_hz * DELAY_S
@@ -73,3 +80,12 @@ def test_what_cannot_be_told_is_said() -> None:
         fit_rotation(drive, sense[:-1], output, INTERVAL_S, 8.0)
     with pytest.raises(ConfigError, match="either direction"):
         reference_phase([(8.0, 90.0)] * 3)
+
+
+@pytest.mark.parametrize("drive_hz", [12_000.0, 36_000.0, 49_000.0])
+@pytest.mark.parametrize("ppm", [-55.0, -20.0, 20.0, 55.0])
+def test_a_part_is_found_where_the_time_bases_have_put_it(drive_hz: float, ppm: float) -> None:
+    """V_Vc is at twice the drive and a little by its own time base, the drive is read by another one."""
+    moved_hz = 13.0 + 2e-6 * ppm * drive_hz
+    found = fit_rotation(*records(moved_hz, 40.0, thin=0.2, drive_hz=drive_hz), 0.2 * INTERVAL_S, 13.0)
+    assert found.difference_hz == pytest.approx(moved_hz, abs=1e-6)

@@ -79,3 +79,14 @@ def test_channels_of_different_length_are_refused() -> None:
         phase_difference(np.ones(10), np.ones(11), 1e-3)
     with pytest.raises(ConfigError, match="do not tell"):
         fit_sine(np.arange(100.0), 1e-3, 1e-9)
+
+
+@pytest.mark.parametrize(("apart_hz", "noise"), [(10.0, 0.003), (20.0, 0.01), (80.0, 0.03)])
+def test_channels_that_tell_two_frequencies_settle_between_them(apart_hz: float, noise: float) -> None:
+    """Drive and a sense signal that still rings: the weights follow what is left, so that rounds gain little each."""
+    t = 5e-7 * np.arange(1000)
+    left = np.random.default_rng(3).standard_normal((2, t.size))
+    drive = np.cos(2.0 * math.pi * 24_490.0 * t) + noise * left[0]
+    sense = 2.2 * np.cos(2.0 * math.pi * (24_490.0 - apart_hz) * t + 1.0) + 2.2 * noise * left[1]
+    found = phase_difference(drive, sense, 5e-7)
+    assert found.phase_deg == pytest.approx(math.degrees(1.0) - 180.0 * apart_hz * t[-1], abs=0.5)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError, MeasurementError
 
-_ROUNDS = 30
+_ROUNDS = 200  # weights follow residuals: where channels tell two frequencies, a round leaves 3 quarters of the step
 _SETTLED = 1e-9
 """A step of the frequency by less than that of a cycle over the record is none."""
 
