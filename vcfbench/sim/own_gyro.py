@@ -142,7 +142,7 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
             "amplitude_v": [0.8, 1.2],
             "phase_deg": [80.0, 100.0],
-            "start_up_s": _round(max(5.0, drive_s)),
+            "start_up_s": _round(max(5.0, drive_s + sense_s)),  # `warmup` takes its first window then
         },
     }
 
