@@ -109,6 +109,7 @@ def test_a_record_that_paused_and_was_stopped_amended_and_resumed_passes(
     assert_each_passes(tmp_path)
 
 
+@pytest.mark.exhaustive
 def test_records_by_hand_and_of_a_batch_pass(tmp_path: Path) -> None:
     (tmp_path / "by-hand.toml").write_text(BENCH, encoding="utf-8")
     vcfbench.run("turntable", tmp_path / "by-hand.toml", operator=Person(), runs=tmp_path / "runs")

@@ -45,7 +45,7 @@ SHEETS = (
     *(sheet_of(drive_hz, split_hz, q_sense=q) for drive_hz, split_hz, q in ((1e3, 3.0, 700.0), (1e3, 80.0, 100.0))),
     *(sheet_of(rail_v=rail_v, scale_factor_v_per_deg_s=1.2e-3 * rail_v) for rail_v in (5.0, 15.0)),
 )
-QUICK_SHEETS = (sheet_of(drive_hz=18_000.0), sheet_of(split_hz=-24.8), sheet_of(quadrature_deg_s=150.0))
+QUICK_SHEETS = (sheet_of(drive_hz=18_000.0), sheet_of(split_hz=-24.8))
 
 
 def bench_of(sheet: DataSheet, folder: Path, **replaced: str) -> Path:

@@ -107,7 +107,7 @@ def test_old_numpy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     version = installation.version
     monkeypatch.setattr(installation, "version", lambda name: "1.20.3" if name == "numpy" else version(name))
     found = made("", installation.CHECKS[0])
-    assert (found.verdict, found.came) == ("FAIL", "numpy>=1.26: 1.20.3 is installed")
+    assert (found.verdict, found.came) == ("FAIL", "numpy>=2.0: 1.20.3 is installed")
 
 
 def installed(folder: Path, name: str, *files: str, version: str = "1.0", origin: str = "{}") -> None:

@@ -60,17 +60,18 @@ def _k_vc(bench: Bench) -> dict[str, Any]:
 
 PROCEDURES = (
     Held("turntable", lambda _: _SWEEP),
-    Held("virtual-coriolis", lambda _: _SWEEP, slow=1),
-    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}, slow=1),
+    Held("virtual-coriolis", lambda _: _SWEEP, slow=2),
+    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}, slow=2),
     Held(
         "self-calibration",
         lambda bench: {**_FEW, "virtual_rates_deg_s": [20.0, 80.0, 200.0], "health": False, **_k_vc(bench)},
+        slow=1,
     ),
     Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}, slow=2),
     Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",), slow=2),
     Held("resonance", lambda _: _SHORT, ("paper's",), slow=2),
     Held("phase", lambda _: _WARM, slow=2),
-    Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=1),
+    Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=2),
     Held(
         "temperature",
         lambda bench: {
@@ -93,6 +94,7 @@ PROCEDURES = (
             "q": 1224.0,
             "in_phase_share": 0.147,
         },
+        slow=1,
     ),
     Held("rate-limits", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}),
     Held("g-sensitivity", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}, as_built=sensitive_to_g),
@@ -112,9 +114,9 @@ PROCEDURES = (
         "warmup",
         lambda bench: {"shortest_s": 300.0, "longest_s": 400.0, "bias_instability_deg_h": 0.5, **_scale(bench)},
         as_built=noisy,
-        slow=1,
+        slow=2,
     ),
-    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 300.0, **_scale(bench)}, as_built=noisy, slow=1),
+    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 300.0, **_scale(bench)}, as_built=noisy, slow=2),
 )
 
 _PER_U = {
