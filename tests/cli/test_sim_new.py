@@ -43,11 +43,9 @@ def test_figures_become_parameters(tmp_path: Path) -> None:
     assert "# scale_factor_v_per_deg_s = -0.005\n" in (tmp_path / "own.toml").read_text("utf-8")
 
 
-@pytest.mark.parametrize(
-    "figures", few([("--split", "76"), ("--k-vc", "-150"), ("--range", "100"), ("--split", "-24.8")], ("--split", "76"))
-)
-def test_what_the_kind_may_have_gives_a_bench_for_all_procedures(figures: tuple[str, ...], tmp_path: Path) -> None:
-    done = new(*figures)
+@pytest.mark.parametrize("figures", few(["--split 76", "--k-vc -150", "--range 100", "--split -24.8"], "--split 76"))
+def test_what_the_kind_may_have_gives_a_bench_for_all_procedures(figures: str, tmp_path: Path) -> None:
+    done = new(*figures.split())
     assert (done.exit_code, done.stderr) == (0, "")
     for procedure in BUILT_IN.keys() - {"self-calibration", "online"}:  # which need a certificate
         dry_run(procedure, tmp_path / "own.toml")
