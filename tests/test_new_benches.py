@@ -95,11 +95,10 @@ CELLS = [
         for other in SETS[1:]
         if other not in ALIKE
     ),
-    ("E3631A", tuple(name for name in ORDER if name not in LONG)),
 ]
 
 
-@pytest.mark.parametrize(("other", "procedures"), few(CELLS, CELLS[0]))
+@pytest.mark.parametrize(("other", "procedures"), few(CELLS[::3], CELLS[0]))
 def test_each_procedure_runs_to_its_end_on_a_new_bench(other: str, procedures: Sequence[str], here: Path) -> None:
     found = dict(ends(other, procedures, here))
     assert {*found.values()} == {"complete"}, found
