@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 import shutil
 import signal
 import tempfile
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from itertools import cycle, product
 from pathlib import Path
@@ -230,7 +233,11 @@ class Station:
         try:
             with faulty_wire(resources[role]) as wire:
                 bench = self.served.bench_file({**resources, role: wire.resource})
-                return _Watch(self, case, wire, self.start(folder, bench, case.procedure)).watch()
+                ended = _Watch(self, case, wire, self.start(folder, bench, case.procedure)).watch()
+                for number in re.findall(r"its watchdog, process (\d+)", ended.facts.stderr):
+                    with suppress(ProcessLookupError):  # it would switch the bench of the next case off for ever
+                        os.kill(int(number), signal.SIGKILL)
+                return ended
         finally:
             shutil.rmtree(folder, ignore_errors=True)
 

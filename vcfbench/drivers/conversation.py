@@ -143,15 +143,19 @@ class Conversation:
         command = command or (self._said if isinstance(error, FramingError) else None)
         error.command = error.command or (None if command is None else shown(command))
         error.elapsed_s = deadline.elapsed() if error.elapsed_s is None else error.elapsed_s
-        if error.hint is None and isinstance(error, (FramingError, DeadlineExceeded)):
+        if error.hint is None and isinstance(error, FramingError):
             error.hint = self._cause()
         if isinstance(error, (LinkLost, OutOfSync)):
             self._give_up(error.what)
         return error
 
+    @property
+    def on_port(self) -> bool:
+        """True on a serial port, whose speed may be another than the instrument's."""
+        return self._wire.interface in ("asrl", "serial") and "://" not in self.resource
+
     def _cause(self) -> str | None:
-        on_port = self._wire.interface in ("asrl", "serial") and "://" not in self.resource
-        return likely_cause(self._came, self._said, on_port=on_port)
+        return likely_cause(self._came, self._said, on_port=self.on_port)
 
     def note_read(self, what: str) -> None:
         """Remember a read-back, in words, for messages when the instrument no longer answers."""

@@ -67,10 +67,13 @@ def _refuse(expected: str, came: str | bytes) -> FramingError:
     return FramingError(f"expected {expected}, came {shown}")
 
 
+LINE_SPEED = "is baud_rate in the bench file what the instrument's port is set to?"
+
+
 def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None:
     """Return what makes such a line come in place of an answer to `asked`, and what to do; None where nothing is known.
 
-    `on_port` says whether it came over a serial port, where nothing at all may come at a wrong speed.
+    `on_port` says whether it came over a serial port.
     """
     line = came.strip()
     if _NEGOTIATION.search(line):
@@ -81,8 +84,8 @@ def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None
         return "a prompt comes: this port is for people (telnet, often 5024), use that for programs (often 5025)"
     if _NUL.search(line):
         return "a NUL byte comes with the answers, adapters add one: tell it not to (Prologix: ++eot_enable 0)"
-    if on_port and not (came and line.isascii()):
-        return "is baud_rate in the bench file what the instrument's port is set to?"
+    if on_port and not line.isascii():
+        return LINE_SPEED
     return None
 
 

@@ -12,6 +12,7 @@ from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.conversation import OverWire
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.replies import LINE_SPEED
 from vcfbench.drivers.scpi_instrument import safely
 from vcfbench.interfaces import Identity, SafeReport, UnprovedCommand
 
@@ -78,7 +79,11 @@ class RateTableDriver(OverWire):
         self._fastest_deg_s = 0.0  # that it may be turning at, as far as is known
         self._acceleration_commanded = False
         self._ramp = _Ramp(settings.found_deg_s, settings.found_deg_s, math.inf, self.clock.now())
-        self._ask(dialect.identify)
+        try:
+            self._ask(dialect.identify)
+        except errors.DeadlineExceeded as silent:
+            silent.hint = silent.hint or (LINE_SPEED if line.on_port else None)
+            raise
 
     @property
     def own_time_s(self) -> float:
