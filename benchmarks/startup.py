@@ -20,7 +20,7 @@ from vcfbench.safety.watchdog import Watchdog
 from vcfbench.drivers.calls import Calls
 description = load_bench("paper")
 started = time.perf_counter()
-watchdog = Watchdog(description, print, Calls())
+watchdog = Watchdog(description, print, Calls(), print)
 begun = time.perf_counter()
 watchdog.require_ready()
 ready = time.perf_counter()
