@@ -17,7 +17,7 @@ from tests.third_party.test_driver_methods import CLIENTS
 from vcfbench.clock import WallClock
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.drivers.registry import open_instrument
-from vcfbench.errors import DeadlineExceeded, InstrumentError, WrongInstrument
+from vcfbench.errors import DeadlineExceeded, WrongInstrument
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,10 +54,14 @@ def test_another_model_is_not_taken_for_ours(instro: Path) -> None:
 
 
 def test_what_it_has_not_is_an_error_and_what_it_has_is_read(instro: Path) -> None:
-    with served_meter(instro, "HEWLETT-PACKARD,34401A,0,10-5-2") as resource:
+    identity = "HEWLETT-PACKARD,34401A,0,10-5-2"
+    with served_meter(instro, identity) as resource:
         meter = opened(resource)
-        with pytest.raises(InstrumentError, match="-113"):
+        with pytest.raises(DeadlineExceeded, match=r"ROUT:TERM\?"):  # which pair of terminals: the first thing asked
             meter.configure_dc_voltage(10.0, 10.0)
+        meter.close()
+    with served_meter(instro, identity) as resource:
+        meter = opened(resource)
         assert meter.session.query_reading("READ?") == pytest.approx(1.25, rel=0.01)
         with pytest.raises(DeadlineExceeded, match=r"command 'FETC\?'"):  # it keeps no reading to be fetched twice
             meter.read_voltage_v()

@@ -62,19 +62,23 @@ def test_suite_of_the_dmm6500(pymeasure: Path, pymeasure_source: Path, tmp_path:
 def test_suite_of_the_small_oscilloscope(  # noqa: PLR0917  # fixtures
     bench: str, listed: str, pymeasure: Path, pymeasure_source: Path, tmp_path: Path, request: pytest.FixtureRequest
 ) -> None:
-    """The DSOX1102G suite has its address in its text and skips itself: both lines are replaced in a copy."""
+    """The DSOX1102G suite has its address in its text and skips itself: both lines are replaced in a copy.
+
+    So is the list of images: PyMeasure reads byte by byte, which takes six minutes for the 2.4 MB of a bitmap.
+    """
     served: Served = request.getfixturevalue(bench)
     suite = "keysight/test_keysightDSOX1102G_with_device.py"
     text = (pymeasure_source / "tests" / "instruments" / suite).read_text(encoding="utf-8")
     address = served.resource("oscilloscope", "vxi11")
     text = re.sub(r"(?m)^pytest\.skip\(.*$", "", text)
     text = re.sub(r"(?m)^(\s+RESOURCE = ).*$", lambda match: f"{match[1]}{address!r}", text)
+    text = text.replace('["bmp", "bmp8bit", "png"]', '["png"]')
     copy = tmp_path / "test_dsox1102g.py"
     copy.write_text(text, encoding="utf-8")
     (tmp_path / "conftest.py").write_text(
         (pymeasure_source / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8"
     )
-    check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), f"{suite}{listed}", 141)
+    check(outcomes(pymeasure, tmp_path, str(copy), address, tmp_path / "report.xml"), f"{suite}{listed}", 137)
 
 
 def test_suite_of_the_33500b(

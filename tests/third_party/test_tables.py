@@ -56,7 +56,7 @@ def test_pymeasure_esp300(wire: str, pymeasure: Path, tmp_path: Path) -> None:
     with served_table("esp", tmp_path) as wires:
         host, _, port = wires["tcp"].removeprefix("socket://").rpartition(":")
         resource = f"TCPIP0::{host}::{port}::SOCKET" if wire == "tcp" else f"ASRL{wires['pty']}::INSTR"
-        check(methods(pymeasure, "pymeasure_esp300.py", "esp", resource), "pymeasure.ESP300", 31)
+        check(methods(pymeasure, "pymeasure_esp300.py", "esp", resource), "pymeasure.ESP300", 35)
 
 
 def test_instrumentkit_esp301(libraries: Path, tmp_path: Path) -> None:

@@ -6,8 +6,8 @@ error 38 is what the manual of a sibling (NewStep) says of AC. Unverified: that 
 Bd, the digits of numbers, that blanks are passed over everywhere (so a sibling's manual), the stage's limits, which
 error an interlock reports, that a software limit stops a jog by its ramp, the values and limits of what is kept only.
 
-Not simulated: programs in the controller (XX, EP, EX), groups of axes, units of lengths. A unit counts in rates,
-accelerations and positions (TV, TP, VA, AC, AG); the limits and what moves to a position stay in degrees.
+Not simulated: programs in the controller (XX, EP, EX), groups of axes, units of lengths. The unit that is set counts in
+all rates, accelerations and positions; the highest rate and acceleration (VU, AU) stay in degrees.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ class EspTable(Interlocked, LineDevice):
             "MD": lambda _: str(int(not self._axis.moving())),
             "TP": lambda _: self._shown(self._axis.position_deg()),
             "TV": lambda _: self._shown(self._axis.rate_deg_s()),
-            "DP": lambda _: f"{self._target_deg + 0.0:.4f}",
+            "DP": lambda _: self._shown(self._target_deg),
             "SL": lambda value: self._soft_limit(0, value),
             "SR": lambda value: self._soft_limit(1, value),
             "AB": lambda _: self._abort(),
@@ -172,7 +172,7 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("WP")
     def _wait_for_position(self, value: str) -> None:
         """Let the following commands wait until the axis is past a position, or stands."""
-        self._waiting_s, self._awaited_deg = 0.0, _signed(value)
+        self._waiting_s, self._awaited_deg = 0.0, self._degrees(value)
 
     def _arrived(self) -> bool:
         """Whether the axis is past what WP waits for."""
@@ -200,10 +200,13 @@ class EspTable(Interlocked, LineDevice):
     def _shown(self, degrees: float) -> str:
         return f"{degrees / _UNIT_DEG[self._unit] + 0.0:.4f}"
 
+    def _degrees(self, value: str) -> float:
+        return _signed(value) * _UNIT_DEG[self._unit]
+
     def _soft_limit(self, side: int, value: str) -> str | None:
         if value == "?":
-            return f"{max(-1e9, min(1e9, self._soft_deg[side])):.4f}"
-        self._soft_deg[side] = _signed(value)
+            return self._shown(max(-1e9, min(1e9, self._soft_deg[side])))
+        self._soft_deg[side] = self._degrees(value)
         return None
 
     def _noticed(self, cause: str, /) -> None:
@@ -312,10 +315,10 @@ class EspTable(Interlocked, LineDevice):
     def _go_to(self, start_deg: float, value: str) -> str | None:
         """Move to `start_deg` and `value`; with a question mark tell where a move would start."""
         if value == "?":
-            return f"{self._axis.position_deg() + 0.0:.4f}"
+            return self._shown(self._axis.position_deg())
         if not self._axis.enabled:
             raise _Refused(_NOT_ENABLED)
-        target_deg = start_deg + _signed(value)
+        target_deg = start_deg + self._degrees(value)
         if not self._soft_deg[0] <= target_deg <= self._soft_deg[1]:
             raise _Refused(_ABOVE_LIMIT if target_deg > self._soft_deg[1] else _BELOW_LIMIT)
         self._direction, self._target_deg = 0, target_deg
@@ -339,8 +342,8 @@ class EspTable(Interlocked, LineDevice):
     @_OF_AXIS.of("DH")
     def _define_home(self, value: str) -> str | None:
         if value == "?":
-            return f"{self._home_deg:.4f}"
-        self._home_deg = _number(value or "0", 1e6)
+            return self._shown(self._home_deg)
+        self._home_deg = _number(value or "0", 1e6) * _UNIT_DEG[self._unit]
         self._axis.set_zero(self._home_deg)
         return None
 

@@ -129,7 +129,17 @@ def test_software_limits_refuse_a_move_and_stop_a_jog(host: Host) -> None:
     assert host.world.table.angle_deg() == pytest.approx(20.0 + 50.0**2 / 200.0, abs=1.5)
 
 
-def test_the_stage_knows_degrees_only(host: Host) -> None:
+def test_positions_and_rates_are_in_the_unit_that_is_set(host: Host) -> None:
+    host.ask("1MO;1SN9;1VA1;1SL-2;1SR2;1PA0.25;1WS")
+    host.wait(2.0)
+    assert host.ask("1TP") == host.ask("1DP?") == "0.2500"
+    assert host.ask("1SN7;1TP") == "14.3239"
+    assert host.ask("1VA?") == "57.2958"
+    assert host.ask("1SR?") == "114.5916"
+    assert host.ask("TE?") == "0"
+
+
+def test_the_stage_knows_no_unit_of_lengths(host: Host) -> None:
     assert host.ask("1SN?") == "7"
     host.ask("1SN7")
     assert host.ask("TE?") == "0"

@@ -35,8 +35,12 @@ def calls(controller: ESP300) -> Iterator[tuple[str, Callable[[], Any]]]:
     yield "enable", axis.enable
     yield "enabled", lambda: expect(axis.enabled, wanted=True)
     yield "units", lambda: expect(axis.units, "degree")
-    yield "units = degree", put("units", "degree")
     yield "units = radian", put("units", "radian")
+    yield "position = 0.25 rad", put("position", 0.25)
+    yield "wait_for_stop in radian", axis.wait_for_stop
+    yield "position in radian", lambda: expect(axis.position, 0.25, 1e-3)
+    yield "units = degree", put("units", "degree")
+    yield "position in degree", lambda: expect(axis.position, 14.3239, 1e-3)
     yield "left_limit = ", put("left_limit", -100)
     yield "right_limit = ", put("right_limit", 100)
     yield "left_limit", lambda: expect(axis.left_limit, -100.0)
