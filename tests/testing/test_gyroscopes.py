@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import tomllib
 
 import pytest
 from msgspec import structs
 
 from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.sim.gyro.data_sheet import OUTPUT_SHARE
+from vcfbench.sim.simulation import true_output
 from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
 
 SEEDS = range(400)
@@ -53,3 +56,14 @@ def test_the_bench_of_a_drawn_gyroscope_is_one_for_all_procedures(seed: int, *, 
         drawn = bench.simulation.override["noise"]["angle_random_walk_deg_sqrt_s"] if noise else 0.0
         assert drawn * 60.0 == pytest.approx(noise * drawn_sheet(seed).angle_random_walk_deg_sqrt_h)
         assert structs.asdict(bench.limits)["max_rail_v"] == pytest.approx(1.05 * drawn_sheet(seed).rail_v)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_the_largest_level_of_v_vc_does_not_clip_the_output_by_a_guess_of_5_percent_too_much(seed: int) -> None:
+    text, sheet = drawn_bench(seed, noise=False), drawn_sheet(seed)
+    level_deg_s = tomllib.loads(text)["procedure"]["power"]["level_deg_s"]
+    output, most_v = true_output(parse_bench(text, f"gyroscope-{seed}")), OUTPUT_SHARE * sheet.rail_v
+    for sign in (-1.0, 1.0):
+        v_vc_v = sign * level_deg_s / sheet.k_vc_deg_s_per_v
+        assert abs(output(0.0, 1.05 * v_vc_v)) < 0.999 * most_v
+        assert abs(output(0.0, v_vc_v)) > 0.7 * sheet.range_deg_s * abs(sheet.scale_factor_v_per_deg_s)

@@ -37,6 +37,8 @@ TABLE_RATE_ERROR = 1e-5
 _LEAST_SINE_V, _LEAST_LEVEL_V, _LEAST_STEP_V = 0.01, 0.07, 0.04
 """The least of a sine on V_Vc, of a level whose offset of 4 mV does not tell, of one taken with both signs."""
 _MOST_V_VC_V = 10.0
+_OFFSET_V = 0.06
+"""V_Vc that an output at rest is off by as soon as V_Vc is on: the carrier comes through."""
 _LEAST_DEG_H = 1e-3
 _READING_S = 0.2
 _HIGHEST_HZ = 75.0
@@ -97,6 +99,13 @@ def _expected_parts(sheet: DataSheet) -> tuple[float, float]:
 def _least_match_deg_s(sheet: DataSheet) -> float:
     """Return the smallest rate that V_Vc is matched with: 5 % of the range, by a level that stands above its offset."""
     return max(0.05 * sheet.range_deg_s, _LEAST_LEVEL_V * abs(sheet.k_vc_deg_s_per_v))
+
+
+def _most_match_deg_s(sheet: DataSheet) -> float:
+    """Return the largest rate that V_Vc is matched with: with its offset, its bend and 5 % too much no clipping."""
+    free_v = OUTPUT_SHARE * sheet.rail_v / abs(sheet.scale_factor_v_per_deg_s)
+    offset_deg_s = abs(sheet.bias_deg_s) + _OFFSET_V * abs(sheet.k_vc_deg_s_per_v)
+    return min(sheet.range_deg_s, 0.9 * free_v - offset_deg_s)
 
 
 def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
@@ -162,9 +171,9 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     """Return those that follow from range, K_Vc, noise and the start of the drive loop."""
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
     instability_deg_h = max(_LEAST_DEG_H, _flicker_deg_h(sheet))
-    level = {"level_deg_s": _round(200.0 * wider)}
-    least_deg_s = _least_match_deg_s(sheet)
-    steps = [(sheet.range_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
+    least_deg_s, most_deg_s = _least_match_deg_s(sheet), _most_match_deg_s(sheet)
+    level = {"level_deg_s": _round(most_deg_s)}
+    steps = [(most_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
     matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
     started_s = _round(max(5.0, settling_s(sheet)[0]))
     started = {"warm_up_s": started_s}
