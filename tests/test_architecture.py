@@ -46,6 +46,7 @@ FLOORS = [
         "errors",
         "clock",
         "version",
+        "values",
     },
 ]
 SEALED = {"drivers", "records", "analysis"}

@@ -11,8 +11,8 @@ from uncertainties import umath
 
 from tests.analysis.monte_carlo import agreement, propagate
 from vcfbench.analysis.budget import Budget, Model, Source, evaluate
-from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
+from vcfbench.values.quantile import t_quantile
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -14,8 +14,8 @@ from msgspec import Struct
 from uncertainties import ufloat
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
+from vcfbench.values.quantile import t_quantile
 
 _ONLY_DERIVATIVES = 1.0
 """Uncertainty of a quantity in a model: any but 0, because only its derivatives are read."""

@@ -13,8 +13,8 @@ from msgspec import Struct
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.tails import chi_square_tail
 from vcfbench.errors import ConfigError
+from vcfbench.values.quantile import chi_square_tail
 
 _ROUNDS = 50
 _SETTLED = 1e-6

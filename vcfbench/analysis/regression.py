@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column import Pair
-from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
+from vcfbench.values.quantile import t_quantile
 
 _LARGEST = 1e100
 """Far above all physical values; squares and products of smaller ones neither overflow nor vanish."""

@@ -19,9 +19,9 @@ from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
-from vcfbench.reports.digits import digits_of_value, shorthand
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
-from vcfbench.reports.names import in_words, named
+from vcfbench.values.kinds import in_words, named
+from vcfbench.values.printing import digits_of_value, shorthand
 
 _UNITS: Final = (
     "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "

@@ -15,7 +15,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
-from vcfbench.reports.names import named
+from vcfbench.values.kinds import named
 
 _OF_FITS: Final = frozenset(
     ("type_a", "polynomial", "s_v", "dof", "coverage_factor", "u95_fit_ppm", "covariance", "durbin_watson", "sign_runs")

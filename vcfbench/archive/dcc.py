@@ -19,10 +19,10 @@ from vcfbench.archive.si_units import in_si
 from vcfbench.errors import ConfigError
 from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
-from vcfbench.reports.digits import incomplete
-from vcfbench.reports.names import named
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
+from vcfbench.values.kinds import named
+from vcfbench.values.printing import incomplete
 
 SCHEMA_VERSION: Final = "3.3.0"
 _DCC: Final = "https://ptb.de/dcc"

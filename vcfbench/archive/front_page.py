@@ -18,10 +18,10 @@ from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
-from vcfbench.reports.digits import grouped, incomplete, shorthand
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
-from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Verdict
+from vcfbench.values.kinds import named
+from vcfbench.values.printing import grouped, incomplete, shorthand
 
 BLANK: Final = "_" * 24  # Stands for what was not told
 _MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told

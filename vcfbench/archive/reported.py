@@ -22,8 +22,8 @@ from vcfbench.records.metadata import Equipment
 from vcfbench.records.plain import plain
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Part, Report, Series, Table, Text, facts, texts
 from vcfbench.reports.generic import results_table
-from vcfbench.reports.names import in_words
 from vcfbench.reports.plot import DRAWN, thinned
+from vcfbench.values.kinds import in_words
 from vcfbench.version import installed_version
 
 _RESIDUALS: Final = "Residuals of"  # Beginning of the title of a figure that stands on the first page

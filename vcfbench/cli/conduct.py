@@ -19,13 +19,13 @@ from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
-from vcfbench.reports.digits import incomplete
 from vcfbench.reports.progress import LineProgress
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.conduct import conduct as conducted
 from vcfbench.runs.request import Prepared, Preparing, Request, prepare
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
+from vcfbench.values.printing import incomplete
 
 if TYPE_CHECKING:
     from vcfbench.page.server import LivePage

@@ -12,12 +12,12 @@ from msgspec import Struct
 from vcfbench.errors import BenchError
 from vcfbench.files import shown
 from vcfbench.page.view import View
-from vcfbench.reports.names import in_words
 from vcfbench.runs.request import Prepared
 from vcfbench.steps import Note
 from vcfbench.steps.decode import result_of, step_of
 from vcfbench.steps.executor import Moved, Paused, StepFailed, StepFinished, WentOn
 from vcfbench.typed import typed
+from vcfbench.values.kinds import in_words
 
 _AT_ONCE = 1 << 22  # Bytes of a journal that are read at once: a long one must not hold up readers of another
 

@@ -12,7 +12,7 @@ from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
-from vcfbench.reports.names import named
+from vcfbench.values.kinds import named
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3

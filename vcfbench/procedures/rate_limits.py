@@ -24,13 +24,13 @@ from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mea
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.records.schema import Point
-from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
+from vcfbench.values.printing import incomplete
 
 _LINE, _RAISED, _BEYOND, _BACK = 1, 2, 3, 4
 """Steps of the points: small rates, the search, beyond the limit, at the small rate again."""

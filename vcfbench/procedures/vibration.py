@@ -14,11 +14,9 @@ from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
-from vcfbench.analysis.tails import t_of_largest
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines, tones
@@ -32,6 +30,8 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
+from vcfbench.values.quantile import t_of_largest
+from vcfbench.values.verdict import e_n
 
 _STATIC = 1
 """The step of its points: V_Vc direct."""

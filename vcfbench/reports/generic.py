@@ -5,10 +5,10 @@ from typing import Any
 
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
-from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
-from vcfbench.reports.names import named
 from vcfbench.station.acceptance import Acceptance
+from vcfbench.values.kinds import named
+from vcfbench.values.printing import incomplete
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4  # So many numbers of a list are printed; its length is said where there are more

@@ -5,10 +5,10 @@ from typing import Any, Final, Literal
 
 from msgspec import Struct
 
-from vcfbench.analysis.conformity import conformity
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import Limit
+from vcfbench.values.verdict import conformity
 
 INCOMPLETE: Final = " with an incomplete U95"
 """Words behind a verdict whose guard band, or E_n, lacks a contribution: it may be another with all of them."""

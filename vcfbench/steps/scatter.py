@@ -15,7 +15,7 @@ from itertools import accumulate, combinations
 
 from msgspec import Struct, field
 
-from vcfbench.analysis.tails import f_is_improbable, t_tail
+from vcfbench.values.quantile import f_is_improbable, t_tail
 
 FALSE_ALARM = 1e-9
 """Probability that one test refuses a window of Gaussian, stationary noise.

@@ -10,13 +10,13 @@ from uncertainties import umath
 
 from vcfbench.analysis import budget
 from vcfbench.analysis.allan import allan_deviation
-from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.regression import fit_line
 from vcfbench.analysis.scale_factor import characterise, compare
-from vcfbench.analysis.tails import t_quantile
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.validation.check import Found, check, same
+from vcfbench.values.quantile import t_quantile
+from vcfbench.values.verdict import e_n
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

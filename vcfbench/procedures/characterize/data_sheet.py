@@ -6,10 +6,10 @@ from typing import Any
 
 from msgspec import Struct
 
+from vcfbench.procedures.shared.measurand import stated_cells
 from vcfbench.records.plain import field_names
-from vcfbench.reports.digits import stated_cells
 from vcfbench.reports.document import Report, Table, Text, heads
-from vcfbench.reports.names import in_words
+from vcfbench.values.kinds import in_words
 
 _SAME = 1e-5
 """Two values so close, relative, are one that is told twice."""

@@ -10,14 +10,14 @@ from msgspec.structs import replace
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
-from vcfbench.procedures.shared.measurand import Measurand
+from vcfbench.procedures.shared.measurand import Measurand, stated_cells
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
-from vcfbench.reports.digits import incomplete, stated_cells
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
-from vcfbench.reports.names import named
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.values.kinds import named
+from vcfbench.values.printing import incomplete
 
 
 def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:

@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
 from vcfbench.records.devices import Measured, Share
-from vcfbench.reports.digits import digits_of_u, digits_of_value, incomplete, stated_cells
 from vcfbench.reports.document import Cell, Table, heads
+from vcfbench.values.printing import digits_of_u, digits_of_value, incomplete
 
 _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
@@ -56,6 +56,11 @@ class Measurand(Struct, frozen=True):
         """Return it as it is kept of a device."""
         shares = tuple(Share(source=part.source, u=part.u, of=part.of, dof=part.dof) for part in self.parts)
         return Measured(value=self.value, u=self.u, dof=self.dof, shares=shares, missing=self.missing)
+
+
+def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
+    """Return value, u and U95 as they are printed: two digits of either uncertainty, the value to the last one of u."""
+    return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
 
 
 def finite(dof: float) -> float | None:

@@ -10,7 +10,6 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
-from vcfbench.analysis.tails import t_of_largest
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
@@ -23,6 +22,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
+from vcfbench.values.quantile import t_of_largest
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""

@@ -19,10 +19,10 @@ from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleF
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand
 from vcfbench.procedures.zero import noise as noises
-from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.values.printing import incomplete
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""

@@ -13,17 +13,17 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.conformity import e_n
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
 from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.procedures.shared.known.v_vc import v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
 from vcfbench.records.devices import Measured
-from vcfbench.reports.digits import incomplete
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
+from vcfbench.values.printing import incomplete
+from vcfbench.values.verdict import e_n
 
 
 class Change(Struct, frozen=True):

@@ -6,7 +6,7 @@ from itertools import product
 import pytest
 from scipy import stats
 
-from vcfbench.analysis.tails import f_is_improbable, f_tail, t_quantile, t_tail
+from vcfbench.values.quantile import f_is_improbable, f_tail, t_quantile, t_tail
 
 DEGREES_AND_BELOW = tuple(product([1, 8, 90], [1, 8, 340, 100_000]))
 

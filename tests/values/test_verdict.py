@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from vcfbench.analysis.conformity import conformity, e_n
 from vcfbench.errors import ConfigError
+from vcfbench.values.verdict import conformity, e_n
 
 
 def test_e_n_of_the_papers_two_columns() -> None:

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.reports.digits import digits_of_u, digits_of_value, grouped, shorthand, stated_cells
+from vcfbench.procedures.shared.measurand import stated_cells
+from vcfbench.values.printing import digits_of_u, digits_of_value, grouped, shorthand
 
 if TYPE_CHECKING:
     from vcfbench.reports.document import Cell

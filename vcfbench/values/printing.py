@@ -3,14 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from vcfbench.reports.document import Cell
-
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
-
-
-def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
-    """Return value, u and U95 as they are printed: two digits of either uncertainty, the value to the last one of u."""
-    return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
 
 
 def shorthand(value: float, u: float | None) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.reports.names import in_words, named
+from vcfbench.values.kinds import in_words, named
 
 
 @pytest.mark.parametrize(
