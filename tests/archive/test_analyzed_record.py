@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -100,6 +100,17 @@ def test_file_that_is_no_record_is_refused_with_its_place(tmp_path: Path, text: 
     file.write_text(text)
     with pytest.raises(ConfigError, match=words):
         analyze_record(file, 100.0)
+
+
+@pytest.mark.parametrize(
+    "drift", [lambda k: k, lambda k: np.exp(-k / 20.0), lambda k: k**2, lambda k: np.sin(k / 40.0)]
+)
+@pytest.mark.parametrize("noise", [0.0, 1e-9, 1e-3])
+def test_drift_that_outweighs_the_noise_ends_in_no_error(tmp_path: Path, drift: Any, noise: float) -> None:
+    readings = drift(np.arange(128.0)) + noise * NOISE[:128]
+    found = analyze_record(written(tmp_path / "zero.csv", "rate_deg_s", readings), 1.0)
+    assert len(found.allan_deg_h) > 3
+    found.report()
 
 
 def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -> None:

@@ -24,6 +24,8 @@ from vcfbench.errors import ConfigError
 
 _ROUNDS = 4
 _CONFIDENCE = 0.95
+_EXACTLY = 1e-6
+"""Least relative scatter of a point that a fit counts with."""
 _HARDLY = 1e-3
 """Relative growth of an uncertainty below which it counts as that of a normal distribution."""
 _SHOWN = 3.0
@@ -84,6 +86,13 @@ class NoiseTerm(Struct, frozen=True):
     u_square_if_0: float
     """Standard uncertainty of its square if that were 0."""
 
+    @property
+    def standing_out(self) -> float:
+        """Its square in uncertainties that it would have if it were 0: beside no other noise that is none."""
+        if self.u_square_if_0 > 0.0:
+            return self.value**2 / self.u_square_if_0
+        return math.inf if self.value else 0.0
+
 
 class NoiseFit(Struct, frozen=True):
     """The coefficients that describe a curve; those that were not asked for are 0. By default they are known."""
@@ -132,7 +141,8 @@ def fit_noise(
     for _ in range(_ROUNDS):
         found = _coefficients(squares, places)
         spread = np.array([_covariance(found, sampling, samples, m, m) for m in factors])
-        squares = _weighted(design, variance, 1.0 / np.maximum(spread, (1e-6 * (design @ squares)) ** 2))
+        spread = np.maximum(spread, (_EXACTLY * (design @ squares)) ** 2)  # a ramp alone has none
+        squares = _weighted(design, variance, 1.0 / spread)
 
     # Carry the covariances of the points through the least-squares sums. Terms that came out as 0 take no part in the
     # uncertainty of the others; that of each of them is what it would have beside the others alone
@@ -176,7 +186,7 @@ def fit_shown_noise(
     fit = fit_noise(curve, samples, sampling, chosen)
     while left:
         wider = {term: fit_noise(curve, samples, sampling, [*chosen, term]) for term in left}
-        ratios = {term: wider[term].terms[term].value ** 2 / wider[term].terms[term].u_square_if_0 for term in left}
+        ratios = {term: wider[term].terms[term].standing_out for term in left}
         best = max(left, key=lambda term: ratios[term])
         if ratios[best] < _SHOWN:
             hidden = {term: structs.replace(wider[term].terms[term], value=0.0, u=None) for term in left}
@@ -227,7 +237,8 @@ def _upper(square: float, u: float, u_at_0: float) -> float:
     if grows < _HARDLY:
         return square + float(ndtri(_CONFIDENCE)) * u
     others, dof = u_at_0 / grows, 2.0 / grows**2
-    return (square + others) * dof / float(chdtri(dof, _CONFIDENCE)) - others
+    least = float(chdtri(dof, _CONFIDENCE))
+    return (square + others) * dof / least - others if least > 0.0 else square + float(ndtri(_CONFIDENCE)) * u
 
 
 def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: int, second: int) -> float:

@@ -89,6 +89,8 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
     factors = allan.averaging_factors(size, _PER_OCTAVE)
     curve = allan.allan_deviation(rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE)
     follows, fit = _followed(curve, size, fitted, gapless=sampling.gapless)
+    if fit is not None and not fit.coefficients.squares()[:-1].any():
+        fit = None  # a drift alone: of noise beside it nothing can be told
     if fit is None:  # N is read off at the shortest time
         walk = follows[0].deviation * math.sqrt(follows[0].tau_s)
     else:
@@ -176,7 +178,10 @@ def _followed(
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
     """Return the coefficients, or words where there are none."""
     if not noise:
-        return Text("no noise: the readings scatter by less than the meter resolves")
+        return Text(
+            "no noise: the readings scatter by less than the meter resolves, or a drift outweighs their noise at every "
+            "averaging time: record at a constant temperature"
+        )
     columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
     return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in noise])
 
