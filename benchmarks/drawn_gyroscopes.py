@@ -60,6 +60,8 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "repeatability": {"off_s": 600.0},
 }
 DUT = "G"
+SWITCHES_ON = (steps.EnableSupply, *steps.EnableSupply.__subclasses__())
+"""Steps from which on a run has done something; `warmup` and `power` log at the same time."""
 
 
 def truths(bench: BenchDescription, run: Run) -> Mapping[str, Mapping[str, float]]:
@@ -127,7 +129,7 @@ def tried(name: str, bench: BenchDescription, seed: int) -> Line:
     line: Line = {"end": "complete", "took_s": round(time.perf_counter() - began, 2), **({"why": why} if why else {})}
     if run is None or run.results is None:
         journals = [each.read_text("utf-8") for each in records.rglob("journal.jsonl")]
-        live = any('"EnableSupply"' in each for each in journals)
+        live = any(f'"{kind.__name__}"' in each for each in journals for kind in SWITCHES_ON)
         return {**line, "end": "ended" if live else "refused"}
     try:
         line["values"] = [list(each) for each in values(name, run, bench)]

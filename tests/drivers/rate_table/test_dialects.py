@@ -220,7 +220,7 @@ def test_the_servo_of_a_turning_table_is_not_opened(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(5.0)
-    with pytest.raises(InterlockError, match="still turns at 5"):
+    with pytest.raises(InterlockError, match="was told 5 deg/s"):
         bench.driver.disable()
     if name != "acl":  # whose Open is itself an orderly shutdown
         dialect = bench.driver.dialect
@@ -228,6 +228,27 @@ def test_the_servo_of_a_turning_table_is_not_opened(name: str) -> None:
             dialect.open_servo(bench.driver.line, bench.driver.line.deadline())
     assert bench.world.table.servo_closed
     assert bench.world.table.profile_rate_deg_s() == pytest.approx(5.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", DIALECTS)
+def test_a_table_that_settles_is_waited_for_and_one_that_turns_is_refused(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = Bench(name)
+    bench.driver.enable()
+    bench.reach(5.0)
+    bench.driver.set_rate(0.0, 100.0)
+    bench.clock.sleep_until(bench.clock.now() + 5.0)
+    read = iter([0.049, -0.052])
+    truly = bench.driver.rate_deg_s
+    monkeypatch.setattr(bench.driver, "rate_deg_s", lambda: next(read, None) or truly())
+    bench.driver.disable()
+    assert not bench.world.table.servo_closed
+    bench.driver.enable()
+    monkeypatch.setattr(bench.driver.dialect, "rate_deg_s", lambda _line, _deadline: -0.052)
+    with pytest.raises(InterlockError, match=r"still turns at -0\.052"):
+        bench.driver.disable()
+    assert bench.world.table.servo_closed
 
 
 @pytest.mark.parametrize("name", DIALECTS)
