@@ -22,6 +22,9 @@ _SETTLED = 1e-9
 _TIME_BASES = 6e-5
 """Largest relative difference of their time bases: 33220A 20 ppm (unverified), DSO7104B 25 ppm after five years."""
 
+_IN_STEP = 0.05
+"""Turns over a record by which a line is lost to 0.4 % of its amplitude."""
+
 
 class Rotation(Struct, frozen=True):
     """One record in which the sense signal has a part that turns against the drive.
@@ -105,6 +108,8 @@ def _basis(times: Floats, frequencies_hz: Sequence[float]) -> Floats:
 def _turning(samples: Floats, times: Floats, drive_hz: float, start_hz: float) -> tuple[float, complex]:
     """Return frequency and phasor of the part that is not at the drive's frequency, by Gauss and Newton."""
     length_s = float(times[-1] - times[0])
+    # So short a record knows less of the frequency than the generator does: what noise hides is where it was sent
+    in_step = 2.0 * _TIME_BASES * drive_hz * length_s < _IN_STEP
     frequency = _line_hz(samples, times, drive_hz, start_hz)
     for _ in range(_ROUNDS):
         basis = _basis(times, [drive_hz, frequency])
@@ -116,8 +121,12 @@ def _turning(samples: Floats, times: Floats, drive_hz: float, start_hz: float) -
         change = _solved(np.column_stack([by_frequency, basis]), left)
         step = max(-0.5 / length_s, min(0.5 / length_s, float(change[0])))
         frequency += step
+        if in_step and abs(frequency - start_hz) * length_s > 1.0:
+            break
         if abs(step) * length_s < _SETTLED:
             return frequency, complex(_amplitudes(samples, times, [drive_hz, frequency])[1])
+    if in_step:
+        return start_hz, complex(_amplitudes(samples, times, [drive_hz, start_hz])[1])
     raise ConfigError(f"no part of the sense signal turns against the drive near {start_hz:g} Hz")
 
 
