@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Hashable, Mapping
-from typing import ClassVar
 
 from simrack.clock import Clock
 from simrack.observations import Observed
@@ -74,7 +73,7 @@ class Loaded(Observed):
         sources_ohm: as of :class:`NodeLoads`.
     """
 
-    rails: ClassVar[tuple[str, ...]]
+    rails: tuple[str, ...]
 
     def __init__(self, clock: Clock, sources_ohm: Mapping[str, float]) -> None:
         super().__init__(clock)

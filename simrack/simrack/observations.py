@@ -5,7 +5,7 @@ from __future__ import annotations
 import bisect
 import math
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING
 
 from simrack.clock import Clock
 from simrack.trace import Piece, Stretch, Trace, piece_of
@@ -129,7 +129,7 @@ class Recording(Capture):
 class Observed(ABC):
     """A World that hands its stretches to its observers; each question takes it through time."""
 
-    nodes: ClassVar[tuple[str, ...]]
+    nodes: tuple[str, ...]
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock

@@ -1,7 +1,8 @@
-"""A World of wires: a supply's rails, a generator on `input`, a circuit, and meters at `input` and `output`.
+"""A World of wires: nodes by name that generators feed, circuits between them, rails that supplies feed.
 
-The circuit is a device under test of your own: what it lets through of each frequency. Without one `output` is `input`.
-What changes at the input has settled at the output at once; sources feel the loads on their nodes.
+A circuit is a device under test of your own: what it lets through of each frequency. Unless more is said there are
+`input` and `output`, and a circuit or a wire between them. What changes at the input of a circuit has settled at its
+output at once; sources feel the loads on their nodes.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from __future__ import annotations
 import cmath
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Mapping
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Hashable, Iterable, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 from msgspec import Struct
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 RAILS = ("positive", "negative")
-NODES = ("output", "input", "rail_positive", "rail_negative")
 _MOST_POINTS = 1 << 18
 _LOOKS = 1 << 16
 """Points of an average of what a circuit makes of a waveform."""
@@ -34,7 +34,7 @@ _ROOM_C = 23.0
 
 
 class Circuit(ABC):
-    """A device under test between the nodes `input` and `output`."""
+    """A device under test between two nodes, `input` and `output` unless a bench file names others."""
 
     name = "circuit"
     output_ohm = 0.0
@@ -47,7 +47,7 @@ class Circuit(ABC):
         """Return output over input at each frequency, in the shape of `frequency_hz`."""
 
     def current_a(self, rail: str, voltage_v: float) -> float:
-        """Return the magnitude of its current from "positive" or "negative" at a voltage, A: nothing."""
+        """Return the magnitude of its current from a rail, "positive" or "negative", at a voltage, A: nothing."""
         del rail, voltage_v
         return 0.0
 
@@ -165,27 +165,50 @@ def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> Oscil
     return Oscillation(constant_v + still, terms)
 
 
+class Through(Struct, frozen=True):
+    """Where the output of a circuit comes from: the node at its input, and the circuit; None is a wire."""
+
+    node: str
+    circuit: Circuit | None = None
+
+
 class WiredWorld(Loaded):
-    """Nodes that sources, a circuit and meters share; rails, a shaft, and air at room temperature.
+    """Nodes that sources, circuits and meters share; rails, a shaft, and air at room temperature.
 
     Args:
         clock: bench time.
-        circuit: the device under test; None is a wire.
+        circuit: the device under test from `input` to `output`; None is a wire.
+        links: circuits by the node at their output, instead of that one; each begins at a node that a generator feeds.
+        inputs: further nodes that generators feed.
+        rails: what supplies feed; each is a node `rail_NAME` too.
+
+    Raises:
+        ValueError: a circuit begins at the output of another, or two feed a node.
     """
 
-    nodes = NODES
-    rails = RAILS
-    inputs: ClassVar = ("input",)
-
-    def __init__(self, clock: Clock, circuit: Circuit | None = None) -> None:
+    def __init__(
+        self,
+        clock: Clock,
+        circuit: Circuit | None = None,
+        *,
+        links: Mapping[str, Through] | None = None,
+        inputs: Iterable[str] = (),
+        rails: tuple[str, ...] = RAILS,
+    ) -> None:
         super().__init__(clock, {})
-        self.device = "wire" if circuit is None else circuit.name
+        self._links = {"output": Through("input", circuit)} if links is None else dict(links)
+        self.rails = rails
+        self.inputs = tuple(dict.fromkeys((*(link.node for link in self._links.values()), *inputs)))
+        self.nodes = (*self._links, *self.inputs, *(f"rail_{rail}" for rail in rails))
+        if fed_twice := {node for node in self.nodes if self.nodes.count(node) > 1}:
+            raise ValueError(f"{min(fed_twice)!r} is the output of a circuit, and something else feeds it")
+        names = [link.circuit.name for link in self._links.values() if link.circuit is not None]
+        self.device = " and ".join(names) or "wire"
         self.leads: dict[str, LeadsOfRole] = {}
         self.table = TableMotion(clock, Mechanics(), self.advance)
-        self._circuit = circuit
         self._now_s = clock.now()
-        self._source: Drive | Played | None = None
-        self._rails = dict.fromkeys(RAILS, _Rail(Approach(0.0)))
+        self._sources: dict[str, Drive | Played | None] = dict.fromkeys(self.inputs)
+        self._rails = dict.fromkeys(rails, _Rail(Approach(0.0)))
         self._ambient_c = _ROOM_C
 
     @property
@@ -199,28 +222,29 @@ class WiredWorld(Loaded):
         return stretch
 
     def _stretch(self, start_s: float, stop_s: float) -> _Stretch:
-        fed = Drive(0.0) if self._source is None else self._source
-        at_input = self._loaded("input", fed, fed.source_ohm)
+        fed = {node: Drive(0.0) if source is None else source for node, source in self._sources.items()}
+        at = {node: self._loaded(node, source, source.source_ohm) for node, source in fed.items()}
+        behind = {node: self._output(node, link, at[link.node]) for node, link in self._links.items()}
         rails = {f"rail_{name}": rail for name, rail in self._rails.items()}
-        return _Stretch(start_s, stop_s, {"input": at_input, "output": self._output(at_input), **rails})
+        return _Stretch(start_s, stop_s, {**at, **behind, **rails})
 
     def _loaded(self, node: str, source: Drive | Played, ohm: float) -> Drive | Played:
         conductance = self._loads.conductance_s(node)
         return source.divided(1.0 / (1.0 + ohm * conductance)) if conductance else source
 
-    def _output(self, source: Drive | Played) -> _Signal | Played:
-        if self._circuit is None:
-            return self._loaded("output", source, source.source_ohm)
-        share = 1.0 / (1.0 + self._circuit.output_ohm * self._loads.conductance_s("output"))
+    def _output(self, node: str, link: Through, source: Drive | Played) -> _Signal | Played:
+        if link.circuit is None:
+            return self._loaded(node, source, source.source_ohm)
+        share = 1.0 / (1.0 + link.circuit.output_ohm * self._loads.conductance_s(node))
         if isinstance(source, Drive):
-            return _through(self._circuit, source).divided(share)
-        return _Filtered(self._circuit, source, share)
+            return _through(link.circuit, source).divided(share)
+        return _Filtered(link.circuit, source, share)
 
     def drive(self, node: str, source: Drive | Played | None) -> None:
-        """Connect a generator to `input` from now on; None holds it at 0 V."""
+        """Connect a generator to an input from now on; None holds it at 0 V."""
         self._require(node, self.inputs)
         self.advance()
-        self._source = source
+        self._sources[node] = source
 
     def move_rail(self, rail: str, approach: Approach) -> None:
         """Let the voltage on a rail go its way from now on."""
@@ -231,27 +255,31 @@ class WiredWorld(Loaded):
         self._change_rail(rail, _Rail(self._rails[rail].approach, ripple))
 
     def _change_rail(self, rail: str, changed: _Rail) -> None:
-        self._require(rail, RAILS)
+        self._require(rail, self.rails)
         self.advance()
         self._rails[rail] = changed
 
     def rail_current_a(self, rail: str, voltage_v: float) -> float:
-        """Return the magnitude of the current that circuit and loads draw at a voltage, A."""
-        own = 0.0 if self._circuit is None else self._circuit.current_a(rail, voltage_v)
-        return own + abs(voltage_v) * self._loads.conductance_s(f"rail_{rail}")
+        """Return the magnitude of the current that circuits and loads draw at a voltage, A."""
+        circuits = (link.circuit for link in self._links.values() if link.circuit is not None)
+        return sum(each.current_a(rail, voltage_v) for each in circuits) + abs(voltage_v) * self._loads.conductance_s(
+            f"rail_{rail}"
+        )
 
     def drawing(self) -> Hashable:
         """Return a key of the currents: the loads."""
-        return tuple(self._loads.conductance_s(f"rail_{rail}") for rail in RAILS)
+        return tuple(self._loads.conductance_s(f"rail_{rail}") for rail in self.rails)
 
     def source_ohm(self, node: str) -> float:
         """Return the resistance behind a node, ohm."""
-        self._require(node, NODES)
+        self._require(node, self.nodes)
         if node.startswith("rail_"):
             return 0.0
-        fed = 0.0 if self._source is None else self._source.source_ohm
-        own = fed if node == "input" or self._circuit is None else self._circuit.output_ohm
-        return self._loads.presented_ohm(node, own)
+        link = self._links.get(node)
+        if link is not None and link.circuit is not None:
+            return self._loads.presented_ohm(node, link.circuit.output_ohm)
+        source = self._sources[node if link is None else link.node]
+        return self._loads.presented_ohm(node, 0.0 if source is None else source.source_ohm)
 
     def ambient_c(self) -> float:
         """Return the temperature of the air, degC."""
@@ -263,7 +291,7 @@ class WiredWorld(Loaded):
 
     def value_v(self, node: str) -> float:
         """Return a node's voltage now."""
-        self._require(node, NODES)
+        self._require(node, self.nodes)
         self.advance()
         return float(self._stretch(self._now_s, self._now_s).at(node, np.array([self._now_s]))[0])
 

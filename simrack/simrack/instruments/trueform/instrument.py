@@ -5,7 +5,8 @@ subsystem), the maker's help pages, a driver made from the maker's SCPI descript
 of what a 33600A answers after ``*RST``. What none of them has is the 33220A's and unverified: times, the words of -221
 and -222, what gives way to what.
 
-The second channel of a model that has two is set and asked as the first, and leads nowhere.
+The second channel of a model that has two is set and asked as the first; its output is on a node of a rack that names
+one, else it leads nowhere.
 
 Not simulated: sums with other than sines, what a couple of channels has beside equal levels and frequencies, sequences,
 lists, the timer as trigger, and the lower amplitudes of a 33600A at high frequencies.
@@ -67,7 +68,8 @@ class _Unwired(Struct, frozen=True):
 class SimulatedTrueform(SimulatedAgilent33220A):
     """A generator of the series, made by :meth:`of_model`; arguments as of the 33220A.
 
-    `first` is the generator whose second channel it is.
+    The second channel of those with two is on `second_node`, else on nothing. `first` is the generator whose second
+    channel it is.
     """
 
     errors_class: ClassVar = TrueformErrors
@@ -100,13 +102,15 @@ class SimulatedTrueform(SimulatedAgilent33220A):
         model: str | None = None,
         *,
         node: str = "input",
+        second_node: str | None = None,
         first: Self | None = None,
     ) -> None:
         self._first = first
         self.second: Self | None = None
         super().__init__(world, errors, interface, noise_seed, model, node=node)
         if first is None and self.channels == 2:
-            self.second = type(self)(_Unwired(world.clock), errors, interface, noise_seed + 1, model, first=self)
+            wired = (_Unwired(world.clock), "") if second_node is None else (world, second_node)
+            self.second = type(self)(wired[0], errors, interface, noise_seed + 1, model, node=wired[1], first=self)
 
     def made_engine(self, interface: str) -> ScpiEngine:
         """Return the message exchange, which the channels share."""
