@@ -16,7 +16,7 @@ from typing import Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.models import MODELS, SimulatedModel
+from simrack.models import MODELS, RACK, SimulatedModel
 from simrack.scpi import CommandTable
 
 IEEE_488_2: Final = (
@@ -97,12 +97,15 @@ def card(name: str) -> str:
     Raises:
         KeyError: there is no such model.
     """
-    return f"## {name}\n\n{_said_of(MODELS[name])}"
+    return f"## {name}\n\n{_said_of(RACK[name])}"
 
 
 def _said_of(model: SimulatedModel) -> str:
+    lines = [f"- served on: {', '.join(model.wires)}"]
+    if not model.index:
+        return "\n".join([*lines, "", *model.description().rstrip().splitlines()])
     table, manual = model.load().table, of_manual(model)
-    lines = [f"- served on: {', '.join(model.wires)}", f"- commands: {len(table.commands)} headers"]
+    lines.append(f"- commands: {len(table.commands)} headers")
     for standard in (compared(table, IEEE_488_2, "IEEE 488.2, 4.1.1"), compared(table, SCPI_99, "SCPI-99, 4.2.1")):
         lacking = ", ".join(f"`{each}`" for each in standard.unknown)
         lines.append(f"- {standard.source}: {f'lacks {lacking}' if lacking else 'all there'}")

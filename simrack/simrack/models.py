@@ -1,14 +1,16 @@
-"""The simulated instruments that speak SCPI by the name on the box: class, wires, and what is known of their manual."""
+"""The simulated instruments by the name on the box: class, wires, terminals, and what is known of their manual."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from msgspec import Struct, field
 
-_BENCH = ("TCP", "serial line")
+Kind = Literal["supply", "generator", "multimeter", "oscilloscope", "chamber", "rate table"]
+
+_SERIAL = ("TCP", "serial line")
 _LXI = ("TCP", "VXI-11", "HiSLIP")
 _OLDER_LXI = ("TCP", "VXI-11")
 
@@ -17,64 +19,125 @@ class SimulatedModel(Struct, frozen=True):
     """A model.
 
     Args:
-        name: what is on the box.
-        twin: its class, or what makes it, below `simrack.instruments`.
-        text: the module whose docstring says from which sources it is written, and what is unverified.
+        name: what is on the box; of a rate table its language.
+        kind: what it is.
+        twin: its class, or what makes it, below `simrack`.
+        text: the module whose docstring says from which sources it is written, and what is unverified, below `simrack`.
         wires: what it is served on beside PyVISA in one's own process, TCP as labs have it on converters.
-        own: what else its class is made with.
         index: file in `simrack/manuals` with the headers of its manual or, where that was not at hand, of drivers and
-            notes, as its first line says; and how many drivers use one.
+            notes, as its first line says; and how many drivers use one. Empty of what has no list.
+        own: what else its class is made with.
+        terminals: its outputs or inputs.
     """
 
     name: str
+    kind: Kind
     twin: str
     text: str
     wires: tuple[str, ...]
-    index: str
+    index: str = ""
     own: Mapping[str, float] = field(default_factory=dict)
+    terminals: tuple[str, ...] = ()
 
     def load(self) -> Any:
         """Return its class."""
         module, _, name = self.twin.partition(":")
-        found = getattr(import_module(f"simrack.instruments.{module}"), name)
+        found = getattr(import_module(f"simrack.{module}"), name)
         return found.of_model(self.name, **self.own) if hasattr(found, "of_model") else found
 
     def description(self) -> str:
         """Return what its module says of sources and of what is not simulated."""
-        return import_module(f"simrack.instruments.{self.text}").__doc__ or ""
+        return import_module(f"simrack.{self.text}").__doc__ or ""
 
+
+def _supply(name: str, module: str, wires: tuple[str, ...]) -> SimulatedModel:
+    twin, text = f"instruments.{module}:{name}Twin", f"instruments.{module}.instrument"
+    outputs = ("output_1", "output_2", "output_3")
+    return SimulatedModel(name, "supply", twin, text, wires, f"{name}.txt", terminals=outputs)
+
+
+def _trueform(name: str, sine_hz: float) -> SimulatedModel:
+    twin, text = "instruments.trueform:TrueformTwin", "instruments.trueform.instrument"
+    outputs = ("output_1",) if int(name[4]) % 2 else ("output_1", "output_2")
+    return SimulatedModel(name, "generator", twin, text, _LXI, "Trueform.txt", {"sine_hz": sine_hz}, outputs)
+
+
+def _meter(name: str, twin: str, text: str, wires: tuple[str, ...], index: str) -> SimulatedModel:
+    below = "instruments."
+    return SimulatedModel(name, "multimeter", below + twin, below + text, wires, index, terminals=("input",))
+
+
+def _oscilloscope(name: str, twin: str, index: str) -> SimulatedModel:
+    twin, text = f"instruments.{twin}", f"instruments.{twin.partition(':')[0]}.instrument"
+    channels = tuple(f"channel_{number}" for number in range(1, 5))
+    return SimulatedModel(name, "oscilloscope", twin, text, _OLDER_LXI, index, terminals=channels)
+
+
+def _table(name: str, module: str, twin: str) -> SimulatedModel:
+    text = "rate_tables.acl.instrument" if module == "acl" else f"rate_tables.{module}"
+    return SimulatedModel(name, "rate table", f"rate_tables.{module}:{twin}", text, _SERIAL)
+
+
+_GENERATORS_HZ = {
+    **dict.fromkeys(("33509B", "33510B", "33511B", "33512B"), 20e6),
+    **dict.fromkeys(("33521B", "33522B"), 30e6),
+    **dict.fromkeys(("33611A", "33612A"), 80e6),
+    **dict.fromkeys(("33621A", "33622A"), 120e6),
+}
+_33220A = "instruments.agilent33220a"
+_X_SERIES = "infiniivision:InfiniiVisionXTwin"
 
 MODELS: Final[Mapping[str, SimulatedModel]] = {
     model.name: model
     for model in (
-        SimulatedModel("E3631A", "e3631a:E3631ATwin", "e3631a.instrument", _BENCH, "E3631A.txt"),
-        SimulatedModel("E36312A", "e36312a:E36312ATwin", "e36312a.instrument", _LXI, "E36312A.txt"),
+        _supply("E3631A", "e3631a", _SERIAL),
+        _supply("E36312A", "e36312a", _LXI),
         SimulatedModel(
-            "33220A", "agilent33220a:Agilent33220ATwin", "agilent33220a.instrument", _OLDER_LXI, "33220A.txt"
+            *("33220A", "generator", f"{_33220A}:Agilent33220ATwin", f"{_33220A}.instrument", _OLDER_LXI, "33220A.txt"),
+            terminals=("output_1",),
         ),
+        *(_trueform(name, sine_hz) for name, sine_hz in _GENERATORS_HZ.items()),
+        _meter("34401A", "hp34401a:Hp34401ATwin", "hp34401a.instrument", _SERIAL, "34401A.txt"),
         *(
-            SimulatedModel(
-                name, "trueform:TrueformTwin", "trueform.instrument", _LXI, "Trueform.txt", own={"sine_hz": sine_hz}
-            )
-            for sine_hz, names in (
-                *((20e6, ("33509B", "33510B", "33511B", "33512B")), (30e6, ("33521B", "33522B"))),
-                *((80e6, ("33611A", "33612A")), (120e6, ("33621A", "33622A"))),
-            )
-            for name in names
-        ),
-        SimulatedModel("34401A", "hp34401a:Hp34401ATwin", "hp34401a.instrument", _BENCH, "34401A.txt"),
-        *(
-            SimulatedModel(name, "truevolt:TruevoltTwin", "truevolt.instrument", _LXI, "Truevolt.txt")
+            _meter(name, "truevolt:TruevoltTwin", "truevolt.instrument", _LXI, "Truevolt.txt")
             for name in ("34461A", "34465A")
         ),
-        SimulatedModel("2000", "keithley:Keithley2000Twin", "keithley.k2000", _BENCH, "2000.txt"),
-        SimulatedModel("DMM6500", "keithley:KeithleyDMM6500Twin", "keithley.dmm6500", _OLDER_LXI, "DMM6500.txt"),
-        SimulatedModel("DSO7104B", "dso7104b:Dso7104BTwin", "dso7104b.instrument", _OLDER_LXI, "7000B.txt"),
-        *(
-            SimulatedModel(
-                name, "infiniivision:InfiniiVisionXTwin", "infiniivision.instrument", _OLDER_LXI, "InfiniiVisionX.txt"
-            )
-            for name in ("DSOX3024A", "MSOX3104T", "DSOX4104A")
-        ),
+        _meter("2000", "keithley:Keithley2000Twin", "keithley.k2000", _SERIAL, "2000.txt"),
+        _meter("DMM6500", "keithley:KeithleyDMM6500Twin", "keithley.dmm6500", _OLDER_LXI, "DMM6500.txt"),
+        _oscilloscope("DSO7104B", "dso7104b:Dso7104BTwin", "7000B.txt"),
+        *(_oscilloscope(name, _X_SERIES, "InfiniiVisionX.txt") for name in ("DSOX3024A", "MSOX3104T", "DSOX4104A")),
     )
 }
+"""Those of which a list of headers is at hand."""
+RACK: Final[Mapping[str, SimulatedModel]] = {
+    **MODELS,
+    **{
+        model.name: model
+        for model in (
+            SimulatedModel(
+                "ATS-545", "chamber", "instruments.ats545:TemptronicATS545Twin", "instruments.ats545", _SERIAL
+            ),
+            _table("ACL", "acl", "AclTable"),
+            _table("Zaber", "zaber", "ZaberTable"),
+            _table("ATL", "atl", "AtlTable"),
+            _table("ESP", "esp", "EspTable"),
+            _table("DD16", "dd16", "Dd16Table"),
+            _table("MN-AS", "mn_as", "MnAsTable"),
+            _table("RUYA", "ruya", "RuyaTable"),
+            _table("AAAA", "aaaa", "AaaaTable"),
+        )
+    },
+}
+"""All that `simrack serve` knows by name."""
+
+
+def model_named(name: str) -> SimulatedModel:
+    """Return a model, whatever case its name is written in.
+
+    Raises:
+        ValueError: there is none.
+    """
+    found = next((model for each, model in RACK.items() if each.upper() == name.upper()), None)
+    if found is None:
+        raise ValueError(f"there is no model {name!r}, only {', '.join(RACK)}")
+    return found
