@@ -7,44 +7,63 @@ import json
 import math
 import signal
 import sys
-from pathlib import Path  # typer reads the annotations when it runs
+from importlib.metadata import version
 from typing import Annotated
 
 import typer
 
 from simrack import card as cards
-from simrack.desk import circuit_in, served_desk
-from simrack.models import MODELS
+from simrack.models import RACK, model_named
+from simrack.rack import plan_of, served
 from simrack.serve import BenchServer, Control, ControlError, Offer, ServedClock, ServerSettings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
 
 
+def _version(wanted: bool) -> None:  # noqa: FBT001  (typer's)
+    if wanted:
+        typer.echo(f"simrack {version('simrack')}")
+        raise typer.Exit
+
+
 @app.callback()
-def simrack() -> None:
+def simrack(
+    *, version_: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False
+) -> None:
     """Simulated instruments on the wires that real ones have."""
 
 
 @app.command()
 def serve(
-    circuit: Annotated[
-        Path | None, typer.Argument(metavar="[FILE.py]", help="Defines CIRCUIT, your device under test; else a wire.")
+    things: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[FILE.py] [[NAME=]MODEL[:WIRE+WIRE]]...",
+            help="CIRCUIT of a file is your device under test. Models are those of `simrack models`, on the wires of "
+            "the real box or on those named, of tcp, vxi11, hislip, pty; without, a supply, a generator, a meter and "
+            "an oscilloscope.",
+        ),
     ] = None,
     *,
     speed: Annotated[str, typer.Option("--speed", metavar="X|max", help="Times real time.")] = "1",
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int | None, typer.Option("--port", help="First port, of the control port; any without.")] = None,
+    port_mapper: Annotated[
+        int | None, typer.Option("--port-mapper", help="Port of a port mapper for VXI-11; 111 is where VISA looks.")
+    ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Specimens with errors; without, they are ideal.")] = None,
     lxi: Annotated[bool, typer.Option("--lxi", help="Also identify those on a network over HTTP.")] = False,
     json_: Annotated[bool, typer.Option("--json", help="Print one JSON object on the first line.")] = False,
 ) -> None:
-    """Serve a supply, a generator, a multimeter and an oscilloscope that see each other, until Ctrl-C."""
+    """Serve instruments that see each other, until Ctrl-C."""
     try:
         clock = ServedClock(math.inf if speed == "max" else float(speed))
-        bench = served_desk(clock, None if circuit is None else circuit_in(circuit), seed)
+        plan = plan_of(things or ())
+        bench, only = served(clock, plan, seed), plan.wires_asked_for()
         page: frozenset[Offer] = frozenset({"lxi"})
-        pages = {role: page for role, offers in bench.wires.items() if lxi and "vxi11" in offers}
-        server = BenchServer(bench, clock, ServerSettings(host, port, offers=pages))
+        wires = {**bench.wires, **only}
+        pages = {role: page for role, offers in wires.items() if lxi and offers & {"vxi11", "hislip"}}
+        server = BenchServer(bench, clock, ServerSettings(host, port, offers=pages, only=only, port_mapper=port_mapper))
     except (OSError, ValueError) as error:
         raise typer.BadParameter(str(error)) from error
     with server:
@@ -58,10 +77,11 @@ def serve(
 
 
 def _places(server: BenchServer) -> str:
-    lines = [f"{server.bench.world.device} between the generator and the meters, served until Ctrl-C"]
+    lines = [f"{server.bench.world.device} from input to output, served until Ctrl-C"]
+    wide = max(map(len, (*server.wires, "control"))) + 1
     for role, wires in server.wires.items():
-        lines.append(f"{role:<13} {wires.model:<9} {'  '.join(wires.places)}")
-    return "\n".join([*lines, f"{'control':<13} {server.control.port}"])
+        lines.append(f"{role:<{wide}} {wires.model:<9} {'  '.join(wires.places)}")
+    return "\n".join([*lines, f"{'control':<{wide}} {server.control.port}"])
 
 
 @app.command()
@@ -91,9 +111,17 @@ def card(
     ] = None,
 ) -> None:
     """Show which commands of its manual and of the standards a model knows, the sources, and what is unverified."""
-    if model is not None and model not in MODELS:
-        raise typer.BadParameter(f"there is no {model!r}, only {', '.join(MODELS)}")
-    typer.echo(cards.overview() if model is None else cards.card(model))
+    try:
+        typer.echo(cards.overview() if model is None else cards.card(model_named(model).name))
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+@app.command()
+def models() -> None:
+    """List the models, what they are, and the wires of the real box."""
+    for each in RACK.values():
+        typer.echo(f"{each.name:<10} {each.kind:<13} {', '.join(each.wires)}")
 
 
 def _parsed(text: str) -> object:

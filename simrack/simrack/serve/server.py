@@ -77,6 +77,7 @@ class ServerSettings(Struct, frozen=True):
         base_port: first of the ports, the control port; None lets the system choose.
         control_port: the control port, wherever the others are; None takes 20220 if that is free.
         offers: further interfaces by role, beside those of the real box.
+        only: the interfaces of a role instead of those of the real box.
         port_mapper: port of a port mapper for VXI-11 (111 is what clients expect), None for none.
         faults: what goes wrong, and when.
         rs232: serial lines: on "ideal" ones characters take no time and nothing is lost; on "real" ones they take
@@ -88,6 +89,7 @@ class ServerSettings(Struct, frozen=True):
     base_port: int | None = None
     control_port: int | None = None
     offers: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
+    only: Mapping[str, frozenset[Offer]] = field(default_factory=dict)
     port_mapper: int | None = None
     faults: FaultScript = field(default_factory=lambda: FaultScript(()))
     rs232: Rs232 = "ideal"
@@ -222,7 +224,8 @@ class BenchServer:
 
     def offered(self, role: str) -> frozenset[Offer]:
         """Return the interfaces of an instrument."""
-        offers = self.bench.wires.get(role, _SERIAL) | self.settings.offers.get(role, frozenset())
+        usual = self.bench.wires.get(role, _SERIAL)
+        offers = self.settings.only.get(role, usual) | self.settings.offers.get(role, frozenset())
         wrong = offers - frozenset(get_args(Offer))
         if wrong:
             raise ValueError(f"offer: {role} can be on {', '.join(get_args(Offer))}, not on {min(wrong)!r}")

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from simrack.bench_faults import begin_on_bench
 from simrack.clock import VirtualClock
-from simrack.desk import Desk
 from simrack.faults import Fault
 from simrack.instruments.agilent33220a.banded import Banded
+from simrack.rack import Rack
 from simrack.scpi import ScpiTwin
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ SIGNALS = {
 def test_a_frequency_is_counted_in_bounded_slices(signal: str, monkeypatch: pytest.MonkeyPatch) -> None:
     applied, expected_hz, most = SIGNALS[signal]
     clock = VirtualClock()
-    desk = Desk.build(clock)
+    desk = Rack.build(clock)
     generator, meter = desk.devices["generator"], desk.devices["multimeter"]
     assert isinstance(meter, ScpiTwin)
     generator.write(applied.encode() + b"\n", end=True)
@@ -70,7 +70,7 @@ def test_a_reading_that_is_offset_is_worked_out_in_slices_too() -> None:
     said, slices = [], [0, 0]
     for index, offset in enumerate((0.0, 0.5)):
         clock = VirtualClock()
-        desk = Desk.build(clock)
+        desk = Rack.build(clock)
         meter = desk.devices["multimeter"]
         assert isinstance(meter, ScpiTwin)
         desk.devices["generator"].write(b"APPL:SQU 1E3,2,0\n", end=True)
@@ -95,7 +95,7 @@ def test_a_reading_that_is_offset_is_worked_out_in_slices_too() -> None:
 
 def test_what_is_worked_out_in_slices_is_dropped_by_a_device_clear() -> None:
     clock = VirtualClock()
-    desk = Desk.build(clock)
+    desk = Rack.build(clock)
     meter = desk.devices["multimeter"]
     assert isinstance(meter, ScpiTwin)
     handed: list[None] = []

@@ -1,0 +1,251 @@
+"""Racks: the desk of four that see each other, any others, a circuit of one's own."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import socket
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import pyvisa
+from simrack.__main__ import app
+from simrack.attendance import AttendedClock
+from simrack.clock import VirtualClock
+from simrack.models import RACK
+from simrack.rack import DESK, Rack, circuit_in, plan_of, served
+from simrack.serve import BenchServer, Control, ServedClock, ServerSettings
+from simrack.serve.raw import has_ptys
+from simrack.sources import Drive
+from simrack.wired import WiredWorld
+from typer.testing import CliRunner
+
+from simrack_tests.cells import few
+from simrack_tests.ports import free_port
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "rc_filter.py"
+CORNER_HZ = 1.0 / (math.tau * 1e3 * 100e-9)
+
+
+@pytest.fixture
+def opened() -> Iterator[Callable[[str], dict[str, Any]]]:
+    managers = []
+
+    def opened(file: str) -> dict[str, Any]:
+        manager = pyvisa.ResourceManager(f"{file}?speed=max@simrack")
+        managers.append(manager)
+        found = {place.name: manager.open_resource(place.resource) for place in DESK}
+        for each in found.values():
+            each.timeout = 60_000
+        return found
+
+    yield opened
+    for manager in managers:
+        manager.close()
+
+
+@pytest.mark.parametrize("share", [0.5, 1.0, 3.0])
+def test_the_filter_takes_what_a_first_order_takes(opened: Callable[[str], dict[str, Any]], share: float) -> None:
+    desk = opened(str(EXAMPLE))
+    desk["generator"].write("OUTP:LOAD INF")
+    desk["generator"].write(f"APPL:SIN {share * CORNER_HZ}, 2.0, 0")
+    shown_v = float(desk["multimeter"].query("MEAS:VOLT:AC?"))
+    assert shown_v == pytest.approx(math.sqrt(0.5) / math.hypot(1.0, share), rel=1e-4)  # 6 digits, and the ac filter
+
+
+def test_a_square_loses_its_edges_and_no_mean(opened: Callable[[str], dict[str, Any]]) -> None:
+    """Its rms value is sqrt(1 - tanh(x) / x) with x a quarter of a period in time constants."""
+    desk = opened(str(EXAMPLE))
+    desk["generator"].write("OUTP:LOAD INF")
+    desk["generator"].write("APPL:SQU 1000, 2.0, 0.5")
+    quarter = 0.25e-3 / 1e-4
+    rms_v = math.sqrt(1.0 - math.tanh(quarter) / quarter)
+    assert float(desk["multimeter"].query("MEAS:VOLT:AC?")) == pytest.approx(rms_v, rel=2e-3)
+    assert float(desk["multimeter"].query("MEAS:VOLT:DC?")) == pytest.approx(0.5, abs=1e-4)
+
+
+def test_the_oscilloscope_sees_both_sides(opened: Callable[[str], dict[str, Any]]) -> None:
+    desk = opened(str(EXAMPLE))
+    desk["generator"].write("OUTP:LOAD INF")
+    desk["generator"].write(f"APPL:SIN {CORNER_HZ}, 2.0, 0")
+    desk["generator"].query("*OPC?")
+    for message in ("*RST", ":CHAN2:DISP ON", ":AUT"):
+        desk["oscilloscope"].write(message)
+    desk["oscilloscope"].query("*OPC?")
+    sizes = [float(desk["oscilloscope"].query(f":MEAS:VPP? CHAN{channel}")) for channel in (1, 2)]
+    assert sizes == pytest.approx([2.0, math.sqrt(2.0)], rel=0.02)  # steps of an 8-bit converter
+
+
+def test_the_script_of_the_readme_runs(capsys: pytest.CaptureFixture[str]) -> None:
+    readme = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
+    script = re.findall(r"^```python\n(import pyvisa\n.*?)^```", readme, re.MULTILINE | re.DOTALL)
+    exec(compile("\n".join(script), "README.md", "exec"), {})  # noqa: S102 - our own text
+    assert float(capsys.readouterr().out) == pytest.approx(2.0 * math.sqrt(0.5), rel=1e-3)  # 2 Vpp into 50 ohm
+
+
+def test_a_supply_feels_its_load() -> None:
+    world = WiredWorld(AttendedClock(VirtualClock()))
+    world.set_load("positive", 100.0)
+    assert world.rail_current_a("positive", 10.0) == pytest.approx(0.1)
+
+
+def test_sources_feel_what_hangs_on_their_node() -> None:
+    world = WiredWorld(AttendedClock(VirtualClock()), circuit_in(EXAMPLE))
+    world.drive("input", Drive(1.0, source_ohm=50.0))
+    world.load_node("somebody", "output", 1e3)
+    assert world.value_v("output") == pytest.approx(0.5)
+    world.load_node("somebody", "input", 50.0)
+    assert world.value_v("output") == pytest.approx(0.5)
+
+
+def test_a_file_without_a_circuit_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "none.py").write_text("CIRCUIT = 3\n")
+    with pytest.raises(ValueError, match=r"none\.py: expected CIRCUIT = .*, came int"):
+        circuit_in(tmp_path / "none.py")
+
+
+def test_the_command_serves_them_all() -> None:
+    mapper = free_port()
+    words = [sys.executable, "-m", "simrack", "serve", str(EXAMPLE), "--speed", "max", "--json"]
+    words += ["--port-mapper", str(mapper)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
+        try:
+            assert server.stdout is not None
+            places = json.loads(server.stdout.readline())
+            names = {}
+            for role, wires in places["instruments"].items():
+                _, host, port, _ = wires["tcp"].split("::")
+                with socket.create_connection((host, int(port)), timeout=30) as wire:
+                    wire.sendall(b"*IDN?\n")
+                    names[role] = wire.makefile().readline().split(",")[1]
+            assert names == {role: wires["model"] for role, wires in places["instruments"].items()}
+            socket.create_connection(("127.0.0.1", mapper), timeout=30).close()
+            with Control(places["control"]["port"]) as control:
+                assert control.request("set", name="node.input", value=1.0) == pytest.approx(1.0)
+                assert control.request("get", name="node.output") == pytest.approx(1.0)
+            listed = CliRunner().invoke(app, ["ctl", str(places["control"]["port"])])
+            assert "node.output" in listed.stdout
+            refused = CliRunner().invoke(app, ["ctl", str(places["control"]["port"]), "nope"])
+            assert (refused.exit_code, "there is no 'nope'; `ctl` lists all names" in refused.stderr) == (2, True)
+        finally:
+            server.terminate()
+        assert server.wait(30) == 0
+
+
+# --- any models, on any wires -------------------------------------------------------------------------------------
+
+MEASURED = {
+    "supply": "MEAS:VOLT?",
+    "generator": "VOLT?",
+    "multimeter": "MEAS:VOLT:DC?",
+    "oscilloscope": ":MEAS:VAV?",
+    "chamber": "TEMP?",
+}
+SPEAKING = [name for name, model in RACK.items() if model.kind != "rate table"]
+WIRES = ("tcp", "vxi11", "hislip", *(["pty"] if has_ptys() else []))
+_COMMAND_ERROR = 32
+
+
+@contextmanager
+def serving(*words: str) -> Iterator[BenchServer]:
+    clock, plan = ServedClock(math.inf), plan_of(words)
+    with BenchServer(served(clock, plan), clock, ServerSettings(only=plan.wires_asked_for())) as server:
+        thread = Thread(target=server.run)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.stop()
+            thread.join(30)
+
+
+@pytest.mark.parametrize("wire", few(WIRES, "tcp"))
+def test_every_model_measures_errs_and_is_cleared_on_every_wire(wire: str) -> None:
+    manager = pyvisa.ResourceManager("@py")
+    with serving(*(f"{name}:{wire}" for name in SPEAKING)) as server:
+        for name, wires in server.wires.items():
+            (place,) = wires.places
+            resource: Any = manager.open_resource(place, timeout=30_000)
+            resource.read_termination = resource.write_termination = "\n"
+            assert re.findall(r"\d{3,}", name)[0] in resource.query("*IDN?")
+            assert math.isfinite(float(resource.query(MEASURED[RACK[name].kind])))
+            resource.write("NOSUCH:WORD 1")
+            assert int(resource.query("*ESR?")) & _COMMAND_ERROR
+            assert RACK[name].kind == "chamber" or "-113" in resource.query("SYST:ERR?")  # the chamber has no queue
+            if wire in {"vxi11", "hislip"}:
+                resource.clear()
+            assert resource.query("*STB?").strip()
+            resource.close()
+    manager.close()
+
+
+def test_tables_are_served_by_their_language() -> None:
+    with serving("Zaber:tcp") as server:
+        host, port = str(server.wires["Zaber"].tcp).removeprefix("socket://").split(":")
+        with socket.create_connection((host, int(port)), timeout=30) as wire:
+            wire.sendall(b"/1 get version\n")
+            assert wire.makefile().readline() == "@01 0 OK IDLE -- 7.33\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("34402A",), "there is no model '34402A', only E3631A"),
+        (("34461A:gpib",), "34461A can be on tcp, vxi11, hislip, pty, not on 'gpib'"),
+        (("ACL:vxi11",), "ACL can be on tcp, pty, not on 'vxi11'"),
+        (("a=34461A", "a=2000"), "two instruments are called 'a'"),
+        (("34461A:",), "came '34461A:'"),
+    ],
+)
+def test_words_that_name_no_instrument_are_refused(words: tuple[str, ...], said: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(said)):
+        plan_of(words)
+
+
+def test_every_output_and_input_is_on_a_node() -> None:
+    plan = plan_of(["33522B", "33522B", "E36312A", "34461A", "34461A", "DSOX3024A"])
+    assert [place.name for place in plan.places[:2]] == ["33522B", "33522B-2"]
+    assert plan.places[1].terminals == {"output_1": "33522B-2.output_1", "output_2": "33522B-2.output_2"}
+    rack = Rack.build(VirtualClock(), plan)
+    _, second, supply, meter, *_ = rack.devices.values()
+    second.write(b"APPL:DC DEF,DEF,1;:OUTP2:LOAD INF;:SOUR2:APPL:DC DEF,DEF,2\n")
+    supply.write(b"VOLT 3,(@1);:OUTP ON,(@1);:VOLT 5,(@3);:OUTP ON,(@3)\n")
+    rack.world.clock.sleep_until(5.0)
+    for node, volts in (
+        *(("33522B-2.output_1", 2.0), ("33522B-2.output_2", 2.0)),
+        *(("rail_E36312A.output_1", 3.0), ("rail_negative", -5.0)),
+    ):
+        rack.world.leads["34461A"].connect("input", node)
+        meter.write(b"MEAS:VOLT:DC?\n")
+        rack.world.clock.sleep_until(rack.world.clock.now() + 2.0)
+        assert float(meter.read(100)[0]) == pytest.approx(volts, abs=1e-4), node
+
+
+def test_models_in_this_process_have_names_and_attributes_as_on_a_network() -> None:
+    manager = pyvisa.ResourceManager("?speed=max&models=34461A,dmm=34465A:hislip,34401A,ESP@simrack")
+    assert manager.list_resources("?*") == (
+        *("TCPIP0::34461A::inst0::INSTR", "TCPIP0::dmm::hislip0::INSTR", "GPIB0::3::INSTR", "ASRL4::INSTR"),
+    )
+    meter: Any = manager.open_resource("TCPIP0::34461A::inst0::INSTR")
+    attributes = pyvisa.constants.ResourceAttribute
+    assert meter.get_visa_attribute(attributes.tcpip_address) == "34461A"
+    assert meter.get_visa_attribute(attributes.tcpip_device_name) == "inst0"
+    assert "34461A" in meter.query("*IDN?")
+    manager.close()
+    with pytest.raises(OSError, match="expected speed and models"):
+        pyvisa.ResourceManager("?sped=max@simrack")
+
+
+def test_the_command_lists_its_models_and_its_version() -> None:
+    listed = CliRunner().invoke(app, ["models"]).stdout.splitlines()
+    assert [line.split()[0] for line in listed] == list(RACK)
+    assert CliRunner().invoke(app, ["--version"]).stdout.startswith("simrack ")
