@@ -75,7 +75,9 @@ def test_a_device_that_cannot_be_measured_is_refused_before_it_is_mounted(panel:
     for wrong, words in ((" ", "a device has a serial number"), ("G3", "G3 is not in the plan: G1, G2")):
         with pytest.raises(ConfigError, match=words):
             panel.name(wrong)
-    vcfbench.run("turntable", "ideal", runs=tmp_path / "runs", metadata={"dut": "G1", "tags": {"batch": "lot-8"}})
+    settings = {"samples": 2, "rates_deg_s": [-10, 0, 10]}
+    told = {"dut": "G1", "tags": {"batch": "lot-8"}}
+    vcfbench.run("turntable", "ideal", settings=settings, runs=tmp_path / "runs", metadata=told)
     with pytest.raises(ConfigError, match="G1 is measured already"):
         panel.name("G1")
     assert panel.shown()["left"] == ["G1", "G2"]

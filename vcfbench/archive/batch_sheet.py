@@ -1,10 +1,11 @@
 """Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from statistics import mean, stdev
+from types import MappingProxyType
 from typing import Any, Final
 
 from msgspec import Struct, structs
@@ -35,10 +36,10 @@ class SheetRow(Struct, frozen=True, kw_only=True):
 
     `verdict` is that on the acceptance limits, None where nothing was judged; `limits` are these in words, `not_kept`
     those that the device did not keep, or is too near to. `missing` is what U95 of a value or the guard band of a limit
-    is incomplete without. `drift_ppm` is the change of the scale factor since the last complete
-    run of the same device and procedure (on a batch sheet, outside of the batch), `u_drift_ppm` its standard
-    uncertainty, `e_n` its normalised error. `why_none` says why there are no results; `run` is empty of a device that
-    has no record.
+    is incomplete without. `drift_ppm` is the change of the scale factor since the last complete run of the same device
+    and procedure (on a batch sheet, outside of the batch), on real benches or on simulated ones as it is itself,
+    `u_drift_ppm` its standard uncertainty, `e_n` its normalised error. `why_none` says why there are no results; `run`
+    is empty of a device that has no record.
     """
 
     device: str
@@ -75,22 +76,36 @@ class SheetRow(Struct, frozen=True, kw_only=True):
         return not (self.run or self.why_none)
 
 
-def sheet_rows(batch: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
+def sheet_rows(batch: str, runs: str | Path = "runs", left_out: Container[str] = ()) -> tuple[SheetRow, ...]:
     """Return the last run of each device and procedure with the tag ``batch=BATCH``, complete ones first.
 
     Args:
         batch: name of the batch.
         runs: directory of the records.
+        left_out: names of the records that do not count.
     """
     known = run_summaries(runs)
-    inside = [each for each in known if each.tags.get("batch") == batch and each.dut and each.procedure]
+    inside = [each for each in known if each.tags.get("batch") == batch and each.run not in left_out]
+    outside = [each for each in known if each.tags.get("batch") != batch]
+    return tuple(_row(each, _before(each, outside)) for each in last_runs(inside).values())
+
+
+def last_runs(found: Sequence[RunSummary]) -> dict[tuple[str, str], RunSummary]:
+    """Return the last of the records, oldest first, by device and procedure; complete ones go before others."""
     chosen: dict[tuple[str, str], RunSummary] = {}
-    for each in inside:  # oldest first
+    for each in found:
         key = (str(each.dut), str(each.procedure))
         if key not in chosen or each.status is Status.COMPLETE or chosen[key].status is not Status.COMPLETE:
             chosen[key] = each
-    outside = [each for each in known if each.tags.get("batch") != batch]
-    return tuple(_row(each, _before(each, outside)) for each in chosen.values())
+    return {key: each for key, each in chosen.items() if each.dut and each.procedure}
+
+
+def rehearsals(batch: str, runs: str | Path = "runs") -> dict[str, str]:
+    """Return by name, with the reason, the simulated records of a batch that has real ones too."""
+    known = run_summaries(runs, tags={"batch": batch})
+    if all(each.simulated for each in known):
+        return {}
+    return {each.run: f"{each.dut}, {each.procedure}: on a simulated bench" for each in known if each.simulated}
 
 
 def device_rows(serial: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
@@ -106,11 +121,11 @@ def device_rows(serial: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
 
 
 def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
-    """Return the last complete run before it of the same device and procedure."""
+    """Return the last complete run before it of the same device and procedure, real or simulated as it is."""
     same = (
         each
         for each in known
-        if (each.dut, each.procedure) == (run.dut, run.procedure)
+        if (each.dut, each.procedure, each.simulated) == (run.dut, run.procedure, run.simulated)
         and each.status is Status.COMPLETE
         and each.started < run.started
     )
@@ -130,7 +145,7 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         if each is not None:
             found |= {name: each.value, f"u_{name}": each.u, f"u95_{name}": each.u95}
     earlier = None if before is None else load_run(str(before.directory))
-    if earlier is not None and scale is not None and earlier.simulated == run.simulated:
+    if earlier is not None and scale is not None:
         then = values_of(earlier).get(scale.name)
         if then is not None and then.unit == scale.unit and then.value:
             drift = difference(then, scale)
@@ -159,16 +174,28 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     )
 
 
-def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
-    """Return the sheet of a batch; errors of runs without results, and what is still to be measured, stand below."""
-    rows, waiting = [each for each in rows if not each.waits], [each.device for each in rows if each.waits]
+def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str] = MappingProxyType({})) -> Report:
+    """Return the sheet of a batch; errors of runs without results, and what is still to be measured, stand below.
+
+    A device is good if it has passed every procedure that stands on the sheet. `left_out` are records that do not
+    count, by name with the reason.
+    """
+    asked = {each.procedure for each in rows}
+    unmeasured = [each for each in rows if each.waits]
+    rows = [each for each in rows if not each.waits]
+    said_left_out = "\n".join(f"Left out: {run}, {why}." for run, why in left_out.items())
+    beside = [Text(said_left_out, verbatim=True)] if left_out else []
     if not rows:
-        return Report([Heading(f"Batch {batch}"), Text("No device has been measured yet.")])
+        return Report([Heading(f"Batch {batch}"), Text("No device has been measured yet."), *beside])
     days = sorted({f"{each.started:%Y-%m-%d}" for each in rows})
     operators = ", ".join(sorted({each.operator for each in rows if each.operator})) or "not stated"
     simulated = any(each.simulated for each in rows)
     devices = sorted({each.device for each in rows})
-    bad = [device for device in devices if not all(each.passed for each in rows if each.device == device)]
+    passed = {(each.device, each.procedure) for each in rows if each.passed}
+    bad = [device for device in devices if any((device, procedure) not in passed for procedure in asked)]
+    waiting = dict.fromkeys(
+        f"{each.device} ({each.procedure})" if each.device in devices else each.device for each in unmeasured
+    )
     good = len(devices) - len(bad)
     said = f"Yield: {good} of {len(devices)} devices ({100.0 * good / len(devices):.0f} %)"
     parts: list[Part] = [
@@ -177,6 +204,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
         *([Notice("Measured on a simulated bench: no device stands behind these numbers.")] if simulated else []),
         Notice(f"{said}; not good: {', '.join(bad)}." if bad else f"{said}.", "fail" if bad else "pass"),
         *([Text(f"Not measured yet: {', '.join(waiting)}.")] if waiting else []),
+        *beside,
         Text(_UNITS),
     ]
     for name in dict.fromkeys(each.procedure for each in rows):
@@ -211,7 +239,9 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow]) -> Report:
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     """Return the runs of one device as a table, a row each."""
     columns = [*heads("day | <procedure"), *_COLUMNS]
-    cells = [[f"{each.started:%Y-%m-%d}", each.procedure, *_cells(each)] for each in rows]
+    mixed = len({each.simulated for each in rows}) > 1
+    names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in rows)
+    cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(each)] for each, name in zip(rows, names, strict=True)]
     return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells), *_footnote(rows)]
 
 
@@ -241,14 +271,16 @@ def _footnote(rows: Sequence[SheetRow]) -> list[Part]:
     return [Text(f"* U95 is incomplete: without {', '.join(missing)}.")] if missing else []
 
 
-def write_sheet(batch: str, rows: Sequence[SheetRow], path: Path) -> tuple[Path, ...]:
+def write_sheet(
+    batch: str, rows: Sequence[SheetRow], path: Path, left_out: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Path, ...]:
     """Write the sheet of a batch: ``.html``, ``.pdf``, ``.md``, or ``.xlsx`` with full precision.
 
     Raises:
         ConfigError: the suffix is none of these, a library is missing, or the file cannot be written.
     """
     if path.suffix.lower() != ".xlsx":
-        return write_document(batch_sheet(batch, rows), f"Batch {batch}", batch, path)
+        return write_document(batch_sheet(batch, rows, left_out), f"Batch {batch}", batch, path)
     book = need("openpyxl", "export", "a batch sheet as a spreadsheet").Workbook()
     book.active.title = "batch"
     book.active.append(list(SheetRow.__struct_fields__))

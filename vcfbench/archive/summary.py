@@ -42,9 +42,10 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     """Summary of a record in a list.
 
     `run` is its name, `directory` where it is, `started` when it began (UTC). `results` are those with a unit, by the
-    names that they have in ``result.json``. `verdict` is ``pass``, ``marginal``, ``fail``, or None where nothing was
-    judged. `damage` and `problem` say what is wrong with a record that is damaged, or cannot be read. `revision` is 1,
-    and one more for each time that the record was amended; `amended` names what is another than the run was told.
+    names that they have in ``result.json``. `simulated` is None where the header does not say. `verdict` is ``pass``,
+    ``marginal``, ``fail``, or None where nothing was judged. `damage` and `problem` say what is wrong with a record
+    that is damaged, or cannot be read. `revision` is 1, and one more for each time that the record was amended;
+    `amended` names what is another than the run was told.
     """
 
     run: str
@@ -53,6 +54,7 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     status: Status
     procedure: str | None = None
     bench: str | None = None
+    simulated: bool | None = None
     seed: int | None = None
     points: int | None = None
     dut: str | None = None
@@ -127,6 +129,7 @@ def summary_of(directory: RunDirectory) -> RunSummary:
             utc=header.get("utc"),
             metadata=ListedMetadata(metadata.dut, metadata.operator, metadata.note, dict(metadata.tags)),
             amendments=amendments_of(record.lines),
+            simulated=header.get("simulated"),
         )
         evaluation, _ = evaluation_of(directory, record)
         values = {} if evaluation.results is None else plain(evaluation.results)
@@ -152,7 +155,7 @@ def _summary(
             with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
                 found[name] = _QUANTITY.decode(raw)
     metadata = amended(outline.metadata, outline.amendments)
-    kept = {name: getattr(outline, name) for name in ("procedure", "bench", "seed", "status", "points")}
+    kept = {name: getattr(outline, name) for name in ("procedure", "bench", "simulated", "seed", "status", "points")}
     kept |= {**structs.asdict(metadata), "tags": ReadOnly(metadata.tags)}
     return RunSummary(
         run=directory.run,

@@ -12,9 +12,10 @@ from vcfbench.archive.batch_sheet import batch_sheet, write_sheet
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.conduct import RunOptions, attended
 from vcfbench.cli.ending import SignalsWithoutBench
-from vcfbench.cli.options import Json_, Plain_, Quiet_, Runs_, Speed_, Yes_, argument, option
+from vcfbench.cli.options import DevicesOfPlan_, Json_, Plain_, Quiet_, Runs_, Speed_, Yes_, argument, option
 from vcfbench.cli.person import somebody_there
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
+from vcfbench.records.schema import Status
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import Batch, read_batch
 from vcfbench.runs.request import Prepared
@@ -30,11 +31,12 @@ _WIDTH = 80
 
 def batch(
     file: Annotated[Path, argument("PLAN.toml", "The batch: name, bench, runs, devices.")],
+    *,
     runs: Runs_ = Path("runs"),
+    devices: DevicesOfPlan_ = None,
     sheet: Annotated[Path | None, option("FILE", "Write the sheet: .html, .pdf, .xlsx or .md.")] = None,
     operator: Annotated[str | None, option("NAME", "Who measures, in place of the plan's.")] = None,
     speed: Speed_ = None,
-    *,
     context: typer.Context,
     json: Json_ = False,
     quiet: Quiet_ = False,
@@ -43,9 +45,10 @@ def batch(
 ) -> None:
     """Measure gyroscopes one after another, each by the same runs, and show the sheet of all.
 
-    Typed again, the same command goes on with what has no complete record yet; a device that failed is tried again.
+    Typed again, the same command goes on with what has no complete record as the plan asks for it; a device that failed
+    is tried again. The exit code is that of all devices.
     """
-    asked = read_batch(file, operator)
+    asked = read_batch(file, operator, devices)
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
     if not (yes or asked.description.simulated or somebody_there()):
         raise ConfigError(
@@ -63,20 +66,24 @@ def batch(
             worst = max(worst, outcome.code)
             why |= {serial: outcome.why} if outcome.code else {}
     finally:  # what there is, also when the batch was stopped
-        rows = asked.rows(runs, why)
+        left_out = asked.left_out(runs)
+        rows = asked.rows(runs, why, left_out)
         if not json:
-            print_verdicts(text_of(batch_sheet(asked.name, rows), _WIDTH))
-        written = () if sheet is None else write_sheet(asked.name, rows, sheet)
+            print_verdicts(text_of(batch_sheet(asked.name, rows, left_out), _WIDTH))
+        written = () if sheet is None else write_sheet(asked.name, rows, sheet, left_out)
         if json:
             listed = [to_builtins(each) for each in rows]
-            print_json({"batch": asked.name, "rows": listed, "sheet": list(map(str, written))})
+            answer = {"batch": asked.name, "rows": listed, "left_out": left_out, "sheet": list(map(str, written))}
+            print_json(answer)
         else:
             for each in written:
                 typer.echo(f"sheet: {each}")
     if (ending := context.find_object(SignalsWithoutBench)) is not None:
         ending.answered()
-    if worst:
-        raise typer.Exit(worst)
+    tried = {each.device for each in rows if not each.waits}
+    of_lot = [each for each in rows if each.device in tried and not each.passed]
+    if code := max([worst, *(1 if each.status is Status.COMPLETE else BenchError.exit_code for each in of_lot)]):
+        raise typer.Exit(code)
 
 
 def _typed(asked: Batch, runs: Path) -> Iterator[str]:
@@ -104,6 +111,8 @@ class Outcome(Struct, frozen=True):
 
 def _mounted(asked: Batch, serial: str, options: RunOptions) -> Outcome:
     """Have one device mounted and measure it."""
+    for run, reason in asked.left_out(options.runs, serial).items():
+        typer.echo(f"{run}: left out, {reason}", err=True)
     if not asked.left(serial, options.runs):
         typer.echo(f"{serial}: measured already", err=True)
         return Outcome(0, "DONE")

@@ -69,7 +69,8 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
         if options.page and control is not None:
             from vcfbench.page.server import LivePage  # noqa: PLC0415  # few look at one
 
-            page = LivePage(request.runs or options.runs, Path("devices"), options.port)
+            devices = Path("devices" if request.settings is None else request.settings.values.get("devices", "devices"))
+            page = LivePage(request.runs or options.runs, devices, options.port)
             page.follow(control)
             typer.echo(f"page: {page.address}", err=True)
             stack.enter_context(page)

@@ -60,6 +60,9 @@ Run_ = Annotated[
 ]
 Runs_ = Annotated[Path, option("DIR", "Where the records are.", "--runs")]
 Devices_ = Annotated[Path, option("DIR", "Where the devices are.", "--devices")]
+DevicesOfPlan_ = Annotated[
+    Path | None, option("DIR", "Where the devices are; default: as the settings have it.", "--devices")
+]
 Seed_ = Annotated[int | None, seed_option("Seed of a simulated bench; the same seed gives the same results.")]
 Speed_ = Annotated[
     str | None, option("X|max", "Simulated benches only: times real time, or max, the default.", "--speed")

@@ -9,7 +9,7 @@ import typer
 from vcfbench.cli.batch import measured
 from vcfbench.cli.conduct import RunOptions
 from vcfbench.cli.ending import Stopped
-from vcfbench.cli.options import Devices_, Runs_, Speed_, Yes_, argument, option
+from vcfbench.cli.options import DevicesOfPlan_, Runs_, Speed_, Yes_, argument, option
 from vcfbench.errors import Aborted, NotSafe
 from vcfbench.page.panel import Panel
 from vcfbench.page.server import LivePage
@@ -22,7 +22,7 @@ def panel(
     file: Annotated[Path, argument("PLAN.toml", "The batch: name, bench, runs, devices.")],
     *,
     runs: Runs_ = Path("runs"),
-    devices: Devices_ = Path("devices"),
+    devices: DevicesOfPlan_ = None,
     operator: Annotated[str | None, option("NAME", "Who measures, in place of the plan's.")] = None,
     speed: Speed_ = None,
     port: Annotated[int, option(None, "Port on this machine; 0 for any that is free.", min=0, max=65535)] = _PORT,
@@ -32,10 +32,10 @@ def panel(
 
     Scan or type the serial number, mount the device, start, watch, read the verdict; the sheet grows below.
     """
-    asked = read_batch(file, operator)
+    asked = read_batch(file, operator, devices)
     options = RunOptions(bench=Path(asked.bench), runs=runs, speed=speed, quiet=True, yes=yes)
     board = Panel(asked, runs)
-    with suppress(Stopped), LivePage(runs, devices, port, board) as page:  # the way in which it is meant to end
+    with suppress(Stopped), LivePage(runs, asked.kept_in, port, board) as page:  # the way in which it is meant to end
         typer.echo(f"page: {page.address}  (Ctrl-C ends it)")
         while True:
             try:

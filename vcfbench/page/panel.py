@@ -14,7 +14,6 @@ from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Request
 from vcfbench.page.parts import parts_of
 from vcfbench.page.view import View
-from vcfbench.records.schema import Status
 from vcfbench.runs.batch import Batch
 from vcfbench.safety.signals import StopSignals
 
@@ -128,11 +127,12 @@ class Panel:
             self._verdict = {"word": word, "why": why, "run": own[-1] if own else None}
 
     def _draw_sheet(self) -> Sequence[SheetRow]:
-        rows = self._batch.rows(self._runs, self._failed)
+        left_out = self._batch.left_out(self._runs)
+        rows = self._batch.rows(self._runs, self._failed, left_out)
         tried = any(not row.waits for row in rows)
-        self._sheet = parts_of(batch_sheet(self._batch.name, rows)) if tried else []
-        done = {row.device for row in rows if row.status is Status.COMPLETE}
-        self._left = [serial for serial in self._batch.devices if serial not in done]
+        self._sheet = parts_of(batch_sheet(self._batch.name, rows, left_out)) if tried else []
+        left = {row.device for row in rows if not row.passed}
+        self._left = [serial for serial in self._batch.devices if serial in left]
         return rows
 
     def shown(self) -> dict[str, Any]:

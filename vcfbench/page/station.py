@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-from vcfbench.archive.batch_sheet import sheet_rows, write_sheet
+from vcfbench.archive.batch_sheet import rehearsals, sheet_rows, write_sheet
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
@@ -59,11 +59,12 @@ class StationDirectories:
 
     def sheet(self, batch: str, kind: str) -> bytes:
         """Return the sheet of a batch as a file of that kind: html, pdf, md, xlsx; a BenchError where there is none."""
-        rows = sheet_rows(batch, self._runs)
+        left_out = rehearsals(batch, self._runs)
+        rows = sheet_rows(batch, self._runs, left_out)
         if not rows:
             raise ConfigError(f"there is no batch {batch!r}")
         with TemporaryDirectory() as folder:
-            (path, *_) = write_sheet(batch, rows, Path(folder) / f"sheet.{kind}")
+            (path, *_) = write_sheet(batch, rows, Path(folder) / f"sheet.{kind}", left_out)
             return path.read_bytes()
 
     def history(self, serial: str) -> list[dict[str, Any]]:

@@ -32,7 +32,7 @@ from vcfbench.specifications import (
     VoltmeterSpecification,
     accuracy_at,
 )
-from vcfbench.station.layering import Layer, chosen_settings, keys_of, named, setting_keys, shared_layer
+from vcfbench.station.layering import Layer, chosen_settings, keys_of, merged, named, setting_keys, shared_layer
 from vcfbench.station.parts import CalibrationPoint
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
 from vcfbench.strict import refusal, unknown_key, words
@@ -54,13 +54,25 @@ def asked_in_python(settings: Mapping[str, Any]) -> Layer:
     return Layer(plain, lambda keys: f"settings: {dotted(('procedure', *keys))}")
 
 
+def of_device(procedure: AnyProcedure, asked: Layer | None, dut: str | None) -> Layer | None:
+    """Return what was asked, with the device `dut` where its history counts for `procedure`."""
+    keys = {} if dut is None else procedure.settings.keys_of_device(dut)
+    given, naming = ({}, dotted) if asked is None else (asked.values, asked.naming)
+    return Layer(merged(keys, given), naming) if keys else asked
+
+
 def settings_of(
-    procedure: Procedure[S, Any], description: BenchDescription, asked: Layer | None = None, source: str | None = None
+    procedure: Procedure[S, Any],
+    description: BenchDescription,
+    asked: Layer | None = None,
+    source: str | None = None,
+    *,
+    recalled: bool = True,
 ) -> S:
     """Return the settings of `procedure` on the bench of `description`, with what was `asked` for this run.
 
     The bench file is `source` in errors (ConfigError: a key is unknown, a value cannot be, or the meter has no data
-    sheet), its name without one.
+    sheet), its name without one. What is known of the device is looked up unless `recalled` is false.
     """
     layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
@@ -78,7 +90,8 @@ def settings_of(
             raise ConfigError(f"procedure.nplc: {error}") from error
     sources = _sources(description, chosen)
     station = structs.replace(chosen.station, meter_resolution_v=resolution_v, sources=sources)
-    return structs.replace(chosen, station=station).made_plain().recalled()
+    made = structs.replace(chosen, station=station).made_plain()
+    return made.recalled() if recalled else made
 
 
 def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:

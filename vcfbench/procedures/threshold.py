@@ -8,7 +8,7 @@ than a tenth. No table comes as near to rest as V_Vc: 0.1 mV is 0.015 deg/s, and
 import math
 from collections.abc import Iterator, Sequence
 from statistics import fmean
-from typing import Annotated, Literal, Self, cast
+from typing import Annotated, ClassVar, Literal, Self, cast
 
 import numpy as np
 from msgspec import Struct
@@ -61,6 +61,8 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
     k_vc_u_deg_s_per_v: Annotated[
         Annotated[float, ranged(0.0, 1e6)] | None, said("its standard uncertainty; without it deg/s are incomplete")
     ] = None
+
+    of_device: ClassVar[tuple[str, ...]] = ("k_vc_deg_s_per_v", "k_vc_u_deg_s_per_v")
 
     def recalled(self) -> Self:
         """Return these settings with flicker and K_Vc of the device; ConfigError: its certificate is out of date."""

@@ -39,6 +39,7 @@ class Outline(Struct, frozen=True):
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
     amendments: tuple[Amendment, ...] = ()
+    simulated: bool | None = None
 
 
 class _Bench(Struct, frozen=True):
@@ -52,6 +53,7 @@ class _Header(Struct, frozen=True, tag_field="type", tag="header"):
     seed: int | None = None
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
+    simulated: bool | None = None
 
 
 class _Footer(Struct, frozen=True, tag_field="type", tag="footer"):
@@ -79,4 +81,4 @@ def outline_of(path: Path) -> Outline | None:
     if header.format != FORMAT:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points, footer.bench_seconds)
-    return Outline(*head, header.utc, header.metadata, amendments)
+    return Outline(*head, header.utc, header.metadata, amendments, header.simulated)

@@ -1,29 +1,37 @@
 """Batch of gyroscopes: devices one after another, with the same runs for each."""
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 from zlib import crc32
 
-from msgspec import Meta, Struct, field
+from msgspec import Meta, Struct, field, to_builtins
+from msgspec.json import decode, encode
+from msgspec.structs import replace
 
-from vcfbench.archive.batch_sheet import SheetRow, sheet_rows
-from vcfbench.archive.summary import run_summaries
+from vcfbench.archive.batch_sheet import SheetRow, last_runs, sheet_rows
+from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.catalogue import is_file
+from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.procedures.shared.known.device import KnownDeviceSettings
+from vcfbench.records.journal import read_header
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.records.schema import Status
 from vcfbench.runs.request import Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED
-from vcfbench.station.layering import Layer
+from vcfbench.station.layering import Layer, merged
+from vcfbench.station.settings import DeviceSettings
 from vcfbench.strict import converted
 
+_CERTIFIES: Final = frozenset({"kvc", "characterize"})
+"""Procedures that make a certificate, by which later runs of the same device go."""
 TAG = "batch"  # Key of the tag by which the records of a batch are known
 
 _Words = Annotated[str, Meta(min_length=1, max_length=200)]
@@ -56,7 +64,8 @@ class BatchRun(Struct, frozen=True):
 class Batch(Struct, frozen=True):
     """Plan of a batch: `devices` by their serial numbers, none where they are asked for one by one.
 
-    `name` is the value of the tag of its records, `bench` a bench file or the name of an embedded bench.
+    `name` is the value of the tag of its records, `bench` a bench file or the name of an embedded bench, `store` the
+    directory of the devices where it is another than the settings have.
     """
 
     name: str
@@ -65,13 +74,26 @@ class Batch(Struct, frozen=True):
     description: BenchDescription
     operator: str | None
     runs: tuple[BatchRun, ...]
+    store: Path | None = None
+
+    def _layer(self, run: BatchRun, serial: str) -> Layer:
+        """Return the settings of one run of a device: those of the plan, and where the device is kept."""
+        keys = run.procedure.settings.keys_of_device(serial, None if self.store is None else str(self.store))
+        return Layer(merged(run.settings.values, keys), run.settings.naming)
+
+    @property
+    def kept_in(self) -> Path:
+        """Directory of the devices of its runs, as far as one is stated."""
+        settings = (settings_of(each.procedure, self.description, each.settings, recalled=False) for each in self.runs)
+        stated = (each.devices for each in settings if isinstance(each, DeviceSettings))
+        return self.store or Path(next(stated, "devices"))
 
     def request(self, run: BatchRun, serial: str, runs: Path, speed: str | None = None) -> Request:
         """Return one run of a device. On a simulated bench the serial number stands for a specimen: it is the seed."""
         metadata = RunMetadata(dut=serial, operator=self.operator, tags={TAG: self.name})
         seeded = self.description.simulation is not None and self.description.served is None
         seed = crc32(serial.encode()) if seeded else None
-        return Request(run.procedure, self.bench, seed, run.settings, runs, speed, metadata=metadata)
+        return Request(run.procedure, self.bench, seed, self._layer(run, serial), runs, speed, metadata=metadata)
 
     def check(self, serial: str, runs: Path) -> None:
         """Walk the plans of all runs of a device against the limits of the bench; nothing is opened.
@@ -79,46 +101,108 @@ class Batch(Struct, frozen=True):
         Raises:
             BenchError: a run cannot be as planned; the words name procedure and device.
         """
-        for each in self.runs:
+        certified = False
+        for each in self.left(serial, runs):
+            request = self.request(each, serial, runs)
+            if certified and issubclass(each.procedure.settings, KnownDeviceSettings):
+                request = replace(request, settings=self._foreseen(each, self._layer(each, serial)))
+            certified |= each.procedure.name in _CERTIFIES
             try:
-                prepare(self.request(each, serial, runs)).planned()
+                prepare(request).planned()
             except BenchError as error:
                 error.hint = "; ".join(filter(None, [error.hint, f"{each.procedure.name} of device {serial}"]))
                 raise
 
-    def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
-        """Return the runs of a device of which there is no complete record yet."""
-        found = run_summaries(runs, dut=serial, status=Status.COMPLETE, tags={TAG: self.name})
-        done = {each.procedure for each in found}
-        return tuple(each for each in self.runs if each.procedure.name not in done)
+    def _foreseen(self, run: BatchRun, asked: Layer) -> Layer:
+        """Return what is asked of a run whose certificate an earlier run will make: K_Vc is what the bench expects."""
+        settings = settings_of(run.procedure, self.description, asked, recalled=False)
+        return Layer(merged({"k_vc": f"{settings.expected_gyro().k_vc!r}"}, asked.values), asked.naming)
 
-    def rows(self, runs: Path, why: Mapping[str, str]) -> tuple[SheetRow, ...]:
-        """Return the rows of the sheet in the order of the plan, devices without a record last; `why` some failed."""
+    def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
+        """Return the runs of a device that it has not passed yet, by a complete record that is what the plan asks."""
+        left_out = self.left_out(runs, serial)
+        known = run_summaries(runs, dut=serial, tags={TAG: self.name})
+        last = last_runs([each for each in known if each.run not in left_out])
+        return tuple(each for each in self.runs if not _passed(last.get((serial, each.procedure.name))))
+
+    def left_out(self, runs: Path, serial: str | None = None) -> dict[str, str]:
+        """Return the records with the tag, of a device or of all, that are not what the plan asks: name and reason."""
+        found = run_summaries(runs, dut=serial, tags={TAG: self.name})
+        reasons = {each.run: self._other(each) for each in found if each.dut and each.procedure}
+        return {run: reason for run, reason in reasons.items() if reason}
+
+    def _other(self, found: RunSummary) -> str:
+        """Say by what a record is not the run that the plan asks for; empty where it is that.
+
+        Values that the plan leaves to what is known of the device are not compared; a run that went by what was known
+        of another device than it is of now, by an amendment, is that other device's.
+        """
+        run = next((each for each in self.runs if each.procedure.name == found.procedure), None)
+        if run is None:
+            return f"{found.dut}: the plan has no {found.procedure}"
+        header = read_header(found.directory / "journal.jsonl")
+        recorded = _stated(header)
+        if (header.get("settings") or {}).get("station", {}).get("known") is None:
+            recorded["dut"] = found.dut
+        layer = self._layer(run, str(found.dut))
+        settings = settings_of(run.procedure, self.description, layer, recalled=False)
+        asked = {
+            "bench": to_builtins(self.description),
+            "simulated": self.description.simulated,
+            "settings": to_builtins(settings),
+        }
+        expected = {**_stated(decode(encode(asked))), "dut": found.dut}
+        for key, value in expected.items():
+            looked_up = value is None and key in run.procedure.settings.of_device
+            if not looked_up and recorded.get(key) != value:
+                return f"{found.dut}, {found.procedure}: {key} {recorded.get(key)}, the plan asks for {value}"
+        return ""
+
+    def rows(self, runs: Path, why: Mapping[str, str], left_out: Container[str] = ()) -> tuple[SheetRow, ...]:
+        """Return the rows of the sheet in the order of the plan, runs without a record last; `why` some failed."""
         places = {device: place for place, device in enumerate(self.devices)}
-        found = sorted(sheet_rows(self.name, runs), key=lambda each: places.get(each.device, len(places)))
-        without = dict.fromkeys([*self.devices, *why])
-        for each in found:
-            without.pop(each.device, None)
+        found = sorted(sheet_rows(self.name, runs, left_out), key=lambda each: places.get(each.device, len(places)))
+        done = {(each.device, each.procedure) for each in found}
+        devices = dict.fromkeys([*self.devices, *why, *(each.device for each in found)])
+        names = [each.procedure.name for each in self.runs]
+        without = [(device, name) for device in devices for name in names if (device, name) not in done]
         return *found, *(
             SheetRow(
-                device=serial,
-                procedure=self.runs[0].procedure.name,
+                device=device,
+                procedure=name,
                 run="",
                 started=utc_now(),
                 operator=self.operator,
                 simulated=self.description.simulated,
                 status=Status.INCOMPLETE,
                 verdict=None,
-                why_none=why.get(serial),
+                why_none=None if device in {each.device for each in found} else why.get(device),
             )
-            for serial in without
+            for device, name in without
         )
 
 
-def read_batch(file: Path | str, operator: str | None = None) -> Batch:
+def _passed(found: RunSummary | None) -> bool:
+    return found is not None and found.status is Status.COMPLETE and found.verdict in {None, "pass"}
+
+
+def _stated(header: Mapping[str, Any]) -> dict[str, Any]:
+    """Return by what one run is told from another: bench, its kind, limits of the verdict, settings."""
+    bench, settings = header.get("bench") or {}, header.get("settings") or {}
+    own = {key: value for key, value in settings.items() if key not in {"station", "devices"}}
+    return {
+        "bench": bench.get("name"),
+        "simulated": header.get("simulated"),
+        "served": bench.get("served") is not None,
+        "acceptance": settings.get("station", {}).get("acceptance"),
+        **own,
+    }
+
+
+def read_batch(file: Path | str, operator: str | None = None, store: Path | None = None) -> Batch:
     """Return the batch that a TOML file describes; files that it names are looked for beside it.
 
-    `operator` is another one than it names.
+    `operator` is another one than it names, `store` another directory of the devices than the settings have.
 
     Raises:
         ConfigError: it cannot be read, a key is unknown, a device or a procedure stands in it twice.
@@ -137,7 +221,7 @@ def read_batch(file: Path | str, operator: str | None = None) -> Batch:
         runs.append(BatchRun(catalogue.procedure(named), layer))
     _require_once([each.procedure.name for each in runs], f"{source}: runs")
     _require_once(said.devices, f"{source}: devices")
-    return Batch(said.name, said.devices, bench, described(bench), operator or said.operator, tuple(runs))
+    return Batch(said.name, said.devices, bench, described(bench), operator or said.operator, tuple(runs), store)
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:

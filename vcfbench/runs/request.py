@@ -14,10 +14,10 @@ from msgspec.structs import replace
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import Builder, checked_pace
 from vcfbench.errors import ConfigError, PlanError
-from vcfbench.files import dotted, shown
+from vcfbench.files import shown
 from vcfbench.interfaces import Operator
 from vcfbench.procedures import bench_file, catalogue
-from vcfbench.procedures.layers import asked_in_python, settings_of, with_settings
+from vcfbench.procedures.layers import asked_in_python, of_device, settings_of, with_settings
 from vcfbench.procedures.own_code import file_of, mistake_of
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.directory import RunDirectory
@@ -28,7 +28,7 @@ from vcfbench.runs.needs import require_ambient, require_needs
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription, whole_seed
-from vcfbench.station.layering import Layer, merged
+from vcfbench.station.layering import Layer
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import AskOperator
@@ -109,12 +109,7 @@ class Prepared:
         require_ambient(metadata, description)
         with blamed_on(chosen):
             source = shown(request.bench) if isinstance(request.bench, str | Path) else None
-            layer, dut = request.settings, metadata.dut
-            of_device = {} if dut is None else chosen.settings.keys_of_device(dut)
-            if of_device:  # the device's history counts for this procedure
-                given, naming = ({}, dotted) if layer is None else (layer.values, layer.naming)
-                layer = Layer(merged(of_device, given), naming)
-            settings = settings_of(chosen, description, layer, source)
+            settings = settings_of(chosen, description, of_device(chosen, request.settings, metadata.dut), source)
         if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
             raise ConfigError(
                 f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"

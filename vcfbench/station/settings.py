@@ -6,7 +6,7 @@ key has its range in its type, and what it means in the `description` beside it.
 
 from collections.abc import Iterator
 from enum import Enum
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from msgspec import Meta, Struct, field, structs
 
@@ -336,6 +336,9 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     drive: DriveWindow = field(default_factory=DriveWindow)
     station: Station = field(default_factory=Station)
 
+    of_device: ClassVar[tuple[str, ...]] = ()
+    """Keys to which :meth:`recalled` gives values where nobody did."""
+
     @property
     def start_up_s(self) -> float:
         """Wait after power-on, s: at least that after any other step."""
@@ -471,9 +474,9 @@ class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
     ] = "devices"
 
     @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the device."""
-        return {"dut": dut}
+    def keys_of_device(cls, dut: str, devices: str | None = None) -> dict[str, Any]:
+        """Return the keys of the device, and of the directory of the devices where that is given."""
+        return {"dut": dut} | ({} if devices is None else {"devices": devices})
 
     @property
     def named_device(self) -> str | None:

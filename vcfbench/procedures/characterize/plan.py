@@ -117,9 +117,9 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     temperature: PartSettings = key(default_factory=dict)
 
     @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
-        """Return the key of the part that keeps a certificate."""
-        return {"kvc": {"dut": dut}}
+    def keys_of_device(cls, dut: str, devices: str | None = None) -> dict[str, Any]:
+        """Return the keys of the part that keeps a certificate."""
+        return {"kvc": {"dut": dut} | ({} if devices is None else {"devices": devices})}
 
     @property
     def named_device(self) -> str | None:

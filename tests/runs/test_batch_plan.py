@@ -1,0 +1,137 @@
+"""What of a batch is done: the runs that this plan asks for, passed, and nothing that looks like them."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from tests import warm
+from vcfbench.archive.amending import amend_run
+from vcfbench.archive.batch_sheet import batch_sheet
+from vcfbench.reports.text import text_of
+from vcfbench.runs.batch import Batch, read_batch
+from vcfbench.station.description import Served
+from vcfbench.station.file import embedded_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SETTINGS = {"rates_deg_s": [-10.0, 0.0, 10.0], "samples": 2}
+RUN = '[[runs]]\nprocedure = "turntable"\nsettings = { rates_deg_s = [-10, 0, 10], samples = 2 }\n'
+PLAN = f'name = "b7"\nbench = "ideal"\ndevices = ["G-1"]\n{RUN}'
+
+
+def plan(folder: Path, text: str = PLAN) -> Batch:
+    (folder / "plan.toml").write_text(text, encoding="utf-8")
+    return read_batch(folder / "plan.toml")
+
+
+def measured(folder: Path, procedure: str = "turntable", bench: str = "ideal", **settings: Any) -> vcfbench.Run:
+    told = {"dut": "G-1", "tags": {"batch": "b7"}}
+    return vcfbench.run(procedure, bench, settings={**SETTINGS, **settings}, runs=folder / "runs", metadata=told)
+
+
+def left(asked: Batch, folder: Path) -> list[str]:
+    return [each.procedure.name for each in asked.left("G-1", folder / "runs")]
+
+
+def test_a_run_as_the_plan_asks_for_it_is_done_whatever_the_seed(tmp_path: Path) -> None:
+    asked = plan(tmp_path)
+    assert left(asked, tmp_path) == ["turntable"]
+    measured(tmp_path)
+    assert left(asked, tmp_path) == []
+    assert asked.left_out(tmp_path / "runs") == {}
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ("samples = 2", "samples = 200", "samples 2, the plan asks for 200"),
+        ("[-10, 0, 10]", "[-10, 0, 20]", "rates_deg_s"),
+        ('"ideal"', '"paper"', "bench ideal, the plan asks for paper"),
+        ('"turntable"', '"zero"', "the plan has no turntable"),
+    ],
+)
+def test_a_run_that_is_not_what_the_plan_asks_is_left_out_and_it_is_said(
+    tmp_path: Path, was: str, now: str, words: str
+) -> None:
+    done = measured(tmp_path)
+    asked = plan(tmp_path, PLAN.replace(was, now))
+    assert len(left(asked, tmp_path)) == 1
+    ((name, reason),) = asked.left_out(tmp_path / "runs").items()
+    assert name == done.name
+    assert words in reason
+    rows = asked.rows(tmp_path / "runs", {}, [name])
+    assert all(row.waits for row in rows)
+    assert f"Left out: {name}, G-1" in text_of(batch_sheet("b7", rows, {name: reason}))
+
+
+@pytest.mark.parametrize("kind", ["real", "served"])
+def test_a_rehearsal_is_not_the_measurement(tmp_path: Path, kind: str) -> None:
+    measured(tmp_path)
+    asked = plan(tmp_path)
+    there = structs.replace(asked.description, simulation=None)
+    if kind == "served":
+        there = structs.replace(there, served=Served(control="127.0.0.1:5000"))
+    real = structs.replace(asked, description=there)
+    assert left(real, tmp_path) == ["turntable"]
+    assert "the plan asks for" in "".join(real.left_out(tmp_path / "runs").values())
+
+
+def test_limits_of_another_bench_file_are_another_run(tmp_path: Path) -> None:
+    measured(tmp_path)
+    asked = plan(tmp_path)
+    narrow = structs.replace(asked.description.acceptance, nonlinearity_ppm=(0.0, 1.0))
+    stricter = structs.replace(asked, description=structs.replace(asked.description, acceptance=narrow))
+    assert left(stricter, tmp_path) == ["turntable"]
+
+
+def test_a_record_that_was_amended_is_of_the_device_that_it_says_now(tmp_path: Path) -> None:
+    asked = plan(tmp_path, PLAN.replace('["G-1"]', '["G-1", "G-2"]'))
+    done = measured(tmp_path)
+    amend_run(done.directory, {"dut": "G-2"}, reason="misread", by="A. Person")
+    assert [len(asked.left(serial, tmp_path / "runs")) for serial in ("G-1", "G-2")] == [1, 0]
+
+
+def test_a_device_of_which_one_run_of_two_is_done_is_neither_done_nor_good(tmp_path: Path) -> None:
+    measured(tmp_path)
+    asked = plan(tmp_path, f'{PLAN}[[runs]]\nprocedure = "polarity"\n')
+    assert left(asked, tmp_path) == ["polarity"]
+    text = text_of(batch_sheet("b7", asked.rows(tmp_path / "runs", {})))
+    assert "Yield: 0 of 1 devices (0 %); not good: G-1." in text
+    assert "Not measured yet: G-1 (polarity)." in text
+
+
+def test_a_device_that_failed_is_tried_again_and_the_exit_code_is_that_of_the_lot(tmp_path: Path) -> None:
+    limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"
+    (tmp_path / "strict.toml").write_text(embedded_text("paper") + limits, encoding="utf-8")
+    plan(tmp_path, PLAN.replace('"ideal"', '"strict.toml"'))
+    for runs in (1, 2):
+        done = warm.run(["vcfbench", "batch", "plan.toml", "--quiet"], tmp_path)
+        assert (done.returncode, len(vcfbench.run_summaries(tmp_path / "runs"))) == (1, runs)
+    typed = PLAN.replace('"ideal"', '"strict.toml"').replace('devices = ["G-1"]\n', "")
+    plan(tmp_path, typed)
+    assert warm.run(["vcfbench", "batch", "plan.toml", "--quiet"], tmp_path).returncode == 1
+
+
+def test_a_new_device_gets_its_certificate_and_goes_by_it_in_one_batch(tmp_path: Path) -> None:
+    asked = plan(
+        tmp_path,
+        'name = "b7"\nbench = "lab"\ndevices = ["G-1"]\n[[runs]]\nprocedure = "kvc"\n[[runs]]\n'
+        'procedure = "self-calibration"\n',
+    )
+    asked.check("G-1", tmp_path / "runs")
+    with pytest.raises(vcfbench.ConfigError, match="self-calibration"):
+        structs.replace(asked, runs=asked.runs[1:]).check("G-1", tmp_path / "runs")
+
+
+def test_the_devices_are_kept_where_the_command_says(tmp_path: Path) -> None:
+    plan(tmp_path, PLAN.replace('"ideal"', '"ideal"'))
+    done = warm.run(["vcfbench", "batch", "plan.toml", "--quiet", "--json", "--devices", "store"], tmp_path)
+    (row,) = json.loads(done.stdout)["rows"]
+    assert vcfbench.load_run(row["run"], tmp_path / "runs").header["settings"]["devices"] == "store"
+    assert read_batch(tmp_path / "plan.toml", None, tmp_path / "d").kept_in == tmp_path / "d"
