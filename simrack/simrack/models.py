@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any, Final, Literal
 
 from msgspec import Struct, field
 
-Kind = Literal["supply", "generator", "multimeter", "oscilloscope", "chamber", "rate table"]
+Kind = Literal["supply", "generator", "multimeter", "oscilloscope", "chamber", "rate table", "own"]
 
 _SERIAL = ("TCP", "serial line")
 _LXI = ("TCP", "VXI-11", "HiSLIP")
@@ -44,6 +45,11 @@ class SimulatedModel(Struct, frozen=True):
         module, _, name = self.twin.partition(":")
         found = getattr(import_module(f"simrack.{module}"), name)
         return found.of_model(self.name, **self.own) if hasattr(found, "of_model") else found
+
+    @property
+    def feeds(self) -> tuple[str, ...]:
+        """Its terminals that are outputs."""
+        return self.terminals if self.kind in {"supply", "generator"} else ()
 
     def description(self) -> str:
         """Return what its module says of sources and of what is not simulated."""
@@ -131,13 +137,14 @@ RACK: Final[Mapping[str, SimulatedModel]] = {
 """All that `simrack serve` knows by name."""
 
 
-def model_named(name: str) -> SimulatedModel:
-    """Return a model, whatever case its name is written in.
+def model_named(name: str, own: Mapping[str, SimulatedModel] = MappingProxyType({})) -> SimulatedModel:
+    """Return a model of the rack or of somebody's own, whatever case its name is written in.
 
     Raises:
         ValueError: there is none.
     """
-    found = next((model for each, model in RACK.items() if each.upper() == name.upper()), None)
+    known = {**RACK, **own}
+    found = next((model for each, model in known.items() if each.upper() == name.upper()), None)
     if found is None:
-        raise ValueError(f"there is no model {name!r}, only {', '.join(RACK)}")
+        raise ValueError(f"there is no model {name!r}, only {', '.join(known)}")
     return found

@@ -19,6 +19,7 @@ from simrack.clock import Clock
 from simrack.device import Device
 from simrack.leads import Leads
 from simrack.models import SimulatedModel, model_named
+from simrack.own import Instrument
 from simrack.serve import Offer, ServedBench, ServedClock
 from simrack.sources import Approach
 from simrack.wired import Circuit, Through, WiredWorld
@@ -53,11 +54,6 @@ class Place(Struct, frozen=True):
         """The wires of the real box."""
         return frozenset(OFFERS[each] for each in self.model.wires)
 
-    @property
-    def feeds(self) -> bool:
-        """Whether its terminals are outputs."""
-        return self.model.kind in {"supply", "generator"}
-
     def made_up(self, number: int) -> str:
         """Return a VISA resource name for the instrument of this number: on LAN if it has that, else on GPIB."""
         wires = self.wires or self.box
@@ -81,32 +77,73 @@ class Plan(Struct, frozen=True):
         return {place.name: place.wires for place in self.places if place.wires}
 
 
-def plan_of(words: Iterable[str]) -> Plan:
-    """Return the plan of a command's words, each a file that defines CIRCUIT or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
+class OwnModel(SimulatedModel, frozen=True):
+    """An instrument of somebody's own: `made` is its class."""
 
-    Without a model it is the desk: a supply, a generator, a multimeter and an oscilloscope.
+    made: type[Instrument] = Instrument
+
+    @property
+    def feeds(self) -> tuple[str, ...]:
+        """Its terminals that are outputs."""
+        return self.made.outputs
+
+    def load(self) -> Any:
+        """Return its class."""
+        return self.made
+
+
+def plan_of(words: Iterable[str]) -> Plan:
+    """Return the plan of a command's words, each a Python file or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
+
+    A file defines CIRCUIT, instruments of one's own, or both; those that no word names are there once. Without any
+    instrument it is the desk: a supply, a generator, a multimeter and an oscilloscope.
 
     Raises:
-        ValueError: there is no such model or wire, a name is given twice, or a file defines no circuit.
+        ValueError: there is no such model or wire, a name is given twice, or a file defines nothing of use.
         OSError: a file cannot be read.
     """
+    files, others = _sorted(words)
+    circuit: Circuit | None = None
+    own: dict[str, SimulatedModel] = {}
+    for file in files:
+        found = runpy.run_path(file)
+        made = own_models(found)
+        if not made or "CIRCUIT" in found:
+            circuit = _circuit(found, file)
+        own |= made
     places: list[Place] = []
-    circuit = None
-    for word in words:
-        if word.endswith(".py"):
-            circuit = circuit_in(Path(word))
-        else:
-            places.append(_place(word, {each.name for each in places}))
+    for word in others:
+        places.append(_place(word, own, {each.name for each in places}))
+    named = {place.model.name for place in places}
+    places += [_place(name, own, {each.name for each in places}) for name in own if name not in named]
     return Plan(_wired(places or DESK), {"output": Through("input", circuit)})
 
 
-def _place(word: str, taken: set[str]) -> Place:
+def _sorted(words: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return the files and the others."""
+    found: tuple[list[str], list[str]] = ([], [])
+    for word in words:
+        found[not word.endswith(".py")].append(word)
+    return found
+
+
+def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
+    """Return the instruments that a module defines, by the names of their classes."""
+    classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, Instrument)]
+    return {
+        made.__name__: OwnModel(made.__name__, "own", "", "", made.wires, "", {}, (*made.inputs, *made.outputs), made)
+        for made in classes
+        if made.__module__ == module["__name__"]
+    }
+
+
+def _place(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Place:
     found = _WORD.fullmatch(word)
     if found is None:
         raise ValueError(f"expected a file.py or [NAME=]MODEL[:WIRE[+WIRE...]], came {word!r}")
-    model = model_named(found["model"])
-    own = [model.name, *(f"{model.name}-{number}" for number in range(2, len(taken) + 2))]
-    name = found["name"] or next(each for each in own if each not in taken)
+    model = model_named(found["model"], own)
+    usual = [model.name, *(f"{model.name}-{number}" for number in range(2, len(taken) + 2))]
+    name = found["name"] or next(each for each in usual if each not in taken)
     if name in taken:
         raise ValueError(f"two instruments are called {name!r}")
     return Place(name, model, _wires(model, (found["wires"] or "").split("+")))
@@ -129,12 +166,14 @@ def _wired(places: Iterable[Place]) -> tuple[Place, ...]:
     seen: set[str] = set()
     wired = []
     for place in places:
-        node: dict[str, str] = {"input": "output", "channel_1": "input", "channel_2": "output"}
-        if place.feeds:
-            node = {} if place.model.kind in seen else {"output_1": "input"}
-            node = {each: f"{place.name}.{each}" for each in place.model.terminals} | node
-        if place.model.kind == "supply" and place.model.kind not in seen:
-            node |= {"output_1": f"{place.name}.output_1", "output_2": "positive", "output_3": "negative"}
+        kind, first = place.model.kind, place.model.kind not in seen
+        node = {"channel_1": "input", "channel_2": "output"}
+        node |= {each: "output" for each in place.model.terminals if kind in {"multimeter", "own"}}
+        node |= {each: f"{place.name}.{each}" for each in place.model.feeds}
+        if first and kind == "generator":
+            node["output_1"] = "input"
+        if first and kind == "supply":
+            node |= {"output_2": "positive", "output_3": "negative"}
             node |= {each: f"-{node[each]}" for model, each in _UPSIDE_DOWN if model == place.model.name}
         seen.add(place.model.kind)
         wired.append(replace(place, terminals={each: node.get(each) for each in place.model.terminals}))
@@ -183,7 +222,8 @@ class Rack(Struct, frozen=True):
         """
         plan = plan_of(()) if plan is None else plan
         attended = AttendedClock(clock)
-        world = WiredWorld(attended, links=plan.links, inputs=_fed(plan, "generator"), rails=_fed(plan, "supply"))
+        fed = _fed(plan, {"generator", "own"})
+        world = WiredWorld(attended, links=plan.links, inputs=fed, rails=_fed(plan, {"supply"}))
         devices = {place.name: _built(place, world, seed) for place in plan.places}
         attended.attend(*devices.values())
         return cls(plan, world, devices)
@@ -196,12 +236,13 @@ class Rack(Struct, frozen=True):
         }
 
 
-def _fed(plan: Plan, kind: str) -> tuple[str, ...]:
-    """Return the nodes that outputs of a kind feed."""
+def _fed(plan: Plan, kinds: set[str]) -> tuple[str, ...]:
+    """Return the nodes that outputs of some kinds feed."""
     owners: dict[str, str] = {}
     for place in plan.places:
-        for terminal, node in place.terminals.items():
-            if place.model.kind != kind or node is None:
+        for terminal in place.model.feeds:
+            node = place.terminals.get(terminal)
+            if place.model.kind not in kinds or node is None:
                 continue
             name = node.removeprefix("-")
             if name in owners:
@@ -214,10 +255,12 @@ def _built(place: Place, world: WiredWorld, seed: int | None) -> Device:
     """Return an instrument at its place; what it draws depends on the seed and its name alone."""
     twin = place.model.load()
     random = None if seed is None else np.random.default_rng([seed, *place.name.encode()])
-    errors = twin.errors_class.none() if random is None else twin.errors_class.drawn(random)
     nodes = {each: node.removeprefix("-") for each, node in place.terminals.items() if node is not None}
     turned = {each for each, node in place.terminals.items() if (node or "").startswith("-")}
-    around: dict[str, Any] = {"noise_seed": 0 if random is None else int(random.integers(1 << 32))}
+    around: dict[str, Any] = {"nodes": {each: node for each, node in nodes.items() if each in place.model.feeds}}
+    if place.model.kind != "own":
+        around["errors"] = twin.errors_class.none() if random is None else twin.errors_class.drawn(random)
+        around["noise_seed"] = 0 if random is None else int(random.integers(1 << 32))
     seen: Any = world
     if place.model.kind == "supply":
         upside_down = {each for model, each in _UPSIDE_DOWN if model == place.model.name}
@@ -225,11 +268,13 @@ def _built(place: Place, world: WiredWorld, seed: int | None) -> Device:
         around["rails"] = {_SUPPLY_OUTPUTS[each]: rail for each, rail in nodes.items()}
     elif place.model.kind == "generator":
         around |= {"node": nodes.get("output_1"), "second_node": nodes.get("output_2")}
-    elif place.model.terminals:
+    elif place.model.kind == "own" and len(place.model.terminals) > len(place.model.feeds):
+        around["leads"] = _leads(place, world, nodes, turned)
+    elif place.model.kind != "own" and place.model.terminals:
         seen = _leads(place, world, nodes, turned)
         around |= {"node": "input", "channels": {n: f"channel_{n}" for n in range(1, len(place.model.terminals) + 1)}}
     takes = inspect.signature(twin).parameters
-    device: Device = twin(seen, errors=errors, **{each: value for each, value in around.items() if each in takes})
+    device: Device = twin(seen, **{each: value for each, value in around.items() if each in takes})
     return device
 
 
@@ -260,7 +305,11 @@ def circuit_in(file: Path) -> Circuit:
     Raises:
         ValueError: it defines none.
     """
-    found = runpy.run_path(str(file)).get("CIRCUIT")
+    return _circuit(runpy.run_path(str(file)), str(file))
+
+
+def _circuit(module: Mapping[str, Any], file: str) -> Circuit:
+    found = module.get("CIRCUIT")
     if not isinstance(found, Circuit):
         raise ValueError(f"{file}: expected CIRCUIT = ..., a simrack.wired.Circuit, came {type(found).__name__}")  # noqa: TRY004  (what a user wrote)
     return found

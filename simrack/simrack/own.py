@@ -1,0 +1,250 @@
+"""An instrument of one's own: settings and functions of a class, and what every instrument has by itself.
+
+By itself it has ``*IDN?``, the error queue, status registers, ``*RST``, ``*SAV`` and ``*RCL`` of ten memories,
+``*OPC``, ``MIN``, ``MAX`` and ``DEF`` of numbers, units with their prefixes, and all wires. See `docs/own.md`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from copy import deepcopy
+from typing import Any, ClassVar, TypeVar
+
+from simrack import scpi
+from simrack.leads import Leads
+from simrack.scpi import (
+    COMMON_COMMANDS,
+    GPIB,
+    Boolean,
+    Choice,
+    Command,
+    CommandTable,
+    Dialect,
+    Integer,
+    Limits,
+    Mnemonic,
+    Number,
+    Parameter,
+    Register,
+    ScpiEngine,
+    ScpiTwin,
+    Status,
+    Text,
+    status_commands,
+)
+from simrack.sources import Drive
+from simrack.world import World
+
+_Function = TypeVar("_Function", bound="Callable[..., Any]")
+_SUFFIX = re.compile(r"<(\d+)-(\d+)>")
+_MEMORY = Integer(limits=Limits(0, 9), named=False)
+
+
+class Setting:
+    """A setting of an instrument: ``current_a = Setting("CURRent", 0.0, unit="A", low=-100.0, high=100.0)``.
+
+    The kind of its default is its kind: a number, a whole number, on or off, one of `words`, or a text in quotes.
+    The attribute is its value; of a header with a number, ``CHANnel<1-4>:LEVel``, a dictionary of values by number.
+
+    Args:
+        header: as a manual prints it, `[...]` for what may be left out.
+        default: its value after ``*RST``.
+        low: least value of a number.
+        high: greatest value of a number.
+        unit: that may follow a number, with any prefix.
+        words: of which it is one, as a manual prints them.
+        then: what is done after it was set, a function of the instrument.
+        takes_s: bench time that setting it takes, s.
+        reply: format of the answer, where the usual one will not do.
+    """
+
+    def __init__(
+        self,
+        header: str,
+        default: Any,
+        *,
+        low: float | None = None,
+        high: float | None = None,
+        unit: str = "",
+        words: tuple[str, ...] = (),
+        then: Callable[[Any], Any] | None = None,
+        takes_s: float = 0.0,
+        reply: Callable[[Any], str] | None = None,
+    ) -> None:
+        self.default = Mnemonic.parse(default).short if words else default
+        limits = None if low is None or high is None else Limits(low, high, default)
+        self._header, self._then, self._takes_s = header, then, takes_s
+        self._parameter, usual = _kind(default, unit, limits, words)
+        self._reply = usual if reply is None else reply
+        found = _SUFFIX.search(header)
+        self.numbers = None if found is None else range(int(found[1]), int(found[2]) + 1)
+        self.name = ""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instrument: Any, owner: type | None = None) -> Any:
+        """Return its value, of the class itself."""
+        return self if instrument is None else instrument.settings[self.name]
+
+    def __set__(self, instrument: Any, value: Any) -> None:
+        """Change its value, from the instrument's own side: limits do not hold there."""
+        instrument.settings[self.name] = value
+
+    def first(self) -> Any:
+        """Return what the attribute is after ``*RST``."""
+        return self.default if self.numbers is None else dict.fromkeys(self.numbers, self.default)
+
+    def row(self) -> Command:
+        """Return its row of the command table."""
+
+        def write(instrument: Any, *arguments: Any) -> None:
+            *numbers, value = arguments
+            if numbers:
+                instrument.settings[self.name][numbers[0]] = value
+            else:
+                instrument.settings[self.name] = value
+            if self._then is not None:
+                self._then(instrument)
+
+        def read(instrument: Any, *numbers: Any) -> Any:
+            value = instrument.settings[self.name]
+            return value[numbers[0]] if numbers else value
+
+        row = (self._header, (self._parameter,))
+        return Command(*row, do=write, query=read, reply=self._reply, takes_s=self._takes_s)
+
+
+def _kind(
+    default: Any, unit: str, limits: Limits | None, words: tuple[str, ...]
+) -> tuple[Parameter, Callable[[Any], str]]:
+    """Return parameter and reply of a setting."""
+    if words:
+        return Choice(words), str
+    if isinstance(default, bool):
+        return Boolean(), scpi.boolean
+    if isinstance(default, int):
+        return Integer(unit=unit, limits=limits), scpi.bare_integer
+    if isinstance(default, float):
+        return Number(unit=unit, limits=limits), scpi.real(8)
+    return Text(), scpi.quoted
+
+
+def query(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Function], _Function]:
+    """Let the method below answer a question; arguments are those of :class:`~simrack.scpi.Command`.
+
+    It gets the numbers in the header and the parameters, and returns the answer; a float has nine digits.
+    """
+    more = {"reply": _usual, **({"query_takes_s": more.pop("takes_s")} if "takes_s" in more else {}), **more}
+    return lambda method: _marked(method, Command(header, query=method, query_parameters=parameters, **more))
+
+
+def command(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Function], _Function]:
+    """Let the method below be a command; arguments are those of :class:`~simrack.scpi.Command`.
+
+    It gets the numbers in the header and the parameters, and may raise :class:`~simrack.scpi.ScpiError`.
+    """
+    return lambda method: _marked(method, Command(header, parameters, do=method, **more))
+
+
+def _marked(method: _Function, row: Command) -> _Function:
+    method.row = row  # type: ignore[attr-defined]  # functions take attributes
+    return method
+
+
+def _usual(value: Any) -> Any:
+    if isinstance(value, bool):
+        return scpi.boolean(value)
+    if isinstance(value, float):
+        return scpi.real(8)(value)
+    return str(value) if isinstance(value, int) else value
+
+
+class Instrument(ScpiTwin):
+    """Base of an instrument of one's own.
+
+    Args:
+        world: what it looks at.
+        nodes: the node that each of `outputs` is on.
+        leads: the leads of its `inputs`.
+    """
+
+    idn: ClassVar[str] = "OWN,INSTRUMENT,0,1.0"
+    """The answer to ``*IDN?``."""
+    wires: ClassVar[tuple[str, ...]] = ("TCP", "VXI-11", "HiSLIP", "serial line")
+    """What it is served on."""
+    inputs: ClassVar[tuple[str, ...]] = ()
+    """Names of terminals at which it looks."""
+    outputs: ClassVar[tuple[str, ...]] = ()
+    """Names of terminals that it feeds."""
+    table: ClassVar[CommandTable]
+
+    def __init_subclass__(cls) -> None:
+        """Make the command table of what the class and its bases declare."""
+        super().__init_subclass__()
+        declared = {name: each for base in reversed(cls.__mro__) for name, each in vars(base).items()}
+        own = [each.row() if isinstance(each, Setting) else each.row for each in declared.values() if _declares(each)]
+        patterns = {row.pattern for row in own}
+        cls.table = CommandTable(*own, *(row for row in _BY_ITSELF if row.pattern not in patterns))
+
+    def __init__(self, world: World, *, nodes: Mapping[str, str] | None = None, leads: Leads | None = None) -> None:
+        self.world = world
+        self.clock = world.clock
+        self.nodes = {} if nodes is None else dict(nodes)
+        self.leads = leads
+        self.operation, self.questionable = Register(), Register()
+        status = Status({3: self.questionable, 7: self.operation})
+        self.engine = ScpiEngine(self, self.table, world.clock, dialect=Dialect(), interface=GPIB, status=status)
+        self.settings: dict[str, Any] = {}
+        self.memories: dict[int, dict[str, Any]] = {}
+        self.reset()
+
+    def identity(self) -> str:
+        """Return the answer to ``*IDN?``."""
+        return self.idn
+
+    def reset(self) -> None:
+        """Take the ``*RST`` state: the defaults of all settings. What else there is goes into an override."""
+        rows = (getattr(type(self), name) for name in dir(type(self)))
+        self.settings = {each.name: deepcopy(each.first()) for each in rows if isinstance(each, Setting)}
+
+    def volts(self, terminal: str) -> float:
+        """Return the voltage at an input now, V: 0 where it is on no bench."""
+        return 0.0 if self.leads is None else self.leads.value_v(terminal)
+
+    def put(self, terminal: str, volts: float, source_ohm: float = 0.0) -> None:
+        """Put a voltage on an output from now on, V, behind a resistance, where that leads anywhere."""
+        if terminal in self.nodes:
+            self.world.drive(self.nodes[terminal], Drive(volts, source_ohm=source_ohm))
+
+
+def _declares(each: object) -> bool:
+    return isinstance(each, Setting) or isinstance(getattr(each, "row", None), Command)
+
+
+def _save(instrument: Instrument, place: int) -> None:
+    instrument.memories[place] = deepcopy(instrument.settings)
+
+
+def _recall(instrument: Instrument, place: int) -> None:
+    if place not in instrument.memories:
+        raise scpi.ScpiError(-221)
+    instrument.settings = deepcopy(instrument.memories[place])
+
+
+def _preset(instrument: Instrument) -> None:
+    instrument.operation.enable = instrument.questionable.enable = 0
+
+
+_BY_ITSELF = (
+    *(row for row in COMMON_COMMANDS if row.pattern != "SYSTem:ERRor"),
+    Command("SYSTem:ERRor[:NEXT]", query=scpi.next_error),
+    Command("*SAV", (_MEMORY,), do=_save),
+    Command("*RCL", (_MEMORY,), do=_recall),
+    Command("*TST", query=lambda _: "0"),
+    Command("STATus:PRESet", do=_preset),
+    Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    *status_commands("OPERation", "operation"),
+    *status_commands("QUEStionable", "questionable"),
+)
