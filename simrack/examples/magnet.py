@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from simrack.own import Instrument, Setting, command, query
+from simrack.own import OwnInstrument, Setting, command, query
 from simrack.scpi import ScpiError
 
 
-class Magnet(Instrument):
+class Magnet(OwnInstrument):
     """Ramps to a current when it is told to."""
 
     idn = "ACME,MAGNET,1,1.0"

@@ -161,7 +161,7 @@ def _usual(value: Any) -> Any:
     return str(value) if isinstance(value, int) else value
 
 
-class Instrument(ScpiTwin):
+class OwnInstrument(ScpiTwin):
     """Base of an instrument of one's own.
 
     Args:
@@ -223,17 +223,17 @@ def _declares(each: object) -> bool:
     return isinstance(each, Setting) or isinstance(getattr(each, "row", None), Command)
 
 
-def _save(instrument: Instrument, place: int) -> None:
+def _save(instrument: OwnInstrument, place: int) -> None:
     instrument.memories[place] = deepcopy(instrument.settings)
 
 
-def _recall(instrument: Instrument, place: int) -> None:
+def _recall(instrument: OwnInstrument, place: int) -> None:
     if place not in instrument.memories:
         raise scpi.ScpiError(-221)
     instrument.settings = deepcopy(instrument.memories[place])
 
 
-def _preset(instrument: Instrument) -> None:
+def _preset(instrument: OwnInstrument) -> None:
     instrument.operation.enable = instrument.questionable.enable = 0
 
 

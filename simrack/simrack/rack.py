@@ -19,7 +19,7 @@ from simrack.clock import Clock
 from simrack.device import Device
 from simrack.leads import Leads
 from simrack.models import SimulatedModel, model_named
-from simrack.own import Instrument
+from simrack.own import OwnInstrument
 from simrack.serve import Offer, ServedBench, ServedClock
 from simrack.sources import Approach
 from simrack.wired import Circuit, Through, WiredWorld
@@ -80,7 +80,7 @@ class Plan(Struct, frozen=True):
 class OwnModel(SimulatedModel, frozen=True):
     """An instrument of somebody's own: `made` is its class."""
 
-    made: type[Instrument] = Instrument
+    made: type[OwnInstrument] = OwnInstrument
 
     @property
     def feeds(self) -> tuple[str, ...]:
@@ -129,7 +129,7 @@ def _sorted(words: Iterable[str]) -> tuple[list[str], list[str]]:
 
 def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
     """Return the instruments that a module defines, by the names of their classes."""
-    classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, Instrument)]
+    classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, OwnInstrument)]
     return {
         made.__name__: OwnModel(made.__name__, "own", "", "", made.wires, "", {}, (*made.inputs, *made.outputs), made)
         for made in classes

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import pyvisa
 from simrack.clock import VirtualClock
-from simrack.own import Instrument, Setting, command, query
+from simrack.own import OwnInstrument, Setting, command, query
 from simrack.rack import Rack, plan_of
 from simrack.scpi import Number
 from simrack.wired import WiredWorld
@@ -23,7 +23,7 @@ RACK = Path(__file__).parents[1]
 MAGNET = str(RACK / "examples" / "magnet.py")
 
 
-class Box(Instrument):
+class Box(OwnInstrument):
     """One setting of each kind, four channels, an input and an output."""
 
     inputs = ("sense",)
@@ -111,7 +111,7 @@ def test_its_terminals_are_on_nodes(tmp_path: Path) -> None:
     text = (RACK / "simrack_tests" / "test_own.py").read_text(encoding="utf-8")
     body = text[text.index("class Box") : text.index("@pytest.fixture")]
     (tmp_path / "box.py").write_text(
-        "from simrack.own import Instrument, Setting, command, query\nfrom simrack.scpi import Number\n\n" + body
+        "from simrack.own import OwnInstrument, Setting, command, query\nfrom simrack.scpi import Number\n\n" + body
     )
     rack = Rack.build(VirtualClock(), plan_of([str(tmp_path / "box.py"), "34461A"]))
     box = rack.devices["Box"]
