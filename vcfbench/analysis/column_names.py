@@ -1,0 +1,186 @@
+"""Names of columns as people write them, with their units: ``rate / (deg/s)``, ``gyro_z [mdps]``, ``output_mv``.
+
+The unit is the longest end of a name that is one, so that the s of ``wz_mrad_s`` is no second. What stands in brackets
+and is no unit that is known is kept as `unknown`: nobody may take the column for something.
+"""
+
+import re
+import unicodedata
+from collections.abc import Iterator
+from enum import Enum
+from math import degrees
+
+from msgspec import Struct
+
+from vcfbench.errors import ConfigError
+
+
+class Kind(Enum):
+    """Quantity that a unit measures, with the unit that it is converted to."""
+
+    RATE = "deg/s"
+    VOLTAGE = "V"
+    COUNT = "LSB"
+    TIME = "s"
+    TEMPERATURE = "degC"
+    OTHER = ""
+    """A unit that is known, of nothing that is analysed: an angle, a current, an acceleration."""
+
+
+class Unit(Struct, frozen=True):
+    """A unit as it is written, and by what its numbers are multiplied to be in that of its kind."""
+
+    written: str
+    kind: Kind
+    factor: float
+
+
+class ColumnName(Struct, frozen=True):
+    """A name of a column, taken apart."""
+
+    written: str
+    base: str
+    """The name without unit and without what marks an uncertainty, lower case."""
+    unit: Unit | None = None
+    unknown: str = ""
+    """Words in brackets that are no known unit."""
+    spread: str = ""
+    """``u`` of a standard uncertainty, ``std`` of a standard deviation of readings."""
+
+    @property
+    def kind(self) -> Kind | None:
+        """Quantity of the column; None where its unit is not told, or of an uncertainty."""
+        return None if self.unit is None or self.spread else self.unit.kind
+
+    @property
+    def is_time(self) -> bool:
+        """Whether the column tells when a reading was taken, by its name."""
+        alone = not self.base and self.unit is not None  # a column that is called seconds
+        return not self.spread and self.kind in {None, Kind.TIME} and (alone or _names_a_time(self.base))
+
+
+KNOWN = "deg/s, deg/h, rad/s, dps, mdps, mrad/s, rpm, V, mV, uV, LSB, counts"
+"""Units of what can be analysed, in the words of errors."""
+
+_PREFIXES = {"": 1.0, "k": 1e3, "m": 1e-3, "u": 1e-6, "\u03bc": 1e-6, "n": 1e-9}
+_SECONDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), 1.0),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), 1e-3),
+    **dict.fromkeys(("us", "\u03bcs", "usec", "micros", "microsecond", "microseconds"), 1e-6),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), 1e-9),
+    **dict.fromkeys(("min", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+}
+_ANGLES = {
+    **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), 1.0),
+    **dict.fromkeys(("rad", "radian", "radians"), degrees(1.0)),
+    **dict.fromkeys(("arcsec", "arcsecond", "arcseconds"), 1.0 / 3600.0),
+    **dict.fromkeys(("rev", "turn", "turns"), 360.0),
+}
+_SHORT_RATES = {"dps": 1.0, "dph": 1.0 / 3600.0, "rpm": 6.0}
+_COUNTS = {"lsb", "lsbs", "count", "counts", "cts", "digit", "digits", "raw", "adc"}
+_OTHERS = {
+    *("g", "mg", "ug", "m/s2", "m/s^2", "m_s2", "m/s**2", "ms-2", "a", "ma", "ua", "hz", "khz", "pa", "hpa", "kpa"),
+    *("mbar", "bar", "%", "rh", "%rh", "ohm", "kohm", "t", "mt", "ut", "gauss", "mgauss", "w", "mw", "m", "mm"),
+}
+_TEMPERATURES = {"degc", "\u00b0c", "c", "deg_c", "deg c", "celsius", "k", "kelvin", "degf", "\u00b0f", "f"}
+_WHOLE_ANGLE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_ANGLES)})")
+_RATE = re.compile(
+    rf"([kmun\u03bc]?)({'|'.join(_ANGLES)})(?: ?/ ?|[_ ]?per[_ ]?|_)({'|'.join(_SECONDS)})"
+    rf"|([kmun\u03bc]?)({'|'.join(_ANGLES)})[ .*_\u00b7\u22c5]?({'|'.join(_SECONDS)}) ?\^?\*{{0,2}}\(?-1\)?"
+)
+_SHORT_RATE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_SHORT_RATES)})")
+_VOLT = re.compile(r"([kmun\u03bc]?)(?:v|volt|volts)")
+_TIME_WORDS = {
+    *("t", "time", "times", "timestamp", "timestamps", "datetime", "date", "elapsed", "stamp", "uptime", "clock"),
+    *("zeit", "uhrzeit", "zeitstempel", "temps", "tiempo", "tempo", "seconds", "secs", "millis", "micros"),
+}
+_SPREADS = {"u": "u", "unc": "u", "uncertainty": "u", "std": "std", "sd": "std", "stdev": "std", "sigma": "std"}
+_BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*(?:\([^()]*\))?[^\[\](){}<>]*)[\])}>]")
+_CLOSING = re.compile(r"[\])}>]\s*$")
+_SPLIT = re.compile(r"\s*/\s*|\s+in\s+|[\s_,]+")
+_WORD = re.compile(r"[^\W_]+")
+_SPREAD = re.compile(r"^(u|unc|uncertainty|std|sd|stdev|sigma)(?:[_ ]|\s*\((?=[^()]*\)))", re.IGNORECASE)
+_SPREAD_END = re.compile(r"[_ ](std|sd|stdev|unc)$")
+
+
+def unit_of(written: str) -> Unit | None:
+    """Return the unit that some words are, None if they are none that is known.
+
+    The case of letters counts in a prefix alone: a capital M is no milli.
+    """
+    text = unicodedata.normalize("NFKC", written.replace("\u00ba", "\u00b0")).replace("\u2212", "-").strip()
+    text = text.removeprefix("(").removesuffix(")").strip() if text.startswith("(") and text.endswith(")") else text
+    text = text.replace("\u00b5", "\u03bc")
+    low = text[:1] + text[1:].lower() if text[:1] == "M" else text.lower()
+    if found := _RATE.fullmatch(low):
+        prefix, angle, time = (found[1], found[2], found[3]) if found[2] else (found[4], found[5], found[6])
+        return Unit(written, Kind.RATE, _PREFIXES[prefix] * _ANGLES[angle] / _SECONDS[time])
+    if found := _SHORT_RATE.fullmatch(low):
+        return Unit(written, Kind.RATE, _PREFIXES[found[1]] * _SHORT_RATES[found[2]])
+    if found := _VOLT.fullmatch(low):
+        return Unit(written, Kind.VOLTAGE, _PREFIXES[found[1]])
+    if low in _SECONDS:
+        return Unit(written, Kind.TIME, _SECONDS[low])
+    others = {Kind.COUNT: _COUNTS, Kind.TEMPERATURE: _TEMPERATURES, Kind.OTHER: _OTHERS}
+    kind = next((kind for kind, words in others.items() if low in words), None)
+    kind = kind or (Kind.OTHER if _WHOLE_ANGLE.fullmatch(low) else None)
+    return None if kind is None else Unit(written, kind, 1.0)
+
+
+def known_unit(written: str, where: str) -> Unit:
+    """Return a unit that a person named; raises ConfigError for one that is not known."""
+    if (unit := unit_of(written)) is None:
+        raise ConfigError(f"{where}: {written!r} is no unit that is known; known are {KNOWN}, s, ms, us, ns, degC")
+    return unit
+
+
+def column_name(written: str) -> ColumnName:
+    """Take the name of a column apart."""
+    text, spread = written.strip(), ""
+    if found := _SPREAD.search(text):
+        spread, text = _SPREADS[found[1].lower()], text[found.end() :]
+        if found[0].rstrip().endswith("("):  # u(output) [V]
+            text = text.replace(")", "", 1)
+    groups = list(_BRACKETS.finditer(text))
+    for group in reversed(groups):
+        if (unit := unit_of(group[1])) is not None:
+            base = f"{text[: group.start()]} {text[group.end() :]}"
+            return _named(written, base.rstrip().removesuffix("/"), spread, unit)
+    if (unit := unit_of(text)) is not None and unit.kind in (Kind.RATE, Kind.TIME, Kind.COUNT) and len(text) > 1:
+        return ColumnName(written, "", unit, spread=spread)
+    for base, end in _ends(text):
+        if (unit := unit_of(end)) is not None and _may_be(unit, base):
+            return _named(written, base, spread, unit)
+    if groups and _CLOSING.search(text):
+        return _named(written, text[: groups[-1].start()], spread, None, groups[-1][1].strip() or " ")
+    if (over := re.search(r"\S\s+/\s+(.+)$", text)) or (over := re.search(r"\S\s*/\s*(\(.+\))$", text)):
+        return _named(written, text[: over.start() + 1], spread, None, over[1])
+    return _named(written, text, spread, None)
+
+
+def _ends(text: str) -> Iterator[tuple[str, str]]:
+    """Yield every way to split a name in two, that with the longest end first."""
+    for found in _SPLIT.finditer(text):
+        if found.start() > 0:
+            yield text[: found.start()], text[found.end() :]
+
+
+def _may_be(unit: Unit, base: str) -> bool:
+    """Whether an end without brackets is meant as a unit: an s, h, c or g may be part of a name, or of another unit."""
+    if unit.kind is Kind.TIME:
+        return _names_a_time(base)
+    if unit.kind is Kind.TEMPERATURE:
+        return "temp" in base.lower() or len(unit.written) > 1
+    return len(unit.written) > 1 or unit.kind is Kind.VOLTAGE
+
+
+def _named(written: str, base: str, spread: str, unit: Unit | None, unknown: str = "") -> ColumnName:
+    plain = " ".join(base.lower().split()).strip(" _-/,")
+    if not spread and (found := _SPREAD_END.search(plain)):
+        plain, spread = plain[: found.start()], _SPREADS[found[1]]
+    return ColumnName(written, plain, unit, unknown, spread)
+
+
+def _names_a_time(base: str) -> bool:
+    return bool(_TIME_WORDS & set(_WORD.findall(base.lower())))
