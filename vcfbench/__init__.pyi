@@ -5,12 +5,15 @@ from vcfbench.analysis.allan import allan_deviation as allan_deviation
 from vcfbench.analysis.column import CalibrationColumn as CalibrationColumn
 from vcfbench.analysis.column import Nonlinearity as Nonlinearity
 from vcfbench.analysis.column import Quantity as Quantity
+from vcfbench.analysis.csv_table import Layout as Layout
 from vcfbench.analysis.scale_factor import Comparison as Comparison
 from vcfbench.analysis.scale_factor import ScaleFactorResult as ScaleFactorResult
 from vcfbench.analysis.scale_factor import characterise as characterise
 from vcfbench.analysis.scale_factor import compare as compare
 from vcfbench.archive.analyzed import TableAnalysis as TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyze
+from vcfbench.archive.analyzed_record import RecordAnalysis as RecordAnalysis
+from vcfbench.archive.analyzed_record import analyze_record as analyze_record
 from vcfbench.archive.compared import RunComparison as RunComparison
 from vcfbench.archive.compared import compare_runs as compare_runs
 from vcfbench.archive.export import Exported as Exported

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import time
+from io import BytesIO
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.analysis.csv_table import parse_table
+from vcfbench.analysis.csv_table import Layout
 from vcfbench.analysis.regression import sign_pairs
 from vcfbench.analysis.scale_factor import characterise
+from vcfbench.archive.analyzed import read_table
 
 FEW, MANY = 3_000, 30_000
 
@@ -24,7 +26,7 @@ def _cpu_s(rows: int, curvature: float) -> float:
     table = f"step,rate_deg_s,v_vc_v,output_v,std_v,n\n3,0,0,0,0,1\n3,1,0,1,0,1\n3,2,0,2,0,1\n{steps}"
     began = time.process_time()
     characterise(rate, output)
-    parse_table(table, "points.csv")
+    read_table(BytesIO(table.encode()), "points.csv", Layout(), [])
     return time.process_time() - began
 
 

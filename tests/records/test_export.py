@@ -1,13 +1,14 @@
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 
-from vcfbench.analysis.csv_table import POINT_COLUMNS as READ_BACK
-from vcfbench.analysis.csv_table import parse_table
+from vcfbench.analysis.csv_table import Layout
+from vcfbench.archive.analyzed import read_table
 from vcfbench.errors import BenchError
-from vcfbench.records.export import POINT_COLUMNS, points_csv, write_text
+from vcfbench.records.export import points_csv, write_text
 from vcfbench.records.schema import Point
 
 
@@ -16,11 +17,10 @@ def points(step: int) -> list[Point]:
 
 
 def test_points_are_read_back_by_the_analysis_to_the_last_digit() -> None:
-    assert POINT_COLUMNS == READ_BACK
     both = [*points(3), *points(4)]
-    series = parse_table(points_csv(both), "points.csv")
+    series = read_table(BytesIO(points_csv(both).encode()), "points.csv", Layout(), [])
     assert list(series) == ["turntable", "virtual"]
-    assert series["turntable"].output_v == tuple(point.output_v for point in points(3))
+    assert series["turntable"].output.tolist() == [point.output_v for point in points(3)]
 
 
 def test_points_survive_json() -> None:

@@ -1,174 +1,425 @@
-"""Strict reading of calibration tables kept as CSV text: nothing is guessed, skipped or filled in.
+"""Reads tables and logs kept as text: nothing is guessed, skipped or filled in, and who must guess is asked.
 
-Two layouts are read: a table whose first column is ``rate_deg_s`` and whose other columns are outputs in volts, and the
-``points.csv`` of a vcfbench record, which has one line a point.
+A line with the names of the columns, then a line for each reading. Commas, semicolons, tabs or spaces separate; with
+any but the comma the decimals may have one. What stands before the names (``--skip``), names and units that a file
+lacks, and which columns are meant are told by :class:`Layout`. Columns that nobody asks for may hold anything.
+
+Numbers are read in pieces of some megabytes by NumPy, straight into one array. A piece with anything unusual in it is
+read again cell by cell, and what cannot be read is told with its line and column.
 """
 
 import csv
 import io
 import math
 import re
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
+from datetime import datetime
 from textwrap import shorten
+from typing import IO
 
+import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.column_names import ColumnName, column_name, known_unit, unit_of
 from vcfbench.errors import ConfigError
 
-RATE_COLUMN = "rate_deg_s"
-POINT_COLUMNS = ("step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n")
-"""Header of a record's ``points.csv``."""
+NO_VALUE = 9.9e37 * (1.0 - 1e-9)
+"""From this magnitude on a number is an instrument's word for none (SCPI-99 vol. 1, 7.2.1.4: 9.9E37, 9.91E37)."""
 
-V_VC_COLUMNS = ("v_vc_measured_v", "v_vc_std_v")
-"""Optional columns, present when V_Vc was measured; empty cells at a point without."""
-
-_SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
-_FEWEST_POINTS = 3
+_HEAD = 1 << 16
+_PIECE = 1 << 22
+_SAMPLE = 400
+"""Lines that tell how decimals are written."""
 _FORMULA = "=+-@"
 """First characters that spreadsheets take for a formula: names of columns go on into files that others open."""
-_OVERLOAD = 9.9e37
-"""Reading of a SCPI instrument that cannot measure (overload)."""
+_BRACKETS = "[](){} "
+_COMMENTS = ("#", "%", "//")
+_SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", ",": ",", ";": ";", "\t": "\t", " ": " "}
+_DECIMALS = {"comma": ",", "point": ".", ",": ",", ".": "."}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+", re.ASCII)
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
+_LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
+"""Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
+_LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
+_CUT_OFF = re.compile(rb"[.eE+-]\s*$")
+_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")
 
 
-class Series(Struct, frozen=True):
-    """One output against the rate; `u_output_v` is the standard uncertainty of each output where the file tells it."""
+class Layout(Struct, frozen=True):
+    """How a file is to be read, as far as it does not tell by itself; all of it may be left out."""
 
-    rate_deg_s: tuple[float, ...]
-    output_v: tuple[float, ...]
-    u_output_v: tuple[float, ...] | None = None
+    columns: tuple[str, ...] = ()
+    """Those that are meant, by name, the rate of a table first; of a file without names the names of all."""
+    skip: int = 0
+    """Lines before the one with the names."""
+    units: dict[str, str] = {}
+    """Units by column; under the name ``""`` that of the one that is analysed."""
+    time: str | None = None
+    """The column of times; ``"none"``: they are not looked at."""
+    separator: str | None = None
+    decimal: str | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse words that mean nothing."""
+        for what, given, known in (("separator", self.separator, _SEPARATORS), ("decimal", self.decimal, _DECIMALS)):
+            if given is not None and given not in known:
+                raise ConfigError(f"--{what}: expected one of {', '.join(list(known)[:4])}, came {given!r}")
 
 
-def decode(raw: bytes, name: str) -> str:
-    """Return the text of a UTF-8 file, with or without byte order mark; raises ConfigError for anything else."""
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        raise ConfigError(f"{name}, line {line}: this is not UTF-8 text; save the table as UTF-8 CSV") from error
-    if "\0" in text:
-        raise ConfigError(f"{name}, line {text.count(chr(10), 0, text.index(chr(0))) + 1}: this is not a text file")
-    return text
+class Head(Struct, frozen=True):
+    """The part of a file above its numbers, and how these are written."""
+
+    file: str
+    names: tuple[ColumnName, ...]
+    sample: tuple[tuple[str, ...], ...]
+    """Cells of the first lines of numbers."""
+    line: int
+    """Number of the first line of numbers, from 1."""
+    offset: int
+    """Byte at which it begins."""
+    separator: str
+    decimal_comma: bool
+
+    def place(self, name: str) -> int:
+        """Return which column has a name; raises ConfigError where none has it, or several."""
+        found = [place for place, each in enumerate(self.names) if each.written == name]
+        if len(found) != 1:
+            known = ", ".join(each.written for each in self.names)
+            which = f"has no column {name!r}, only {known}" if not found else f"has {len(found)} columns {name!r}"
+            raise ConfigError(
+                f"{self.file} {which}", hint="--columns with a new name for each column" if found else None
+            )
+        return found[0]
+
+    def is_text(self, place: int) -> bool:
+        """Whether none of the first cells of a column begins as a number does."""
+        return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
+
+    def is_date(self, place: int) -> bool:
+        """Whether the first cell of a column is an ISO date with a time."""
+        return bool(self.sample) and bool(_DATE.fullmatch(self.sample[0][place]))
 
 
-def parse_table(text: str, name: str) -> dict[str, Series]:
-    """Return the series of a CSV table by column; `name` is the file's, for messages.
+class Numbers(Struct, frozen=True):
+    """Numbers of some columns, (lines, columns), and where in the file they stand."""
+
+    values: Floats
+    first_line: int
+    dropped: tuple[int, ...]
+    """Rows before which a comment stood, once for each."""
+
+    def line(self, row: int) -> int:
+        """Return the number of the line in which a row stands."""
+        return self.first_line + row + bisect_right(self.dropped, row)
+
+
+def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
+    """Return the names of the columns of a file and how its numbers are written; `name` is the file's, for messages.
 
     Raises:
-        ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
+        ConfigError: one sentence with file, line and the option that would tell what the file does not.
     """
-    rows = _rows(text, name)
-    if not rows:
-        raise ConfigError(f"{name}: the file is empty; the first line must be the header, {RATE_COLUMN},...")
-    header = _header(*rows[0])
-    if header == (*POINT_COLUMNS, *V_VC_COLUMNS):
-        rows, header = [rows[0], *(_set_point(*row) for row in rows[1:])], POINT_COLUMNS
-    cells = [_values(*row, header) for row in rows[1:]]
-    if header == POINT_COLUMNS:
-        # A series for every step of a record that has enough points for a line
-        groups: dict[float, list[tuple[float, ...]]] = {}
-        for row in cells:
-            groups.setdefault(row[0], []).append(row)
-        series = {}
-        for step, taken in sorted(groups.items()):
-            _, rates, _, output, std, counts = zip(*taken, strict=True)
-            if len(taken) >= _FEWEST_POINTS and len(set(rates)) > 1:
-                u = tuple(s / math.sqrt(max(n, 1.0)) for s, n in zip(std, counts, strict=True))
-                series[_SERIES_OF_STEP.get(int(step), f"step_{step:g}")] = Series(rates, output, u)
-        if not series:
-            raise ConfigError(f"{name}: no step has {_FEWEST_POINTS} points at different rates")
-        return series
-    if len(cells) < _FEWEST_POINTS:
-        raise ConfigError(f"{name}: at least {_FEWEST_POINTS} points are needed, the file has {len(cells)}")
-    rate, *outputs = zip(*cells, strict=True)
-    if len(set(rate)) == 1:
-        raise ConfigError(f"{name}, column {RATE_COLUMN}: every rate is {rate[0]:g}, so there is no scale factor")
-    return {column: Series(rate, output) for column, output in zip(header[1:], outputs, strict=True)}
+    raw = file.read(_HEAD)
+    lines = raw.split(b"\n")
+    if len(raw) == _HEAD and len(lines) > 1:
+        lines.pop()  # not whole
+    texts = [_decoded(each, f"{name}, line {at}", at) for at, each in enumerate(lines, 1)]
+    at, separator, comment = _first_row(texts, layout)
+    if at >= len(texts):
+        raise ConfigError(f"{name}: the file is empty; the first line must be the header, rate_deg_s,...")
+    separator = separator or _separator(texts[at], "".join(texts[at + 1 : at + 2]))
+    header, at = _header(texts, at, separator, comment, layout, f"{name}, line {at + 1}")
+    names = [column_name(cell) for cell in header]
+    if at < len(texts) and (units := _unit_row(_cells(texts[at], separator), names)):
+        names = [_with_unit(each, unit, f"{name}, line {at + 1}") for each, unit in zip(names, units, strict=True)]
+        at += 1
+    for column, unit in layout.units.items():
+        if column and column not in header:
+            raise ConfigError(f"--unit {column}={unit}: {name} has no such column, only {', '.join(header)}")
+    names = [with_unit(each, layout.units[each.written]) if each.written in layout.units else each for each in names]
+    sample = [_cells(text, separator) for text in texts[at : at + _SAMPLE]]
+    full = tuple(tuple(row) for row in sample if len(row) == len(header))
+    comma = _decimal_comma(full, separator, layout.decimal, f"{name}, line {at + 1}")
+    return Head(name, tuple(names), full, at + 1, sum(len(each) + 1 for each in lines[:at]), separator, comma)
 
 
-def parse_columns(text: str, name: str) -> dict[str, tuple[float, ...]]:
-    """Return the columns of numbers of a CSV text by the names in its first line, one line a reading.
-
-    Raises:
-        ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
-    """
-    rows = _rows(text, name)
-    if len(rows) < 2:
-        raise ConfigError(f"{name}: expected a first line with the names of the columns, and a line for each reading")
-    header = _named(*rows[0])
-    cells = [_values(*row, header) for row in rows[1:]]
-    return dict(zip(header, zip(*cells, strict=True), strict=True))
+def with_unit(name: ColumnName, written: str) -> ColumnName:
+    """Return a name with the unit that a person says it has; raises ConfigError for one that is not known."""
+    unit = known_unit(written, f"--unit {name.written}={written}")
+    return replace(name, unit=unit, unknown="")
 
 
-def _rows(text: str, name: str) -> list[tuple[str, list[str]]]:
-    """Return the rows, each with where it stands; empty lines at the end do not count."""
-    reader = csv.reader(io.StringIO(text.rstrip() + "\n" if text.strip() else ""), strict=True)
-    try:
-        return [(f"{name}, line {reader.line_num}", [cell.strip() for cell in row]) for row in reader]
-    except csv.Error as error:
-        raise ConfigError(f"{name}, line {reader.line_num}: this is not CSV: {error}") from error
+def _first_row(texts: Sequence[str], layout: Layout) -> tuple[int, str | None, str]:
+    """Return the first line that is no comment, the separator if one is told, and the last comment before it."""
+    separator, comment = _SEPARATORS[layout.separator] if layout.separator else None, ""
+    for at in range(layout.skip, len(texts)):
+        text = texts[at].strip()
+        if text.startswith("sep=") and len(text) == 5:
+            separator = separator or text[4]
+        elif text.startswith(_COMMENTS):
+            comment = text.lstrip("#%/ ")
+        elif text:
+            return at, separator, comment
+    return len(texts), separator, comment
 
 
-def _header(where: str, header: list[str]) -> tuple[str, ...]:
-    joined = "".join(header) if len(header) <= 1 else ""
-    if word := "semicolons" if ";" in joined else "tabs" if "\t" in joined else "":
-        raise ConfigError(f"{where}: the columns are separated by {word}; save with commas and decimal points")
-    if tuple(header) in (POINT_COLUMNS, (*POINT_COLUMNS, *V_VC_COLUMNS)):
-        return tuple(header)
-    if not header or header[0] != RATE_COLUMN:
-        first = header[0] if header else ""
-        raise ConfigError(f"{where}, column 1: the header must begin with {RATE_COLUMN}, got {first!r}")
-    if len(header) == 1:
-        raise ConfigError(f"{where}: there is no output column beside {RATE_COLUMN}")
-    return _named(where, header)
-
-
-def _named(where: str, header: list[str]) -> tuple[str, ...]:
-    """Return the names of the columns; refuse those that are missing, doubled or no names."""
-    if any(_NUMBER.fullmatch(title) for title in header):
-        raise ConfigError(f"{where}: expected the names of the columns, came numbers")
+def _header(  # noqa: PLR0917
+    texts: Sequence[str], at: int, separator: str, comment: str, layout: Layout, where: str
+) -> tuple[Sequence[str], int]:
+    """Return the names of the columns, and the first line below them."""
+    first = re.sub(r"\s+(?=[\[(])", "_", texts[at]) if separator == " " else texts[at]
+    header, below = _cells(first, separator, where), _cells("".join(texts[at + 1 : at + 2]), separator)
+    if any(header) and all(_is_any_number(cell) for cell in header if cell):
+        names = _cells(comment, separator)
+        if len(names) != len(header):
+            names = list(layout.columns)
+        if len(names) != len(header):
+            raise ConfigError(
+                f"{where}: expected the names of the columns, came numbers",
+                hint=f"--columns with a name and unit for each of the {len(header)} columns",
+            )
+        header, at = names, at - 1
+    elif below and len({*header}) != len(below) == len(layout.columns):  # none for each, or doubled ones
+        header = list(layout.columns)
+    elif (len(below) != len(header) or not any(map(_below_names, below))) and (
+        (skipped := _preface(texts, at, separator)) is not None
+    ):
+        raise ConfigError(f"{where}: this is no line of names for the numbers below", hint=f"--skip {skipped}")
     for column, title in enumerate(header, 1):
-        here = f"{where}, column {column}"
-        if not title:
-            raise ConfigError(f"{here}: the column has no name")
-        if title[0] in _FORMULA or not title.isprintable():
-            raise ConfigError(f"{here}: {shorten(ascii(title), 40)} is no name: it would act elsewhere")
-        if title in header[: column - 1]:
-            raise ConfigError(f"{here}: there is already a column {title}")
-    return tuple(header)
+        if title and (title[0] in _FORMULA or not title.isprintable()):
+            raise ConfigError(
+                f"{where}, column {column}: {shorten(ascii(title), 40)} is no name: it would act elsewhere"
+            )
+    return header, at + 1
 
 
-def _set_point(where: str, row: list[str]) -> tuple[str, list[str]]:
-    """Return a row without its measured V_Vc, to which no line is fitted: two numbers, or two empty cells."""
-    columns, empty = (*POINT_COLUMNS, *V_VC_COLUMNS), row[len(POINT_COLUMNS) :] == ["", ""]
-    _values(where, [cell or "0" for cell in row] if empty else row, columns)
-    return where, row[: len(POINT_COLUMNS)]
+def read_numbers(file: IO[bytes], head: Head, places: Sequence[int]) -> Numbers:
+    """Return the columns at `places`, one line a reading; a column of ISO dates in seconds.
+
+    Raises:
+        ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
+    """
+    file.seek(0, io.SEEK_END)
+    left = max(1, file.tell() - head.offset)
+    file.seek(head.offset)
+    dates = any(map(head.is_date, places))
+    values = np.empty((0, len(places)))
+    filled, line, blank, dropped = 0, head.line, 0, list[int]()
+    for raw in _pieces(file):
+        lines = raw.count(b"\n")
+        body = raw.rstrip(b" \r\n")
+        found = None if dates or blank else _plain(body, head, places)
+        if found is None:
+            found, more, blank = _cell_by_cell(raw, head, places, line, blank)
+            dropped += [filled + row for row in more]
+        else:
+            blank = line + body.count(b"\n") + 1 if lines > body.count(b"\n") + 1 else 0
+        line += lines
+        if not lines and len(head.names) - 1 in places and _CUT_OFF.search(raw):
+            raise ConfigError(f"{head.file}, line {line}: the file ends within a number")
+        if filled + len(found) > len(values):
+            room = filled + len(found)
+            if not filled:  # as many lines a byte further on; memory that is never written costs nothing
+                room = max(room, int(1.02 * len(found) * left / len(raw)))
+            values.resize((max(room, len(values)), len(places)), refcheck=False)
+        values[filled : filled + len(found)] = found
+        filled += len(found)
+    values.resize((filled, len(places)), refcheck=False)
+    return Numbers(values, head.line, tuple(dropped))
 
 
-def _values(where: str, row: list[str], header: tuple[str, ...]) -> tuple[float, ...]:
-    if not row:
-        raise ConfigError(f"{where}: the line is empty")
-    if len(row) != len(header):
-        hint = "; are there decimal commas?" if len(row) > len(header) else ""
-        raise ConfigError(f"{where}: {len(header)} columns expected, got {len(row)}{hint}")
-    return tuple(_number(cell, f"{where}, column {title}") for cell, title in zip(row, header, strict=True))
+def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+    """Yield a file in pieces of whole lines."""
+    rest = b""
+    while piece := file.read(_PIECE):
+        whole, newline, after = piece.rpartition(b"\n")
+        if newline:
+            yield rest + whole + newline
+            rest = after
+        else:
+            rest += piece
+    if rest:
+        yield rest
 
 
-def _number(cell: str, where: str) -> float:
+def _plain(body: bytes, head: Head, places: Sequence[int]) -> Floats | None:
+    """Return the numbers of a piece without anything unusual; None where there is something."""
+    if any(sign in body for sign in (b'"', b"#", b"%", b"//", b"\0")) or not body:
+        return None
+    if head.separator == " ":
+        body = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", body))
+    signs = np.frombuffer(body, np.uint8)
+    ends = np.append(np.flatnonzero(signs == ord("\n")), signs.size)
+    if (np.diff(ends, prepend=-1) <= 1).any():
+        return None
+    cells = np.searchsorted(np.flatnonzero(signs == ord(head.separator)), ends)
+    if (np.diff(cells, prepend=0) != len(head.names) - 1).any():
+        return None
+    del signs, ends, cells
+    if head.decimal_comma:
+        if b"." in body:
+            return None
+        body = body.replace(b",", b".")
+    try:
+        text = io.TextIOWrapper(io.BytesIO(body), "ascii")
+        found = np.loadtxt(text, delimiter=head.separator, usecols=list(places), ndmin=2, comments=None)
+    except ValueError:
+        return None
+    largest = max(float(found.max()), -float(found.min()))  # NaN stays one
+    return found if largest < NO_VALUE and len(found) == body.count(b"\n") + 1 else None
+
+
+def _cell_by_cell(
+    raw: bytes, head: Head, places: Sequence[int], line: int, blank: int
+) -> tuple[Floats, list[int], int]:
+    """Return the numbers of a piece, the rows before which a comment stood, and the line of a blank one at its end."""
+    rows, dropped, dates = list[list[float]](), list[int](), {place for place in places if head.is_date(place)}
+    for at, each in enumerate(raw.removesuffix(b"\n").split(b"\n"), line):
+        where = f"{head.file}, line {at}"
+        text = _decoded(each, where, at).strip(" \r\n" if head.separator == "\t" else None)
+        if not text:
+            blank = blank or at
+            continue
+        if text.startswith(_COMMENTS):
+            dropped.append(len(rows))
+            continue
+        if blank:
+            raise ConfigError(f"{head.file}, line {blank}: the line is empty")
+        cells = _cells(text, head.separator, where)
+        if len(cells) != len(head.names):
+            hint = "; are there decimal commas?" if len(cells) > len(head.names) else ""
+            raise ConfigError(f"{where}: {len(head.names)} columns expected, got {len(cells)}{hint}")
+        here = [(cells[place], f"{where}, column {head.names[place].written}", place in dates) for place in places]
+        rows.append([_date_s(cell, at_) if date else _number(cell, at_, head) for cell, at_, date in here])
+    return np.array(rows, np.float64).reshape(-1, len(places)), dropped, blank
+
+
+def _decoded(raw: bytes, where: str, line: int) -> str:
+    """Return a line of text in UTF-8, with or without byte order mark; names of columns may have signs of Latin-1."""
+    if b"\0" in raw and not raw.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise ConfigError(f"{where}: this is not a text file")
+    try:
+        return raw.decode("utf-8-sig" if line == 1 else "utf-8")
+    except UnicodeDecodeError as error:
+        foreign = raw.translate(None, bytes(range(0x80)))
+        if line <= 2 and re.search(rb"[A-Za-z]{2}", raw) and not foreign.strip(_LATIN):
+            return raw.decode("latin-1")
+        raise ConfigError(f"{where}: this is not UTF-8 text; save the table as UTF-8 CSV") from error
+
+
+def _separator(header: str, below: str) -> str:
+    for sign in ("\t", ";", ","):
+        if sign in header:
+            return sign
+    numbers = below.split()
+    if len(numbers) > 1 and all(map(_is_number, numbers)):
+        return " "
+    return ";" if ";" in below else ","
+
+
+def _cells(text: str, separator: str, where: str | None = None) -> list[str]:
+    """Return the cells of a line; of one that is no CSV the whole, or a ConfigError with where it stands."""
+    if separator == " ":
+        return text.split()
+    if '"' in text:
+        try:
+            return [cell.strip() for cell in next(csv.reader([text.strip()], delimiter=separator, strict=True), [])]
+        except csv.Error as error:
+            if where is None:
+                return [text]
+            raise ConfigError(f"{where}: this is not CSV: {error}") from error
+    return [cell.strip() for cell in text.strip("\r\n").split(separator)] if text.strip() else []
+
+
+def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
+    """Return how many lines stand before one of names that has numbers below it, None if none is found."""
+    for place in range(at + 1, min(len(texts) - 1, at + 60)):
+        for sign in dict.fromkeys((separator, ",", ";", "\t")):
+            names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
+            named = len(names) == len(numbers) and not any(map(_is_any_number, names))
+            if named and sum(map(_is_any_number, numbers)) * 2 > len(numbers):
+                return place
+    return None
+
+
+def _unit_row(cells: Sequence[str], names: Sequence[ColumnName]) -> list[str] | None:
+    """Return the units in a line of their own below the names, None if the line is none."""
+    bare = [cell.strip(_BRACKETS) for cell in cells]
+    if len(bare) != len(names) or any(map(_is_number, bare)) or not any(map(unit_of, bare)):
+        return None
+    return bare if all(not cell or cell == "-" or unit_of(cell) for cell in bare) else None
+
+
+def _with_unit(name: ColumnName, written: str, where: str) -> ColumnName:
+    unit = unit_of(written)
+    if unit is None:
+        return name
+    if name.unit is not None and (name.unit.kind, name.unit.factor) != (unit.kind, unit.factor):
+        raise ConfigError(f"{where}, column {name.written}: the name says {name.unit.written}, this line {written}")
+    return replace(name, unit=unit, unknown="")
+
+
+def _decimal_comma(rows: Sequence[Sequence[str]], separator: str, stated: str | None, where: str) -> bool:
+    """Whether the decimals of a file are behind a comma; refuses what may as well be thousands."""
+    if stated is not None or separator == ",":
+        return stated is not None and _DECIMALS[stated] == ","
+    commas = [cell for row in rows for cell in row if _is_comma_number(cell) or _THOUSANDS.fullmatch(cell)]
+    if not commas:
+        return False
+    if all(_THOUSANDS.fullmatch(cell) for cell in commas):
+        raise ConfigError(f"{where}: {commas[0]!r} may be a decimal comma, or one of thousands", hint="--decimal comma")
+    return True
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def _is_any_number(cell: str) -> bool:
+    return _is_number(cell) or _is_comma_number(cell)
+
+
+def _below_names(cell: str) -> bool:
+    return _is_any_number(cell) or unit_of(cell.strip(_BRACKETS)) is not None
+
+
+def _is_comma_number(cell: str) -> bool:
+    return _WITH_COMMA.fullmatch(cell) is not None
+
+
+def _date_s(cell: str, where: str) -> float:
+    try:
+        found = datetime.fromisoformat(cell)
+    except ValueError:
+        raise ConfigError(
+            f"{where}: expected a date such as 2026-11-29T10:00:00.5, came {shorten(cell, 40)!r}"
+        ) from None
+    apart = found.replace(tzinfo=None) - datetime(2000, 1, 1)  # noqa: DTZ001  # differences alone count
+    shift_s = offset.total_seconds() if (offset := found.utcoffset()) is not None else 0.0
+    return apart.days * 86400.0 + apart.seconds + apart.microseconds * 1e-6 - shift_s
+
+
+def _number(cell: str, where: str, head: Head) -> float:
     shown = shorten(cell, 40)
-    if not _NUMBER.fullmatch(cell):
+    text = cell.replace(",", ".") if head.decimal_comma and "." not in cell else cell
+    if not _NUMBER.fullmatch(text):
         if not cell:
             raise ConfigError(f"{where}: the value is missing")
         if cell.lower().lstrip("+-") in {"nan", "inf", "infinity"}:
             raise ConfigError(f"{where}: {shown} is not a measured value")
         if "\N{MINUS SIGN}" in cell or "\N{EN DASH}" in cell:
             raise ConfigError(f"{where}: {shown!r} has a typographic minus sign; write it with a hyphen")
-        if _DECIMAL_COMMA.fullmatch(cell):
-            raise ConfigError(f"{where}: {shown!r} has a decimal comma; write it with a point")
+        if "," in cell:
+            meant = "a comma of thousands, or a decimal one" if _THOUSANDS.fullmatch(cell) else "a decimal comma"
+            raise ConfigError(f"{where}: {shown!r} has {meant}; write it with a point, or none")
         raise ConfigError(f"{where}: {shown!r} is not a number")
-    value = float(cell)
+    value = float(text)
     if not math.isfinite(value):
         raise ConfigError(f"{where}: {shown} is too large for a number")
-    if math.isclose(abs(value), _OVERLOAD):
+    if abs(value) >= NO_VALUE:
         raise ConfigError(f"{where}: {shown} is an instrument's word for overload, not a measured value")
     return value

@@ -2,28 +2,55 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis import csv_table
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.column_names import KNOWN, Kind
+from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
 from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.files import opened, shown
+from vcfbench.records.schema import POINT_COLUMNS
 from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text, texts
+
+_SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
+_FEWEST_POINTS = 3
+_APPLIED = {
+    *("rate", "applied", "reference", "ref", "table", "turntable", "stage", "commanded", "command", "setpoint"),
+    *("input", "true", "stimulus"),
+}
+"""Words in the name of the rate that was applied, where several columns are rates."""
+_NO_OUTPUT = {"n", "no", "nr", "index", "step", "sample", "line", "row", "id", "flag", "status", "point", "#"}
+"""Names without a unit that are no output."""
+_COUNTED = {"n", "count", "counts", "readings", "samples"}
+"""Names of how many readings a point has."""
+
+
+class TableColumn(Struct, frozen=True):
+    """One output of a table: in V, deg/s or LSB, against the rate in deg/s, with its standard uncertainty if told."""
+
+    rate_deg_s: Floats
+    output: Floats
+    u_output: Floats | None = None
+    unit: str = "V"
 
 
 class TableAnalysis(Struct, frozen=True):
     """Results of a table: of each column its `series`, and the `comparison` of two of them.
 
-    `compared` names those two, reference first; both are None where nothing was compared.
+    `compared` names those two, reference first; both are None where nothing was compared. `units` are those of the
+    outputs, V, deg/s or LSB, which stand for the V of all names in `series`; `notes` say what columns were taken for.
     """
 
     series: dict[str, ScaleFactorResult]
     compared: tuple[str, str] | None
     comparison: Comparison | None
+    units: dict[str, str]
+    notes: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``vcfbench analyze --json`` prints it."""
@@ -31,19 +58,26 @@ class TableAnalysis(Struct, frozen=True):
         if self.compared is not None and self.comparison is not None:
             reference, other = self.compared
             compared = {"reference": reference, "other": other, **self.comparison.as_json()}
-        return {"series": {name: result.as_json() for name, result in self.series.items()}, "comparison": compared}
+        series = {name: _in_unit(result.as_json(), self.units[name]) for name, result in self.series.items()}
+        return {"series": series, "comparison": compared, "notes": list(self.notes)}
 
     def report(self) -> Report:
         """Return the lines, their non-linearities and residuals, and the comparison of two where there is one."""
         found = self.series.values()
         columns = [Column(name) for name in self.series]
+        # Volts in mV, for which the digits are made; others in their own unit
+        volts = set(self.units.values()) == {"V"}
+        by, unit = (1e3, "mV") if volts else (1.0, next(iter(self.units.values())))
+        if len(set(self.units.values())) > 1:
+            unit, columns = "output", [Column(f"{name}, {self.units[name]}") for name in self.series]
+        digits = (".6f", ".4f") if volts else (".9g", ".6g")
         fits: list[tuple[Cell | float | str, ...]] = [
-            ("scale factor, mV/(deg/s)", *(Cell(1e3 * each.line.scale_factor, ".6f") for each in found)),
-            ("  u_fit, mV/(deg/s)", *(Cell(1e3 * each.u_fit_scale_factor, ".2g") for each in found)),
-            ("bias, mV", *(Cell(1e3 * each.line.bias, ".4f") for each in found)),
-            ("  u_fit, mV", *(Cell(1e3 * each.u_fit_bias, ".2g") for each in found)),
+            (f"scale factor, {unit}/(deg/s)", *(Cell(by * each.line.scale_factor, digits[0]) for each in found)),
+            (f"  u_fit, {unit}/(deg/s)", *(Cell(by * each.u_fit_scale_factor, ".2g") for each in found)),
+            (f"bias, {unit}", *(Cell(by * each.line.bias, digits[1]) for each in found)),
+            (f"  u_fit, {unit}", *(Cell(by * each.u_fit_bias, ".2g") for each in found)),
             ("bias, deg/s", *(Cell(each.line.bias_deg_s, ".4f") for each in found)),
-            ("residual std, mV", *(Cell(1e3 * each.line.s_v, ".4f") for each in found)),
+            (f"residual std, {unit}", *(Cell(by * each.line.s_v, digits[1]) for each in found)),
             ("degrees of freedom", *(each.line.dof for each in found)),
         ]
         bends: list[tuple[Cell | float | str, ...]] = [
@@ -59,6 +93,7 @@ class TableAnalysis(Struct, frozen=True):
         return Report(
             [
                 Table([*texts(""), *columns], fits, "Least-squares line"),
+                *map(Text, self.notes),
                 Text("u_fit: of the fit alone, lack of fit included; of points alone no combined u is known"),
                 Table([*texts(""), *columns, *texts("definition")], bends, "Non-linearity and asymmetry, ppm"),
                 Text("full scale: |K| times the largest rate; reading: from 10 deg/s on"),
@@ -71,46 +106,207 @@ class TableAnalysis(Struct, frozen=True):
         found = self.comparison
         if self.compared is None or found is None:
             return
+        volts = self.units[self.compared[0]] == "V"
+        unit = "mV" if volts else self.units[self.compared[0]]
         rows = [
             ("scale factor error, %", Cell(found.scale_factor_error_percent, ".3f")),
             ("  u_fit, percentage points", Cell(found.u_fit_scale_factor_error_percent, ".3f")),
             ("  from slopes rounded to five decimals, %", Cell(found.scale_factor_error_percent_rounded, ".3f")),
             ("E_n of the fits' scatter alone, no verdict", Cell(found.e_n, ".2f")),
-            ("bias difference, mV", Cell(1e3 * found.bias_difference_v, ".3f")),
+            (f"bias difference, {unit}", Cell((1e3 if volts else 1.0) * found.bias_difference_v, ".3f")),
         ]
         yield Table([*texts(""), Column("")], rows, f"{self.compared[1]} against {self.compared[0]}")
 
 
-def analyze(file: Path | str, compared: Sequence[str] | None = None) -> TableAnalysis:
-    """Analyse a table that was measured elsewhere, as ``vcfbench analyze`` does: a CSV file of rates and outputs.
+def _in_unit(column: dict[str, Any], unit: str) -> dict[str, Any]:
+    """Return a column as JSON in the unit of its output; one that is not in volts has no names that end in ``_v``."""
+    if unit == "V":
+        return column
+    for name, of in (("scale_factor", "1" if unit == Kind.RATE.value else f"{unit}/(deg/s)"), ("bias", unit)):
+        column[name] = {**column[name], "unit": of}
+    return {"unit": unit, **_without_volts(column)}
 
-    The first column is ``rate_deg_s``, every other one an output, V, or the standard uncertainty of one. `compared`
-    names two columns, reference first; two columns are compared by default.
+
+def _without_volts(value: Any) -> Any:
+    if isinstance(value, list):
+        return [_without_volts(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    named = {key: f"{key.removesuffix('_v').removesuffix('_output')}_output" for key in value if key.endswith("_v")}
+    return {named.get(key, key): _without_volts(each) for key, each in value.items()}
+
+
+def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: Layout | None = None) -> TableAnalysis:
+    """Analyse a table that was measured elsewhere, as ``vcfbench analyze`` does: a text file of rates and outputs.
+
+    The names of the columns have their units: of rates such as deg/s, rad/s, dps, of outputs V, mV, deg/s, LSB. Outputs
+    of a table in which none has a unit are in volts. ``u_X`` is the standard uncertainty of X. `compared` names two
+    columns, reference first; two columns are compared by default. `layout` says what the file does not tell by itself.
 
     Raises:
         ConfigError: there is no such file or column, or what is in it is no such table: file, line and column are told.
     """
-    path = Path(file)
-    text = csv_table.decode(read_file(file, "a CSV file", MOST_TABLE), shown(path))
-    series = csv_table.parse_table(text, shown(path))
-    pair = _compared_columns(compared, list(series), path)
+    path, notes = Path(file), list[str]()
+    with opened(file, "a CSV file") as raw:
+        columns = read_table(raw, shown(path), layout or Layout(), notes)
+    pair = _compared_columns(compared, columns, path)
     results = {}
-    for column, one in series.items():
+    for column, one in columns.items():
         try:
-            results[column] = characterise(one.rate_deg_s, one.output_v, one.u_output_v)
+            results[column] = characterise(one.rate_deg_s, one.output, one.u_output)
         except ConfigError as error:
             raise ConfigError(f"{shown(path)}, column {column}: {error}") from error
     comparison = None if pair is None else compare(results[pair[0]], results[pair[1]])
-    return TableAnalysis(results, pair, comparison)
+    return TableAnalysis(results, pair, comparison, {name: each.unit for name, each in columns.items()}, tuple(notes))
 
 
-def _compared_columns(asked: Sequence[str] | None, columns: list[str], file: Path) -> tuple[str, str] | None:
-    """Return the two columns to compare, reference first, or None; raises ConfigError for an unknown one."""
+def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> dict[str, TableColumn]:
+    """Return the outputs of a table by the names of their columns, or those of a record's points by their steps.
+
+    Args:
+        raw: the file, open.
+        file: its name, for messages.
+        layout: how it is to be read.
+        notes: what columns were taken for is added to it.
+
+    Raises:
+        ConfigError: one sentence with file, line and column, for anything that is no complete table.
+    """
+    head = read_head(raw, file, layout)
+    if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS:
+        return _steps(raw, head)
+    rate = _rate_place(head, layout)
+    outputs, uncertainties = _output_places(head, layout, rate, notes)
+    places = [rate, *outputs, *(each for pair in uncertainties.values() for each in pair if each is not None)]
+    values = read_numbers(raw, head, places).values
+    if len(values) < _FEWEST_POINTS:
+        raise ConfigError(f"{file}: at least {_FEWEST_POINTS} points are needed, the file has {len(values)}")
+
+    def of(place: int) -> Floats:
+        unit = head.names[place].unit
+        return values[:, places.index(place)] * (1.0 if unit is None else unit.factor)
+
+    if np.ptp(of(rate)) == 0.0:
+        column = head.names[rate].written
+        raise ConfigError(f"{file}, column {column}: every rate is {of(rate)[0]:g}, so there is no scale factor")
+    found = {}
+    for place in outputs:
+        name, u_output = head.names[place], None
+        if place in uncertainties:
+            u, readings = uncertainties[place]
+            u_output = of(u) if readings is None else of(u) / np.sqrt(np.maximum(of(readings), 1.0))
+            if (u_output < 0.0).any():
+                raise ConfigError(f"{file}, column {head.names[u].written}: an uncertainty is below 0")
+        unit = "V" if name.unit is None else name.unit.kind.value
+        found[name.written] = TableColumn(of(rate), of(place), u_output, unit)
+    return found
+
+
+def _rate_place(head: Head, layout: Layout) -> int:
+    """Return the column of the applied rate: the one that is named first, the only rate, or that called so."""
+    if layout.columns and layout.columns != tuple(each.written for each in head.names):
+        place = head.place(layout.columns[0])
+        if head.names[place].kind is not Kind.RATE:
+            raise ConfigError(f"--columns: the rate comes first, {layout.columns[0]} has no unit of one")
+        return place
+    every = rates = [place for place, each in enumerate(head.names) if each.kind is Kind.RATE]
+    if len(every) > 1:
+        rates = [place for place in every if _APPLIED & set(head.names[place].base.replace("_", " ").split())]
+    if len(rates) != 1:
+        several = ", ".join(head.names[place].written for place in every)
+        got = f"column 1: the header must begin with rate_deg_s, or another rate, got {head.names[0].written!r}"
+        raise ConfigError(
+            f"{head.file}, line {max(1, head.line - 1)}, {several + ' may each be the applied rate' if every else got}",
+            hint="--columns RATE,OUTPUT says which columns are meant",
+        )
+    return rates[0]
+
+
+def _output_places(
+    head: Head, layout: Layout, rate: int, notes: list[str]
+) -> tuple[list[int], dict[int, tuple[int, int | None]]]:
+    """Return the columns of outputs, and of some that of their uncertainty, with that of its number of readings."""
+    names = head.names
+    asked = layout.columns and layout.columns != tuple(each.written for each in names)
+    outputs = [head.place(name) for name in layout.columns[1:]] if asked else _outputs(head, rate)
+    for place in outputs:
+        unit = names[place].unit
+        if names[place].unknown or (unit and unit.kind not in {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}):
+            raise ConfigError(
+                f"{head.file}, column {names[place].written}: {names[place].unknown or (unit and unit.written)} is no "
+                f"unit of an output that is known; known are {KNOWN}",
+                hint=f"--unit {names[place].written}=mV says what it is",
+            )
+    if not outputs:
+        others = ", ".join(each.written for place, each in enumerate(names) if place != rate)
+        beside = f"{names[rate].written}{', of ' + others if others else ''}"
+        raise ConfigError(f"{head.file}, line {max(1, head.line - 1)}: there is no output column beside {beside}")
+    doubled = [names[place].written for place in outputs]
+    if twice := next((place for place in outputs if doubled.count(names[place].written) > 1), None):
+        raise ConfigError(
+            f"{head.file}, line {max(1, head.line - 1)}, column {outputs[-1] + 1}: "
+            f"there is already a column {names[twice].written}",
+            hint="give each its own name",
+        )
+    counted = next((place for place, each in enumerate(names) if each.base in _COUNTED and not each.spread), None)
+    uncertainties = dict[int, tuple[int, int | None]]()
+    for place in outputs:
+        for at, each in enumerate(names):
+            if each.spread and each.base == names[place].base and (each.spread == "u" or counted is not None):
+                uncertainties[place] = at, None if each.spread == "u" else counted
+    if bare := [names[place].written for place in outputs if names[place].unit is None]:
+        notes.append(f"{', '.join(bare)}: no unit in the name, taken as volts")
+    used = {rate, *outputs, *(at for pair in uncertainties.values() for at in pair if at is not None)}
+    if left := [each.written or f"column {place + 1}" for place, each in enumerate(names) if place not in used]:
+        notes.append(f"not analysed: {', '.join(left)}")
+    return outputs, uncertainties
+
+
+def _outputs(head: Head, rate: int) -> list[int]:
+    """Return the columns whose unit is that of an output; where none is told, those without one."""
+    left = [
+        place
+        for place, each in enumerate(head.names)
+        if place != rate and each.written and not each.spread and not each.is_time and not head.is_text(place)
+    ]
+    in_units = [place for place in left if head.names[place].unit is not None or head.names[place].unknown]
+    analysed = [
+        place
+        for place in in_units
+        if head.names[place].unknown or head.names[place].kind in {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
+    ]
+    bare = [place for place in left if place not in in_units and head.names[place].base not in _NO_OUTPUT]
+    return analysed or bare
+
+
+def _steps(raw: IO[bytes], head: Head) -> dict[str, TableColumn]:
+    """Return every step of a record's points that has enough for a line."""
+    values = read_numbers(raw, head, range(len(POINT_COLUMNS))).values
+    found = {}
+    for step in sorted(set(values[:, 0].tolist())):
+        _, rate, _, output, std, counts = values[values[:, 0] == step].T
+        if rate.size >= _FEWEST_POINTS and np.ptp(rate) > 0.0:
+            u = std / np.sqrt(np.maximum(counts, 1.0))
+            found[_SERIES_OF_STEP.get(int(step), f"step_{step:g}")] = TableColumn(rate, output, u)
+    if not found:
+        raise ConfigError(f"{head.file}: no step has {_FEWEST_POINTS} points at different rates")
+    return found
+
+
+def _compared_columns(
+    asked: Sequence[str] | None, columns: dict[str, TableColumn], file: Path
+) -> tuple[str, str] | None:
+    """Return the two columns to compare, reference first, or None; raises ConfigError for unknown or unlike ones."""
+    names = list(columns)
     if asked is None:
-        return (columns[0], columns[1]) if len(columns) == 2 else None
+        like = len(names) == 2 and columns[names[0]].unit == columns[names[1]].unit
+        return (names[0], names[1]) if like else None
     if isinstance(asked, str) or len(asked) != 2:
         raise ConfigError(f"expected the names of two columns to compare, came {asked!r}")
     for name in asked:
-        if name not in columns:
-            raise ConfigError(f"{shown(file)} has no column {name!r}, only {', '.join(columns)}")
+        if name not in names:
+            raise ConfigError(f"{shown(file)} has no column {name!r}, only {', '.join(names)}")
+    first, second = (columns[name].unit for name in asked)
+    if first != second:
+        raise ConfigError(f"{asked[0]} in {first} and {asked[1]} in {second} cannot be compared")
     return asked[0], asked[1]

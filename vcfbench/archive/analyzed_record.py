@@ -1,18 +1,18 @@
 """Noise of a record at rest that was taken elsewhere, from its file: Allan deviation, N, B, K, R, stability."""
 
 import math
-import re
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 from msgspec import Struct, to_builtins
 
 from vcfbench.analysis.allan import BiasStability, Sampling
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.csv_table import decode, parse_columns
+from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
+from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
+from vcfbench.analysis.pace import pace_of
 from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.files import opened, shown
 from vcfbench.procedures.zero.noise import (
     AllanRow,
     NoiseCoefficient,
@@ -23,29 +23,26 @@ from vcfbench.procedures.zero.noise import (
     record_noise,
     stability_table,
 )
-from vcfbench.reports.document import Heading, Report, Text, facts
+from vcfbench.reports.document import Heading, Notice, Report, Text, facts
 
 _FEWEST: Final = 64
-_EVEN: Final = 0.01
-"""Part of the interval by which a time may be off its place."""
-_UNIT: Final = re.compile(
-    r"^.+?(?: ?/ ?\(?(?P<over>[^()]+?)\)?| ?[\[(](?P<inside>[^\])]+)[\])]|_(?P<end>mv|v|deg_s|deg_h|rad_s|ms|s))$"
-)
-"""Unit at the end of a column's name: ``rate / (deg/s)``, ``rate [deg/h]``, ``output (V)``, ``output_mv``."""
-_RATES: Final = {
-    **dict.fromkeys(("deg/s", "deg_s", "dps", "°/s"), 1.0),
-    **dict.fromkeys(("deg/h", "deg_h", "°/h"), 1.0 / 3600.0),
-    **dict.fromkeys(("rad/s", "rad_s"), math.degrees(1.0)),
-    "mdeg/s": 1e-3,
-}
-_VOLTS: Final = {"V": 1.0, "v": 1.0, "mV": 1e-3, "mv": 1e-3, "uV": 1e-6}
-_TIMES: Final = {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0}
+_AGREE: Final = 0.01
+"""Part by which a stated rate may differ from that of the times."""
+_UNEVEN: Final = 0.1
+"""Part of the interval by which times scatter that are not even."""
+_MOST_HZ: Final = 1e9
+_ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 
 
 class RecordAnalysis(Struct, frozen=True):
-    """Noise of one column: its name, readings, interval, mean, and what :func:`record_noise` finds."""
+    """Noise of one column: its name, readings, interval, mean, and what :func:`record_noise` finds.
+
+    `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line.
+    """
 
     column: str
+    taken_as: str
+    notices: tuple[str, ...]
     samples: int
     interval_s: float
     mean_deg_s: float
@@ -63,6 +60,7 @@ class RecordAnalysis(Struct, frozen=True):
         """Return tables and figure."""
         rows = [
             ("column", self.column),
+            ("taken as", self.taken_as),
             ("readings", f"{self.samples}, one every {self.interval_s:g} s: {self.samples * self.interval_s:g} s"),
             ("mean", f"{self.mean_deg_s:.6g} deg/s"),
         ]
@@ -70,6 +68,7 @@ class RecordAnalysis(Struct, frozen=True):
             [
                 Heading(f"Noise of {self.column}"),
                 facts(rows),
+                *(Notice(each) for each in self.notices),
                 noise_table(self.noise),
                 stability_table(self.stability_deg_h),
                 allan_table(self.allan_deg_h),
@@ -86,87 +85,147 @@ def analyze_record(
     file: Path | str,
     rate_hz: float | None = None,
     *,
-    column: str | None = None,
-    scale_factor_v_per_deg_s: float | None = None,
+    scale_factor_per_deg_s: float | None = None,
+    layout: Layout | None = None,
 ) -> RecordAnalysis:
-    """Analyse a record at rest, as ``vcfbench analyze --rate`` does: a CSV file with one line a reading.
+    """Analyse a record at rest, as ``vcfbench analyze --rate`` does: a text file with one line a reading.
 
     Args:
-        file: its first line names the columns, with their units: ``rate / (deg/s)``, ``rate [deg/h]``, ``output_v``.
+        file: its first line names the columns, with their units: ``rate / (deg/s)``, ``gyro_z [mdps]``, ``output_v``.
         rate_hz: readings a second; None where a column of times tells it.
-        column: the one that is analysed; None for the only one beside times.
-        scale_factor_v_per_deg_s: of an output in volts, V/(deg/s).
+        scale_factor_per_deg_s: of an output in volts, V/(deg/s); of one in counts, LSB/(deg/s).
+        layout: how the file is to be read, where it does not tell by itself; the column of several that is analysed.
 
     Raises:
-        ConfigError: file, line and column of what cannot be read; a unit that is none; times that are not even.
+        ConfigError: file, line and column of what cannot be read; a unit that is none; a stated rate that the times
+            contradict.
     """
-    path = Path(file)
-    columns = parse_columns(decode(read_file(path, "a CSV file", MOST_TABLE), shown(path)), shown(path))
-    units = {name: unit_of(name) for name in columns}
-    times = [name for name, unit in units.items() if unit in _TIMES]
-    values = [name for name in columns if name not in times]
-    if column is not None and column not in columns:
-        raise ConfigError(f"{shown(path)} has no column {column!r}, only {', '.join(columns)}")
-    if column is None and len(values) != 1:
-        raise ConfigError(f"{shown(path)} has the columns {', '.join(values)}", hint="--column says which one")
-    name = column or values[0]
-    record = np.asarray(columns[name]) * _factor(name, units[name], scale_factor_v_per_deg_s, shown(path))
+    path, layout = Path(file), layout or Layout()
+    if rate_hz is not None and not 0.0 < rate_hz <= _MOST_HZ:
+        raise ConfigError(f"--rate: expected readings a second, at most {_MOST_HZ:g}, came {rate_hz:g}")
+    with opened(path, "a text file") as raw:
+        head = read_head(raw, shown(path), layout)
+        place = _value_place(head, layout)
+        name = head.names[place]
+        if unit := layout.units.get(""):
+            name = with_unit(name, unit)
+        factor, taken_as = _factor(name, scale_factor_per_deg_s, head.file)
+        time = None if layout.time == "none" else _time_place(head, layout, place)
+        numbers = read_numbers(raw, head, [place] if time is None else [place, time[0]])
+    record = numbers.values[:, 0] * factor
     if record.size < _FEWEST:
-        raise ConfigError(f"{shown(path)}: expected {_FEWEST} readings at least, came {record.size}")
-    clocks = {each: np.asarray(columns[each]) * _TIMES[units[each] or ""] for each in times}
-    interval_s = _interval_s(path, rate_hz, clocks)
-    sampling = Sampling.without_gaps(interval_s)
-    found: RecordNoise = record_noise(record, sampling, corrected=False, u_bandwidth_hz=0.0)
+        raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, came {record.size}")
+    notices = list[str]()
+    if time is not None:
+        record, interval_s, notices = _piece(record, numbers, time[1], rate_hz, head.file)
+    elif rate_hz is None:
+        raise ConfigError(f"{head.file} has no column of times", hint="--rate 100, readings a second")
+    else:
+        interval_s = 1.0 / rate_hz
+    del numbers
+    found: RecordNoise = record_noise(record, Sampling.without_gaps(interval_s), corrected=False, u_bandwidth_hz=0.0)
     return RecordAnalysis(
-        name, record.size, interval_s, float(record.mean()), found.coefficients, found.rows, found.stability,
-        found.fitted_from_s,
+        name.written, taken_as, tuple(notices), record.size, interval_s, float(record.mean()), found.coefficients,
+        found.rows, found.stability, found.fitted_from_s,
     )  # fmt: skip
 
 
-def begins_with_times(file: Path) -> bool:
-    """Tell whether the first column of a file is one of times: a record at rest."""
-    head = read_file(file, "a CSV file", MOST_TABLE).split(b"\n", 1)[0].decode(errors="replace")
-    return unit_of(head.split(",")[0]) in _TIMES
-
-
-def unit_of(column: str) -> str | None:
-    """Return the unit in the name of a column, None where it has none."""
-    found = _UNIT.match(column.strip())
-    return None if found is None else next(filter(None, found.groups()), None)
-
-
-def _factor(name: str, unit: str | None, scale_v: float | None, where: str) -> float:
-    """Return what turns the column into deg/s."""
-    if unit in _RATES:
-        return _RATES[unit]
-    if unit not in _VOLTS:
-        known = "deg/s, deg/h, rad/s, V, mV"
+def _value_place(head: Head, layout: Layout) -> int:
+    """Return the column that is analysed: the one that is named, or the only one with a unit that can be."""
+    names = head.names
+    if len(layout.columns) not in {0, 1, len(names)}:
+        raise ConfigError(f"--columns: of a record at rest one column is analysed, came {', '.join(layout.columns)}")
+    if len(layout.columns) == 1 and layout.columns != tuple(each.written for each in names):
+        return head.place(layout.columns[0])
+    numbers = [place for place in range(len(names)) if not head.is_text(place) and not names[place].spread]
+    values = [place for place in numbers if names[place].kind in _ANALYSED]
+    values = values or [place for place in numbers if names[place].unit is None and not names[place].is_time]
+    if len(values) != 1:
+        several = ", ".join(names[place].written for place in values) or "no column with a unit that can be analysed"
         raise ConfigError(
-            f"{where}, column {name}: expected a unit in its name, of {known}, came {unit or 'none'}",
-            hint="name it 'rate / (deg/s)', 'rate [deg/h]' or 'output_v'",
+            f"{head.file} has the columns {several}" if values else f"{head.file} has {several}: {KNOWN}",
+            hint="--columns says which one" if values else "--columns says which one, --unit what its unit is",
         )
-    if not scale_v:
-        raise ConfigError(
-            f"{where}, column {name}: volts become a rate by a scale factor, which nobody tells",
-            hint="--scale-factor -12.5e-3, in V/(deg/s)",
-        )
-    return _VOLTS[unit] / scale_v
+    return values[0]
 
 
-def _interval_s(path: Path, rate_hz: float | None, times: dict[str, Floats]) -> float:
-    if rate_hz is not None:
-        return 1.0 / rate_hz
-    if not times:
-        raise ConfigError(f"{shown(path)} has no column of times", hint="--rate 100, readings a second")
-    name, at_s = next(iter(times.items()))
-    steps = np.diff(at_s)
-    interval = float((at_s[-1] - at_s[0]) / steps.size)
-    off = np.flatnonzero(np.abs(steps - interval) > _EVEN * abs(interval))
-    if interval <= 0.0 or off.size:
-        line = int(off[0]) + 3 if off.size else 2
+def _factor(name: ColumnName, scale: float | None, where: str) -> tuple[float, str]:
+    """Return what turns the column into deg/s, and in words what it was taken for."""
+    column, unit = f"{where}, column {name.written}", name.unit
+    if unit is None or unit.kind not in _ANALYSED:
+        came = name.unknown or (unit.written if unit else "none")
         raise ConfigError(
-            f"{shown(path)}, line {line}, column {name}: expected times {interval:g} s apart, "
-            f"came {float(steps[off[0]]) if off.size else interval:g} s",
-            hint="a gap is no noise: cut the record there, or tell --rate",
+            f"{column}: expected a unit in its name, of {KNOWN}, came {came}",
+            hint="--unit deg/s, or name it 'rate / (deg/s)', 'rate [deg/h]' or 'output_v'",
         )
-    return interval
+    if unit.kind is Kind.RATE:
+        if scale is not None:
+            raise ConfigError(f"{column}: a scale factor is that of volts or counts, this is a rate in {unit.written}")
+        return unit.factor, f"a rate in {unit.written}, {unit.factor:.9g} deg/s each"
+    if scale is None or not math.isfinite(scale) or scale == 0.0:
+        what = "nobody tells" if scale is None else f"{scale:g} is none"
+        raise ConfigError(
+            f"{column}: {'volts' if unit.kind is Kind.VOLTAGE else 'counts'} become a rate by a scale factor, {what}",
+            hint=f"--scale-factor -12.5e-3, in {unit.kind.value}/(deg/s)",
+        )
+    each = f"{unit.factor:g} {unit.kind.value} each, over {scale:g} {unit.kind.value}/(deg/s)"
+    return unit.factor / scale, f"an output in {unit.written}, {each}"
+
+
+def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | None:
+    """Return the column of times and its unit in s, None where there is none."""
+    if layout.time is not None:
+        place = head.place(layout.time)
+    else:
+        found = [place for place, each in enumerate(head.names) if each.is_time and place != value]
+        found = [place for place in found if not head.is_text(place) or head.is_date(place)]
+        if len(found) > 1:
+            several = ", ".join(head.names[place].written for place in found)
+            raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time says which one")
+        if not found:
+            return None
+        place = found[0]
+    name = head.names[place]
+    if head.is_date(place):
+        return place, 1.0
+    if name.unit is None or name.unit.kind is not Kind.TIME:
+        raise ConfigError(
+            f"{head.file}, column {name.written}: expected a unit of time in its name, came {name.unknown or 'none'}",
+            hint=f"--unit {name.written}=s, or ms, us, ns; --time none does not look at it",
+        )
+    return place, name.unit.factor
+
+
+def _piece(
+    record: Floats, numbers: Numbers, unit_s: float, rate_hz: float | None, file: str
+) -> tuple[Floats, float, list[str]]:
+    """Return the longest piece of a record without a break, its interval, and what is uneven about the times."""
+    try:
+        pace = pace_of(numbers.values[:, 1] * unit_s)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}", hint="--time none --rate 100 does not look at the times") from error
+    if rate_hz is not None and abs(rate_hz * pace.interval_s - 1.0) > _AGREE:
+        raise ConfigError(
+            f"{file}: --rate says {rate_hz:g} readings a second, the times say {1.0 / pace.interval_s:.6g}",
+            hint="leave --rate away, or tell the unit of the times by --unit",
+        )
+    notices = []
+    for rows, words in (
+        (pace.breaks, "breaks in the times (a gap, or a clock that was set)"),
+        (pace.repeats, "times that are the one before"),
+        (pace.backwards, "times before the one before"),
+    ):
+        if rows:
+            notices.append(f"{len(rows)} {words}, the first in line {numbers.line(rows[0])}")
+    if pace.jitter_s > _UNEVEN * pace.interval_s:
+        notices.append(f"the times scatter by {pace.jitter_s:.2g} s about steps of {pace.interval_s:.4g} s")
+    if pace.breaks:
+        first, last = numbers.line(pace.begin), numbers.line(pace.end - 1)
+        notices.append(f"analysed is the longest piece without a break, lines {first} to {last}")
+    piece = record[pace.begin : pace.end]
+    if piece.size < _FEWEST:
+        raise ConfigError(
+            f"{file}: expected {_FEWEST} readings without a break in their times, came {piece.size}",
+            hint="--time none --rate 100 does not look at the times",
+        )
+    return piece, pace.interval_s, notices

@@ -6,12 +6,14 @@ from typing import Annotated
 
 import typer
 
+from vcfbench.analysis.csv_table import Layout, read_head
 from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
-from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record, begins_with_times
+from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record
 from vcfbench.archive.written import write_document
-from vcfbench.cli.options import Json_, argument, option, output_option
+from vcfbench.cli.options import Json_, argument, key_and_value, option, output_option
 from vcfbench.errors import ConfigError
+from vcfbench.files import opened, shown
 from vcfbench.reports.text import text_of
 
 _WIDTH = 80
@@ -22,31 +24,61 @@ def analyze(  # noqa: PLR0917  # options of a command
         Path,
         argument(
             "FILE.csv",
-            "Table: first column rate_deg_s, every other column an output in volts. With --rate, or a column of "
-            "times: a record at rest, one line a reading.",
+            "Table: a column of rates, every other column an output, units in the names. With --rate, or a first "
+            "column of times: a record at rest, one line a reading.",
         ),
     ],
     compare: Annotated[
         str | None, option("A,B", "Compare column B with column A. Two columns are compared by default.")
     ] = None,
     rate: Annotated[float | None, option("HZ", "A record at rest: readings a second.", min=1e-6)] = None,
-    column: Annotated[str | None, option("NAME", "Of a record at rest: which column.")] = None,
-    scale_factor: Annotated[
-        float | None, option("V/(deg/s)", "Of a record at rest in volts: its scale factor.")
+    columns: Annotated[
+        str | None,
+        option(
+            "NAME,...",
+            "Which columns: the one of a record; of a table rate and outputs. Of a file without names the names of "
+            "all.",
+            "--columns",
+            "--column",
+        ),
     ] = None,
+    scale_factor: Annotated[
+        float | None,
+        option("V/(deg/s)", "Of a record at rest in volts, or in counts: its scale factor, V or LSB a deg/s."),
+    ] = None,
+    unit: Annotated[
+        list[str] | None, option("COLUMN=UNIT", "Unit of a column; UNIT alone: of the record's.", "--unit")
+    ] = None,
+    time: Annotated[str | None, option("NAME|none", "Column of times; none: they are not looked at.")] = None,
+    skip: Annotated[int, option("LINES", "Lines before the names of the columns.", min=0)] = 0,
+    separator: Annotated[str | None, option("comma|semicolon|tab|space", "What separates the columns.")] = None,
+    decimal: Annotated[str | None, option("point|comma", "How decimals are written.")] = None,
     output: Annotated[Path | None, output_option("Write a report: .html, .pdf or .md.")] = None,
     *,
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
-    if rate is not None or column is not None or scale_factor is not None or begins_with_times(file):
+    names = () if columns is None else tuple(name.strip() for name in columns.split(","))
+    units = dict(key_and_value("--unit", each, "gyro=mdps") if "=" in each else ("", each) for each in unit or ())
+    layout = Layout(names, skip, units, time, separator, decimal)
+    if rate is not None or scale_factor is not None or len(names) == 1 or _begins_with_times(file, layout):
         if compare is not None:
             raise ConfigError("--compare: of a calibration table, not of a record at rest")
-        of_record = analyze_record(file, rate, column=column, scale_factor_v_per_deg_s=scale_factor)
+        of_record = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout)
         _answer(of_record, f"Noise of {of_record.column}", file.name, output, json=json)
         return
-    names = None if compare is None else [name.strip() for name in compare.split(",")]
-    _answer(analyzed(file, names), f"Analysis of {file.name}", file.name, output, json=json)
+    pair = None if compare is None else [name.strip() for name in compare.split(",")]
+    _answer(analyzed(file, pair, layout=layout), f"Analysis of {file.name}", file.name, output, json=json)
+
+
+def _begins_with_times(file: Path, layout: Layout) -> bool:
+    """Tell whether a file is a record at rest: its first column has times, and no two others were asked for."""
+    if len(layout.columns) > 1 and not layout.columns[0].strip():
+        return False
+    with opened(file, "a CSV file") as raw:
+        head = read_head(raw, shown(file), layout)
+    named = tuple(each.written for each in head.names)
+    return bool(head.names) and head.names[0].is_time and (not layout.columns or layout.columns == named)
 
 
 def _answer(found: TableAnalysis | RecordAnalysis, title: str, name: str, output: Path | None, *, json: bool) -> None:

@@ -1,0 +1,181 @@
+"""Layouts that loggers and people write: each is read right, or refused with the option that says what is missing."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from vcfbench.analysis.column_names import Kind, column_name
+from vcfbench.analysis.csv_table import Layout
+from vcfbench.archive.analyzed import analyze
+from vcfbench.archive.analyzed_record import analyze_record
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+RATES = (0.5 + 0.25 * np.random.default_rng(3).standard_normal(80)).round(3).tolist()
+MEAN = float(np.mean(RATES))
+
+
+def log(head: str, row: str = "{t:.2f},{x}", count: int = 80, *, comma: bool = False) -> str:
+    """A log of 100 readings a second; in `row` t is the time, s, x the rate, deg/s, k the number of the line."""
+    rows = (row.format(t=0.01 * k, x=f"{RATES[k]:.3f}", v=RATES[k], k=k) for k in range(count))
+    return head + "".join((each.replace(".", ",") if comma else each) + "\n" for each in rows)
+
+
+RIGHT: dict[str, tuple[str, dict[str, Any], float | None]] = {
+    "comments": (log("# logger 3\n# rate 100 Hz\ngyro [deg/s]\n", "{x}"), {}, 100.0),
+    "savetxt": (log("# t_s,gyro [deg/s]\n"), {}, None),
+    "decimal commas": (log("Zeit [s];Drehrate [deg/s]\n", "{t:.2f};{x}", comma=True), {}, None),
+    "tabs": (log("t_s\tgyro [deg/s]\n", "{t}\t{x}"), {}, None),
+    "spaces": (log("t_s   gyro_deg_s\n", "  {t}    {x}"), {}, None),
+    "spaces and brackets": (log("time (s) gyro (deg/s)\n", "{t} {x}"), {}, None),
+    "no names": (log(""), {"columns": ("t_s", "gyro_dps")}, None),
+    "no names, a column left out": (log("", "{t},7,{x}"), {"columns": ("t_s", "", "gyro_dps")}, None),
+    "trailing comma": (log("t_s,gyro [deg/s],\n", "{t},{x},"), {}, None),
+    "row of units": (log("t,gyro,volts\ns,deg/s,-\n", "{t},{x},x"), {}, None),
+    "row of bracketed units": (log("time,gyro\n[s],[deg/s]\n"), {}, None),
+    "sep of Excel": (log("sep=;\nt_s;gyro [deg/s]\n", "{t};{x}"), {}, None),
+    "Latin-1": (log("t_s,gyro [\xb0/s]\n"), {}, None),
+    "comment at the end": (log("t_s,gyro [deg/s]\n") + "\n\n# end\n", {}, None),
+    "comment in the middle": (log("t_s,gyro [deg/s]\n# x\n"), {}, None),
+    "preface": (log("Logger 7\nSerial,4\n\nt_s,gyro [deg/s]\n"), {"skip": 3}, None),
+    "text beside": (log("t_s,state,gyro [deg/s],when\n", '{t},"a, b",{x},1.1.2026'), {}, None),
+    "empty cells beside": (log("t_s,gps_m,gyro [deg/s]\n", "{t},,{x}"), {}, None),
+    "temperature beside": (log("t_s,gyro [deg/s],temp [\u00b0C],acc_g\n", "{t},{x},25.1,1.0"), {}, None),
+    "one of three axes": (log("t_s,x_dps,y_dps,z_dps\n", "{t},1,2,{x}"), {"columns": ("z_dps",)}, None),
+    "doubled names": (log("t_s,g_dps,g_dps\n", "{t},1,{x}"), {"columns": ("t_s", "", "z_dps")}, None),
+    "dates": (log("time,gyro_dps\n", "2026-11-29T10:00:{k:02d}.5,{x}", 60), {}, None),
+    "microseconds": (log("timestamp_us,gyro_dps\n", "{k}0000,{x}"), {}, None),
+    "Unix time in ns": (log("timestamp [ns],gyro_dps\n", "15018221{k:02d}0000000000,{x}"), {}, None),
+    "millis": (log("millis,gyro_dps\n", "{k}0,{x}"), {}, None),
+    "unit by hand": (log("time,gz\n"), {"units": {"time": "s", "gz": "deg/s"}}, None),
+    "times not looked at": (log("time,gyro_dps\n", "7,{x}"), {"time": "none"}, 100.0),
+    "milli": (log("t_s,gyro [mdps]\n", "{t},{x}e3"), {}, None),
+    "a minute": (log("t_s,gyro [deg/min]\n", "{t},{x}e0"), {}, None),
+}
+
+
+@pytest.mark.parametrize("case", RIGHT)
+def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
+    text, told, rate = RIGHT[case]
+    (tmp_path / "log.csv").write_bytes(text.encode("latin-1" if case == "Latin-1" else "utf-8"))
+    if case == "dates":  # one a second, too few
+        with pytest.raises(ConfigError, match="64 readings at least, came 60"):
+            analyze_record(tmp_path / "log.csv", rate, layout=Layout(**told))
+        return
+    read = analyze_record(tmp_path / "log.csv", rate, layout=Layout(**told))
+    assert read.interval_s == pytest.approx(10.0 if "Unix" in case else 0.01)
+    assert read.mean_deg_s == pytest.approx(MEAN / (60.0 if case == "a minute" else 1.0))
+    assert read.samples == 80
+
+
+REFUSED: dict[str, tuple[str, str]] = {
+    "no names": (log("", "{x}"), "--columns"),
+    "preface": (log("Logger 7\nSerial 4\nt_s,gyro [deg/s]\n"), "--skip 2"),
+    "unknown unit": (log("t_s,gyro [furlong]\n"), "--unit"),
+    "capital M": (log("t_s,gyro [MV]\n"), "--unit"),
+    "no unit": (log("t_s,gyro\n"), "--unit"),
+    "unit at the end of a longer one": (log("wz_furlong_s\n", "{x}"), "--unit"),
+    "two axes": (log("t_s,x_dps,y_dps\n", "{t},{x},1"), "--columns"),
+    "a rate and a reference voltage": (log("wz_mrad_s,vref_v\n"), "--columns"),
+    "times without unit": (log("time,gyro_dps\n"), "--unit time=s"),
+    "two times": (log("t_s,time_ms,gyro_dps\n", "{t},{k}0,{x}"), "--time"),
+    "times that stand": (log("t_s,gyro_dps\n", "7,{x}"), "--time none"),
+    "times backwards": (log("t_s,gyro_dps\n", "-{t},{x}"), "--time none"),
+    "volts": (log("t_s,gyro_mv\n"), "--scale-factor"),
+    "counts": (log("t_s,gyro [LSB]\n"), "--scale-factor"),
+    "thousands": (log("t_s;gyro_dps\n", "{k};1,500"), "--decimal"),
+    "hexadecimal": (log("t_s,gyro_dps\n", "{t},0x1f"), "not a number"),
+    "cut off in a number": (log("t_s,gyro_dps\n") + "0.8,0.", "ends within a number"),
+    "cut off behind a comma": (log("t_s,gyro_dps\n") + "0.8,", "line 82, column gyro_dps: the value is missing"),
+    "not a number": (log("t_s,gyro_dps\n") + "0.8,NaN\n", "line 82, column gyro_dps: NaN is not a measured value"),
+    "no reading": (log("t_s,gyro_dps\n") + "0.8,9.91E37\n", "line 82, .*instrument's word"),
+    "UTF-16": ("\ufeff" + log("t_s,gyro_dps\n"), "save the table as UTF-8"),
+    "no separator": (log("t_s|gyro_dps\n", "{t}|{x}"), "no column with a unit|not a number"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_layout_is_refused_with_what_would_cure_it(case: str, tmp_path: Path) -> None:
+    text, words = REFUSED[case]
+    (tmp_path / "log.csv").write_bytes(text.encode("utf-16" if case == "UTF-16" else "utf-8"))
+    with pytest.raises(ConfigError, match=words):
+        analyze_record(tmp_path / "log.csv")
+
+
+def test_stated_rate_must_be_that_of_the_times(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(log("t_s,gyro_dps\n"))
+    assert analyze_record(tmp_path / "log.csv", 100.5).interval_s == pytest.approx(0.01)
+    for rate in (50.0, 102.0, 1e300, math.inf):
+        with pytest.raises(ConfigError, match="--rate"):
+            analyze_record(tmp_path / "log.csv", rate)
+
+
+TABLES: dict[str, tuple[str, str, float, str]] = {
+    "volts": ("rate_deg_s,a", "a", 1.0, "V"),
+    "millivolts": ("rate_deg_s,a [mV]", "a [mV]", 1e-3, "V"),
+    "microvolts": ("rate_deg_s,a [\u00b5V]", "a [\u00b5V]", 1e-6, "V"),
+    "counts": ("rate / (deg/s),a [LSB]", "a [LSB]", 1.0, "LSB"),
+    "rates": ("applied [rad/s],gyro [rad/s]", "gyro [rad/s]", 1.0, "deg/s"),
+    "rate last": ("a [mV],rate (rad/s)", "a [mV]", 1e-3 / math.degrees(1.0), "V"),
+}
+
+
+@pytest.mark.parametrize("case", TABLES)
+def test_table_is_in_the_units_of_its_columns(case: str, tmp_path: Path) -> None:
+    head, column, expected, unit = TABLES[case]
+    swapped = head.startswith("a [")
+    rows = "".join(f"{2 * x},{x}\n" if swapped else f"{x},{2 * x}\n" for x in (-3, -2, -1, 0, 1, 2, 3))
+    (tmp_path / "table.csv").write_text(f"{head}\n{rows}", "utf-8")
+    found = analyze(tmp_path / "table.csv")
+    assert found.series[column].line.scale_factor == pytest.approx(2.0 * expected)
+    assert found.units == {column: unit}
+    plain = found.as_json()["series"][column]
+    assert plain["scale_factor"]["unit"] == {"V": "V/(deg/s)", "deg/s": "1"}.get(unit, f"{unit}/(deg/s)")
+    assert any(name.endswith("_v") for name in plain) == (unit == "V")
+    found.report()
+
+
+def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> None:
+    rows = "".join(f"{k},{x},{-2 * x},0.1,25.{k},ok,3\n" for k, x in enumerate((-3, -1, 0, 1, 3)))
+    head = "t_s,rate [dps],out [mV],u_out [mV],temperature_c,state,n\n"
+    (tmp_path / "table.csv").write_text(head + rows)
+    found = analyze(tmp_path / "table.csv")
+    assert list(found.series) == ["out [mV]"]
+    assert found.series["out [mV]"].type_a is not None
+    assert found.series["out [mV]"].type_a.u_output_v == pytest.approx(1e-4)
+    assert found.notes == ("not analysed: t_s, temperature_c, state, n",)
+
+
+def test_outputs_in_different_units_are_not_compared(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("rate_deg_s,a_mv,b [LSB]\n-1,1,2\n0,2.1,3\n1,3,4\n")
+    assert analyze(tmp_path / "table.csv").comparison is None
+    with pytest.raises(ConfigError, match="a_mv in V and b \\[LSB\\] in LSB cannot be compared"):
+        analyze(tmp_path / "table.csv", ["a_mv", "b [LSB]"])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "factor"),
+    [
+        *((name, Kind.RATE, 1.0) for name in ("rate / (deg/s)", "GyroX(deg/s)", "gyro deg/s", "yaw rate in deg/s")),
+        *((name, Kind.RATE, 1.0) for name in ("x_dps", "x_deg_per_s", "x [\u00b0/s]", "x [deg s^-1]", "x/deg/s")),
+        *((name, Kind.RATE, 1 / 3600) for name in ("x [deg/hr]", "x (\u00b0/h)", "x_deg_h", "x deg/h")),
+        *((name, Kind.RATE, math.degrees(1.0)) for name in ("x [rad s^-1]", "x_rad_s", "x [rad\u00b7s\u207b\u00b9]")),
+        *((name, Kind.RATE, 1e-3) for name in ("x [mdps]", "x_mdeg_s", "x [mdeg/s]")),
+        *((name, Kind.VOLTAGE, 1e-6) for name in ("x [\u00b5V]", "x [\u03bcV]", "x_uv")),
+        *((name, Kind.TIME, 1e-3) for name in ("t_ms", "time [ms]", "millis")),
+        *((name, Kind.COUNT, 1.0) for name in ("x [LSB]", "x_counts", "adc_raw")),
+        *((name, None, None) for name in ("x", "wz_foo_s", "x [MV]", "gyro (z)", "temperature / h", "u_x_v", "x_std")),
+    ],
+)
+def test_unit_is_the_longest_end_of_a_name_that_is_one(name: str, kind: Kind | None, factor: float | None) -> None:
+    found = column_name(name)
+    assert found.kind is kind
+    if factor is not None:
+        assert found.unit is not None
+        assert found.unit.factor == pytest.approx(factor)
