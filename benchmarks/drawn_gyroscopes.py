@@ -60,7 +60,7 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "repeatability": {"off_s": 600.0},
 }
 DUT = "G"
-SWITCHES_ON = (steps.EnableSupply, *steps.EnableSupply.__subclasses__())
+SWITCHES_ON: tuple[type, ...] = (steps.EnableSupply, *steps.EnableSupply.__subclasses__())
 """Steps from which on a run has done something; `warmup` and `power` log at the same time."""
 
 

@@ -19,9 +19,15 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import as_rate
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy, scale_factor_used
+from vcfbench.procedures.shared.known.scale_factor import (
+    LevelSettings,
+    ScaleFactorBy,
+    scale_factor_used,
+    tells_scale_factor,
+)
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.sweep.agreement import SLOPES
 from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
@@ -139,26 +145,50 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
         points.append((yield from _point(settings, _LINE, way * settings.level_deg_s, points)))
     require_answer(settings, points)
     line = _line(settings, points)
+    for each in (each for each in points if each.rate_deg_s):
+        _require_same_leads(settings, line, each)
     for sign in (1.0, -1.0):
         yield steps.Note(f"{'Positive' if sign > 0.0 else 'Negative'} rates until the output falls short of the line")
         good, bad, most = settings.level_deg_s, math.inf, settings.most_deg_s
         while good < most and bad - good > settings.resolution_deg_s:
             rate_deg_s = min(good * settings.growth, most) if bad == math.inf else 0.5 * (good + bad)
             points.append((yield from _point(settings, _RAISED, sign * rate_deg_s, points)))
+            _require_same_leads(settings, line, points[-1])
             short = line.lacks(settings.input_of(points[-1]), points[-1].output_v) > settings.may_lack
             good, bad = (good, rate_deg_s) if short else (rate_deg_s, bad)
         if bad < math.inf:
             points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
+            _require_same_leads(settings, line, points[-1])
             points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
+            _require_same_leads(settings, line, points[-1])
+
+
+def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) -> None:
+    """Raise MeasurementError where the output answers otherwise than in the line's windows.
+
+    At a larger rate it clips, or follows the line; at the small one it is about where it was.
+    """
+    at = settings.input_of(point)
+    of_small = (1.0 - line.lacks(at, point.output_v)) * abs(at / (0.5 * line.apart))
+    if of_small < SLOPES[0] or (point.step in {_LINE, _BACK} and of_small > SLOPES[1]):
+        raise MeasurementError(
+            f"at {point.rate_deg_s:+g} deg/s the output moves by {point.output_v - line.zero_v:+.4g} V, "
+            f"{of_small:+.3g} times as far as at {settings.level_deg_s:g} deg/s in the windows of the line",
+            instrument="multimeter",
+            step=str(point.step),
+            hint="a lead came off or was swapped: look at the leads of the output and of V_Vc",
+        )
 
 
 def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
     line = Line.of(list(map(settings.input_of, points[: len(CHOPPED)])), [each.output_v for each in points])
-    scale, k_vc = scale_factor_used(settings), settings.k_vc_guess_deg_s_per_v
-    if not settings.by_table and line.slope * scale.value * k_vc < 0.0:
+    scale, k_vc = scale_factor_used(settings), 1.0 if settings.by_table else settings.k_vc_guess_deg_s_per_v
+    if line.slope * scale.value * k_vc < 0.0 and (tells_scale_factor(settings) or not settings.by_table):
+        goes = "/(deg/s) with the rate" if settings.by_table else "/V with V_Vc"
+        guess = "" if settings.by_table else f" and {k_vc:+g} (deg/s)/V (k_vc_guess_deg_s_per_v)"
         raise MeasurementError(
-            f"the output goes by {line.slope:+.4g} V/V with V_Vc: not as {scale.value:+.4g} V/(deg/s) ({scale.source}) "
-            f"and {k_vc:+g} (deg/s)/V (k_vc_guess_deg_s_per_v) have it",
+            f"the output goes by {line.slope:+.4g} V{goes}: not as {scale.value:+.4g} V/(deg/s) "
+            f"({scale.source}){guess} {'have' if guess else 'has'} it",
             instrument="multimeter",
             hint="give both their signs, or look at the leads: vcfbench run polarity tells",
         )

@@ -94,6 +94,7 @@ class RepeatabilityResult(Struct, frozen=True):
 def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
     """Switch on, warm up, measure, switch off and cool; so many times."""
     yield from routines.source_off(settings)
+    block: list[Point] = []
     for number in range(settings.power_cycles):
         if number:
             yield steps.DisableSupply()
@@ -105,7 +106,7 @@ def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
         due_deg_s = table_due_deg_s(settings, 0.0)
         yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
         yield steps.Settle(settings.start_up_s, "warm-up")
-        yield from watched(settings, chopped(settings, settings.cycles))
+        block = yield from watched(settings, chopped(settings, settings.cycles, block))
 
 
 def results(settings: RepeatabilitySettings, measured: Measured) -> RepeatabilityResult:

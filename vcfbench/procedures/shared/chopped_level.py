@@ -1,12 +1,19 @@
 """The output at a level of both signs, chopped against drift, the level being a rate of the table or a V_Vc."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactorBy
+from vcfbench.procedures.shared.known.scale_factor import (
+    LevelSettings,
+    ScaleFactorBy,
+    scale_factor_used,
+    tells_scale_factor,
+)
 from vcfbench.procedures.shared.steady.walk import require_answer
+from vcfbench.procedures.shared.sweep.agreement import require_steady_slope
 from vcfbench.records.schema import Point
 from vcfbench.steps.step import Routine
 
@@ -33,7 +40,7 @@ def table_due_deg_s(settings: LevelSettings, sign: float) -> float | None:
     return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0
 
 
-def at_signs(settings: LevelSettings, signs: Iterable[float]) -> Routine[None]:
+def at_signs(settings: LevelSettings, signs: Iterable[float]) -> Routine[list[Point]]:
     """Take a window at the level with each sign in turn, the first from rest, and see that the output answered."""
     previous, v_vc_v = 0.0, 0.0
     points: list[Point] = []
@@ -46,9 +53,26 @@ def at_signs(settings: LevelSettings, signs: Iterable[float]) -> Routine[None]:
         )
         previous = sign
     require_answer(settings, points)
+    return points
 
 
-def chopped(settings: LevelSettings, cycles: int) -> Routine[None]:
-    """Take the six windows 0, +, -, -, +, 0 at the level, `cycles` times."""
+def chopped(settings: LevelSettings, cycles: int, before: Sequence[Point] = ()) -> Routine[list[Point]]:
+    """Take the six windows 0, +, -, -, +, 0 at the level, `cycles` times; return those of the last time.
+
+    MeasurementError: the output answers otherwise than in the windows `before`, or the other way than is told.
+    """
+    points = list(before)
     for _ in range(cycles):
-        yield from at_signs(settings, map(float, CHOPPED))
+        same = points[1:3]  # + and -
+        points = yield from at_signs(settings, map(float, CHOPPED))
+        require_steady_slope(points, same)
+        slope = (points[1].output_v - points[2].output_v) / (points[1].rate_deg_s - points[2].rate_deg_s)
+        known = scale_factor_used(settings)
+        if tells_scale_factor(settings) and slope * known.value < 0.0:
+            raise MeasurementError(
+                f"the output goes by {slope:+.4g} V/(deg/s), {known.value:+.4g} V/(deg/s) are told ({known.source})",
+                instrument="multimeter",
+                step=str(points[-1].step),
+                hint="correct what is told, or look at the leads: vcfbench run polarity tells",
+            )
+    return points

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from itertools import pairwise
 from statistics import fmean
 
+from msgspec.structs import replace
+
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bandwidth import sweep
@@ -20,6 +22,7 @@ from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.jumps import watched
+from vcfbench.procedures.shared.sweep.agreement import require_steady_slope
 from vcfbench.procedures.temperature import results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.records.devices import Characteristics, Measured
@@ -56,6 +59,7 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
     level = (settings.level_deg_s, 0.0) if by_table else (0.0, settings.level_v)
     common = {**routines.window_of(settings), "samples": max(4, samples)}
     window = steps.Acquire(2, *level, table_due_deg_s(settings, 1.0), **common)
+    block: list[Point] = []
     for temperature_c, direction in zip(settings.temperatures_c, directions(settings.temperatures_c), strict=True):
         yield results.AtTemperature(temperature_c, direction)
         if settings.chamber is None:
@@ -78,7 +82,9 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
             points.append(answer((yield window), steps.Window).point)
         yield from to_level(settings, 0.0, previous=1.0)
         yield from _reached(settings, temperature_c)
-        yield from watched(settings, chopped(settings, settings.cycles))
+        block = yield from watched(settings, chopped(settings, settings.cycles, block))
+        for soaked in points:  # the level of the block, as it was before it
+            require_steady_slope([block[0], replace(soaked, step=block[0].step)], block[1:3])
         if settings.station.oscilloscope is not None:
             yield from capture_drive(settings)
         if settings.split:

@@ -76,6 +76,11 @@ class ScaleFactor(Struct, frozen=True):
     source: str
 
 
+def tells_scale_factor(settings: AtRestSettings) -> bool:
+    """Tell whether settings or bench file have the scale factor of this gyroscope."""
+    return settings.scale_factor_v_per_deg_s is not None or settings.expected.scale_factor_v_per_deg_s is not None
+
+
 def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, with its source."""
     if settings.scale_factor_v_per_deg_s is not None:

@@ -17,7 +17,7 @@ from vcfbench.station.parts import Expected
 _NOISES = 8.0
 """Allowance for noise, in standard uncertainties: readings are not independent (flicker)."""
 
-_SLOPES = (0.5, 1.5)
+SLOPES = (0.5, 1.5)
 """Limits of the slope between two neighbouring rates, relative to that of the whole."""
 
 _ZEROS_APART = 2.0
@@ -63,7 +63,7 @@ def require_steady_slope(
     slope = _slope(*reference) if reference else statistics.median(starmap(_slope, pairwise(ordered)))
     degrees = sum(point.n - 1 for point in points)
     noise_v = math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / max(1, degrees))
-    low, high = _SLOPES
+    low, high = SLOPES
     for left, right in [(ordered[0], ordered[-1]), *pairwise(ordered)]:
         u_v = _NOISES * noise_v * math.sqrt(1.0 / left.n + 1.0 / right.n)
         if limit_v is not None:
@@ -72,7 +72,9 @@ def require_steady_slope(
         moved_v = right.output_v - left.output_v
         if min(low * step, high * step) - u_v <= moved_v <= max(low * step, high * step) + u_v:
             continue
-        whence = f"step {reference[0].step}" if reference else "the whole sweep"
+        whence = "the whole sweep"
+        if reference:
+            whence = "those before" if reference[0].step == right.step else f"step {reference[0].step}"
         raise _disagreement(
             right,
             f"from {_words(left)} to {_words(right)} the output moves by {moved_v:+.4g} V, "
