@@ -39,8 +39,10 @@ _LEAST_TONES = 3
 _LEAST_SPLIT_HZ = 1.0
 _STEP = 1e-3
 """Part of a parameter by which it is changed for a derivative."""
+_HIGHEST_HZ = 75.0
+"""Two meters are read in turn, one pair every 6 ms: no tone up to it is folded."""
 
-Hertz = Annotated[float, ranged(0.3, tones.HIGHEST_HZ)]
+Hertz = Annotated[float, ranged(0.3, _HIGHEST_HZ)]
 
 
 class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):

@@ -41,8 +41,8 @@ _OFFSET_V = 0.06
 """V_Vc that an output at rest is off by as soon as V_Vc is on: the carrier comes through."""
 _LEAST_DEG_H = 1e-3
 _READING_S = 0.2
-_HIGHEST_HZ = 90.0
-"""Sines on V_Vc that a meter samples."""
+_HIGHEST_HZ, _HIGHEST_IN_PAIRS_HZ = 90.0, 75.0
+"""Sines on V_Vc that a meter samples, and that two sample in turn."""
 _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
 """Frequencies of `bandwidth` at the usual split."""
 _VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
@@ -223,7 +223,9 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
             "difference_hz": _round(8.0 * finer),
         },
         "vibration": {
-            "vibration_hz": [_round(each * finer) for each in _VIBRATION_HZ if 0.3 <= each * finer <= _HIGHEST_HZ],
+            "vibration_hz": [
+                _round(each * finer) for each in _VIBRATION_HZ if 0.3 <= each * finer <= _HIGHEST_IN_PAIRS_HZ
+            ],
             "vibration_amplitude_v": _both_signs_v(sheet, 0.04),
             "static_v_vc_v": _both_signs_v(sheet, 0.05),
             "q": sheet.q_sense,
