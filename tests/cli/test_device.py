@@ -10,11 +10,13 @@ from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
 from vcfbench.cli.main import app
-from vcfbench.records.devices import Certificate, Conditions, DeviceStore, KvcCurve, Measured, SelfCalibration
+from vcfbench.records.device_values import Conditions, Measured
+from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -139,3 +141,27 @@ def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:
     assert [each.e_n for each in known.self_calibrations] == [2.5]
     with pytest.raises(vcfbench.ConfigError, match="nothing is known of device 'G-2'"):
         vcfbench.load_device("G-2", store.root)
+
+
+def test_an_entry_is_withdrawn_with_a_reason_and_the_history_says_it(store: DeviceStore) -> None:
+    where = ("--devices", str(store.root))
+    done = call("G-1", *where, "--withdraw", "0002", "--reason", "the leads were swapped", "--by", "A. Person")
+    assert (done.exit_code, done.stdout) == (0, f"{store.root / 'G-1' / '0003.json'}\n")
+    shown = call("G-1", *where).stdout
+    assert "self-calibration (withdrawn)" in shown
+    assert "0002 is withdrawn by A. Person" in shown
+    assert ": the leads were swapped" in shown
+    answer = json.loads(call("G-1", *where, "--json").stdout)
+    assert {each["entry"]: each["counts"] for each in answer["entries"]} == {"0001": True, "0002": False, "0003": False}
+    for words, wanted in ((("G-1",), "expected a reason"), ((), "SERIAL: expected the device")):
+        refused = call(*words, *where, "--withdraw", "0001")
+        assert refused.exit_code == 2
+        assert wanted in refused.stderr
+
+
+def test_entries_from_a_simulated_bench_are_marked_beside_real_ones(store: DeviceStore) -> None:
+    where = ("--devices", str(store.root))
+    assert "(simulated)" not in call("G-1", *where).stdout
+    real = structs.replace(HERE, simulated=False)
+    store.add(Certificate(serial="G-1", issued=DAY, procedure="kvc", k_vc=CURVE, conditions=real))
+    assert "self-calibration (simulated)" in call("G-1", *where).stdout

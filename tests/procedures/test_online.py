@@ -20,7 +20,8 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.online.plan import ONLINE
 from vcfbench.procedures.online.results import UNKNOWN_SIGN, online_results
-from vcfbench.records.devices import Certificate, Conditions, CurveShare, DeviceStore, KvcCurve, Measured
+from vcfbench.records.device_values import Conditions, Measured
+from vcfbench.records.devices import Certificate, CurveShare, DeviceStore, KvcCurve
 from vcfbench.reports.document import Figure, Table
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import (

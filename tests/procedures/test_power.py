@@ -12,7 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import PowerSettings, valid_output
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
 from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc

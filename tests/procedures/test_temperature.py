@@ -15,7 +15,7 @@ from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.station.parts import Limits

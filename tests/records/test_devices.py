@@ -17,17 +17,8 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from vcfbench.errors import ConfigError
-from vcfbench.records.devices import (
-    FORMAT,
-    Certificate,
-    Characteristics,
-    Conditions,
-    DeviceStore,
-    KvcCurve,
-    Measured,
-    SelfCalibration,
-    together,
-)
+from vcfbench.records.device_values import Characteristics, Conditions, Measured
+from vcfbench.records.devices import FORMAT, Certificate, DeviceStore, KvcCurve, SelfCalibration, together
 
 NOON = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 CURVE = KvcCurve(
@@ -278,3 +269,72 @@ def test_the_last_value_of_each_counts_and_two_slopes_make_that_of_k_vc() -> Non
     assert (found.temperature_c, found.drive_hz) == (measured(20.0), measured(3488.0))
     later = together([warm, turned, Characteristics(drive_hz=measured(3487.0))])
     assert (later.temperature_c, later.drive_hz) == (None, measured(3487.0))
+
+
+REAL = structs.replace(CONDITIONS, simulated=False)
+
+
+def test_real_and_simulated_entries_never_meet(store: DeviceStore) -> None:
+    failed = structs.replace(SELF, drift_verdict="fail")
+    store.add(CERTIFICATE)
+    store.add(failed)
+    assert store.device("G-0042").failed_since is not None  # as long as there is nothing else
+    real = DeviceStore(store.root, simulated=False)
+    with pytest.raises(ConfigError, match="has no certificate; device G-0042: left out, from a simulated bench: 0001"):
+        real.certificate("G-0042")
+    assert (real.static_noise("G-0042"), real.characteristics("G-0042")) == (None, None)
+    own = store.add(structs.replace(CERTIFICATE, conditions=REAL, issued=NOON - timedelta(days=9)))
+    assert real.certificate("G-0042") == own
+    assert real.left_out("G-0042") == "device G-0042: left out, from a simulated bench: 0001, 0002"
+    known = store.device("G-0042")
+    assert (known.certificate, known.failed_since, known.standing) == (own.record, None, (own,))
+    rehearsal = DeviceStore(store.root, simulated=True)
+    assert rehearsal.certificate("G-0042").name == "0001"
+    assert rehearsal.left_out("G-0042") == "device G-0042: left out, from a real bench: 0003"
+
+
+def test_entries_are_in_the_order_of_their_days_whenever_they_were_added(store: DeviceStore) -> None:
+    store.add(CERTIFICATE)
+    store.add(structs.replace(CERTIFICATE, issued=NOON - timedelta(days=300)))
+    assert [each.name for each in store.entries("G-0042")] == ["0002", "0001"]
+    assert store.certificate("G-0042").name == "0001"
+
+
+def test_a_withdrawn_entry_stays_and_counts_no_more_until_that_is_withdrawn(store: DeviceStore) -> None:
+    store.add(CERTIFICATE)
+    store.add(structs.replace(SELF, drift_verdict="fail"))
+    taken = store.withdraw("G-0042", "0002", reason="the leads were swapped", by="A. Person")
+    assert taken.name == "0003"
+    known = store.device("G-0042")
+    assert (len(known.entries), known.failed_since, known.self_calibrations) == (3, None, ())
+    for wrong, words in (("0002", "it is withdrawn already"), ("0009", "expected the name of an entry")):
+        with pytest.raises(ConfigError, match=words):
+            store.withdraw("G-0042", wrong, reason="why", by="who")
+    with pytest.raises(ConfigError, match="expected a reason"):
+        store.withdraw("G-0042", "0001", reason=" ", by="who")
+    store.withdraw("G-0042", "0003", reason="it was the right device", by="A. Person")
+    assert [each.name for each in store.standing("G-0042")] == ["0001", "0002"]
+
+
+@pytest.mark.parametrize("change", ["removed", "changed"])
+@pytest.mark.parametrize("name", ["0001", "0002", "0003"])
+def test_what_stands_before_a_withdrawal_cannot_be_changed_or_removed_unseen(
+    store: DeviceStore, change: str, name: str
+) -> None:
+    store.add(CERTIFICATE)
+    store.add(SELF)
+    store.withdraw("G-0042", "0002", reason="why", by="who")
+    store.withdraw("G-0042", "0003", reason="why", by="who")
+    store.add(SELF)
+    path = store.root / "G-0042" / f"{name}.json"
+    if change == "removed":
+        path.unlink()
+    else:
+        path.write_text(path.read_text("utf-8").replace('"kind"', ' "kind"'), "utf-8")
+    with pytest.raises(ConfigError, match="changed or removed since this was written"):
+        store.entries("G-0042")
+
+
+@pytest.mark.parametrize(("until", "beyond"), [(NOON, True), (NOON + timedelta(days=9), False), (None, False)])
+def test_beyond_the_wanted_u95_and_never_are_two_things(until: datetime | None, *, beyond: bool) -> None:
+    assert structs.replace(CERTIFICATE, wanted_u95_ppm=500.0, u95_until=until).beyond_u95 is beyond

@@ -19,7 +19,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.records.devices import Conditions, DeviceStore, Measured, SelfCalibration
+from vcfbench.records.device_values import Conditions, Measured
+from vcfbench.records.devices import DeviceStore, SelfCalibration
 from vcfbench.records.export import write_text
 from vcfbench.records.journal import Journal, append_line, read_journal
 from vcfbench.safety import lock

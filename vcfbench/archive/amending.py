@@ -24,6 +24,11 @@ class Amended(Struct, frozen=True):
     stays: tuple[str, ...] = ()
 
 
+def logged_in() -> str:
+    """Return who is logged in, and where."""
+    return f"{getpass.getuser()}@{socket.gethostname()}"
+
+
 def amend_run(
     run: str | Path, changes: Mapping[str, str], *, reason: str, by: str | None = None, runs: str | Path = "runs"
 ) -> Amended:
@@ -43,7 +48,7 @@ def amend_run(
     """
     directory = directory_of(run, runs)
     record = directory.read()
-    by = f"{getpass.getuser()}@{socket.gethostname()}" if by is None else by
+    by = logged_in() if by is None else by
     key = named_key(None)  # no key that the record names: whose it is nobody knows
     if key is not None:
         found, last = verify_run(directory.path), record.lines[-1:]
@@ -59,6 +64,6 @@ def amend_run(
     stays = [f"the results went by what was known of {device}, where they go by what is known of a device"]
     with suppress(ConfigError):
         entries = DeviceStore(Path(str(settings.get("devices", "devices")))).entries(device)
-        kept = [each.path for each in entries if each.record.conditions.run == directory.run]
+        kept = [each.path for each in entries if each.run == directory.run]
         stays += [f"{path} is of this run, and stays with {device}" for path in kept]
     return Amended(directory.run, made, tuple(stays))

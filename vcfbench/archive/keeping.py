@@ -9,7 +9,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import Provenance
-from vcfbench.records.devices import DeviceStore, Entry
+from vcfbench.records.devices import DeviceStore, Entry, withdrawn
 from vcfbench.records.schema import Status
 
 
@@ -35,7 +35,8 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     if kept is None:
         raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
     store = DeviceStore(kept.store if devices is None else devices)
-    for each in store.entries(kept.record.serial):
-        if each.record.conditions.run == directory.run:
+    entries = store.entries(kept.record.serial)
+    for each in (one for one in entries if one.name not in withdrawn(entries)):
+        if each.run == directory.run:
             raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")
     return store.add(kept.record)

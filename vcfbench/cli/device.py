@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
+from vcfbench.archive.amending import logged_in
 from vcfbench.archive.batch_sheet import SheetRow, device_parts, device_rows
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.archive.summary import run_summaries
@@ -18,7 +19,7 @@ from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
 from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
-from vcfbench.records.devices import Device, DeviceStore, Entry
+from vcfbench.records.devices import Device, DeviceStore, Entry, withdrawn
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
@@ -71,6 +72,9 @@ def device(
     *,
     json: Json_ = False,
     csv: Annotated[bool, flag("Print comma-separated values, one row for each entry and run.", "--csv")] = False,
+    withdraw: Annotated[str | None, option("ENTRY", "Withdraw this entry: it stays, and counts no more.")] = None,
+    reason: Annotated[str, option("TEXT", "Why it is withdrawn.")] = "",
+    by: Annotated[str | None, option("NAME", "Who withdraws it. Default: who is logged in.")] = None,
     add: Annotated[str | None, option("RUN", "Add what this complete run found, where it could not itself.")] = None,
     runs: Runs_ = Path("runs"),
     plot: Annotated[
@@ -83,6 +87,9 @@ def device(
             raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
         typer.echo(keep_of_device(add, runs, devices).path)
         return
+    if withdraw is not None:
+        typer.echo(_withdraw(DeviceStore(devices), serial, withdraw, reason, by))
+        return
     if json and csv:
         raise ConfigError("--json and --csv: expected one of the two, came both")
     store = DeviceStore(devices)
@@ -93,44 +100,62 @@ def device(
     known = store.device(serial) if not calibrations or store.entries(serial) else Device(serial, ())
     entries = known.entries
     if plot is not None:
-        _plot(serial, entries, calibrations, plot)
-    rows = [_row(entry) for entry in entries]
+        _plot(serial, known.standing, calibrations, plot)
     if json:
-        since = known.failed_since
-        print_json(
-            {
-                "serial": known.serial,
-                "failed_since": None if since is None else since.name,
-                "entries": [{"entry": each.name, **msgspec.to_builtins(each.record)} for each in known.entries],
-                "runs": msgspec.to_builtins(calibrations),
-            }
-        )
+        _print_json(known, calibrations)
     elif csv:
-        kept = {entry.record.conditions.run for entry in entries}
-        typer.echo(",".join(_COLUMNS))
-        for row in [*rows, *(_row_of_run(each) for each in calibrations if each.run not in kept)]:
-            typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in row.values()))
+        _print_csv(known, calibrations)
     else:
-        _print_history(known, rows)
+        _print_history(known)
         if calibrations:
             print_verdicts("\n" * bool(entries) + text_of(Report(device_parts(calibrations))))
 
 
-def _print_history(known: Device, rows: list[dict[str, Any]]) -> None:
+def _withdraw(store: DeviceStore, serial: str | None, entry: str, reason: str, by: str | None) -> Path:
+    """Withdraw an entry and return the file that says so."""
+    if serial is None:
+        raise ConfigError("SERIAL: expected the device of which an entry is to be withdrawn, came none")
+    return store.withdraw(serial, entry, reason=reason, by=by or logged_in()).path
+
+
+def _print_json(known: Device, calibrations: Sequence[SheetRow]) -> None:
+    since, counting = known.failed_since, known.standing
+    entries = [
+        {"entry": each.name, "counts": each in counting, **msgspec.to_builtins(each.record)} for each in known.entries
+    ]
+    print_json(
+        {
+            "serial": known.serial,
+            "failed_since": None if since is None else since.name,
+            "entries": entries,
+            "runs": msgspec.to_builtins(calibrations),
+        }
+    )
+
+
+def _print_csv(known: Device, calibrations: Sequence[SheetRow]) -> None:
+    kept = {entry.run for entry in known.entries}
+    typer.echo(",".join(_COLUMNS))
+    for row in [*_rows(known), *(_row_of_run(each) for each in calibrations if each.run not in kept)]:
+        typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in row.values()))
+
+
+def _print_history(known: Device) -> None:
     """Print the table of the entries, whether the device has failed, and what its last certificate promises."""
-    if not rows:
+    if not (rows := _rows(known)):
         return
     table = Table([*_COLUMNS.values()], [tuple(row.values()) for row in rows], f"device {known.serial}")
     print_verdicts(table_text(table))
+    for name, each in withdrawn(known.entries).items():
+        typer.echo(f"\n{name} is withdrawn by {printable(each.by)}, {each.done:%Y-%m-%d}: {printable(each.reason)}")
     if known.failed_since is not None:
         print_verdicts(f"\n{_failed(known.failed_since)}")
     valid = known.certificate
     if valid is not None and valid.sensitivities:
         # Print until when the K_Vc of the last certificate is good, and its sensitivities
         when = "never" if valid.u95_until is None else f"on {valid.u95_until:%Y-%m-%d}"
+        when = "before its certificate was out" if valid.beyond_u95 else when
         drift = f"drift of at most {valid.k_vc_drift_ppm_per_year or 0.0:g} ppm a year"
-        if valid.u95_until is None and valid.k_vc_drift_ppm_per_year:
-            when = "before its certificate was out"
         typer.echo(f"\nU95 of K_Vc comes to {valid.wanted_u95_ppm:g} ppm {when} ({drift})\n")
         typer.echo(table_text(sensitivity_table(valid.sensitivities)))
     # Print the properties that the last self-calibration measured, beside the certificate's
@@ -150,13 +175,17 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
 
     Behind the name of each stands E_n of its last one: against the certificate, or the run before.
     """
+    shown: list[Entry | SheetRow] = [*entries, *calibrations]
+    real = not all(each.simulated for each in shown)
+    entries = tuple(each for each in entries if not (real and each.simulated))
+    calibrations = [each for each in calibrations if not (real and each.simulated)]
     found = defaultdict[str, list[tuple[datetime, float, float]]](list)
     kept, last_e_n = set(), dict[str, float | None]()
     for entry in entries:
         if (scale := getattr(entry.record, "scale_factor_v_per_deg_s", None)) is not None:
             found[_ENTRIES].append((entry.done, scale.value, scale.u))
             last_e_n[_ENTRIES] = getattr(entry.record, "e_n", None)
-            kept.add(entry.record.conditions.run)
+            kept.add(entry.run)
     for each in calibrations:
         value, u = each.scale_factor_v_per_deg_s, each.u_scale_factor_v_per_deg_s
         if each.run not in kept and value is not None:
@@ -209,11 +238,23 @@ def _failed(since: Entry) -> str:
     return f"FAILED since entry {since.name}: its drift, until a rate table gives it a new certificate"
 
 
-def _row(entry: Entry) -> dict[str, Any]:
-    """Return an entry by the names of the columns; None where it has no such value."""
+def _rows(known: Device) -> list[dict[str, Any]]:
+    """Return the entries by the names of the columns; those that do not count are marked."""
+    counting, gone = {each.name for each in known.standing}, withdrawn(known.entries)
+    marks = {
+        name: "withdrawn" if name in gone else "simulated"
+        for each in known.entries
+        if (name := each.name) not in counting
+    }
+    return [_row(each, marks.get(each.name, "")) for each in known.entries]
+
+
+def _row(entry: Entry, mark: str) -> dict[str, Any]:
+    """Return an entry by the names of the columns, with the `mark` of one that does not count; None: no such value."""
     record = entry.record
     row: dict[str, Any] = dict.fromkeys(_COLUMNS)
-    row |= {"entry": entry.name, "kind": record.__struct_config__.tag, "done": entry.done.isoformat(timespec="seconds")}
+    kind = f"{record.__struct_config__.tag}{f' ({mark})' if mark and entry.run is not None else ''}"
+    row |= {"entry": entry.name, "kind": kind, "done": entry.done.isoformat(timespec="seconds")}
     for key, u in _MEASURED.items():
         found = getattr(record, key, None)
         if found is not None:

@@ -9,7 +9,16 @@ from typing import Any, Final
 from vcfbench.archive.batch_sheet import rehearsals, sheet_rows, write_sheet
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import BenchError, ConfigError
-from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, Entry, SelfCalibration, StaticNoise
+from vcfbench.records.devices import (
+    Certificate,
+    Characterisation,
+    DeviceStore,
+    Entry,
+    SelfCalibration,
+    StaticNoise,
+    Withdrawal,
+    withdrawn,
+)
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
 from vcfbench.values.kinds import named
@@ -69,7 +78,17 @@ class StationDirectories:
 
     def history(self, serial: str) -> list[dict[str, Any]]:
         """Return the entries of a device, oldest first; a BenchError where they cannot be read."""
-        return [_entry(each) for each in DeviceStore(self._devices).device(serial).entries]
+        known = DeviceStore(self._devices).device(serial)
+        gone, counting = withdrawn(known.entries), {each.name for each in known.standing}
+        rows = []
+        for each in known.entries:
+            row = _entry(each)
+            if each.name in gone:
+                row["result"] += f"; withdrawn by {gone[each.name].by}: {gone[each.name].reason}"
+            elif each.run is not None and each.name not in counting:
+                row["result"] += "; left out, from a simulated bench"
+            rows.append(row)
+        return rows
 
     def _row(self, directory: RunDirectory) -> dict[str, Any] | None:
         """Return the row of a run; None where there is no journal."""
@@ -119,10 +138,12 @@ def _entry(entry: Entry) -> dict[str, Any]:
             result = f"K_Vc {record.k_vc.coefficients[1]:.6g} (deg/s)/V"
         case StaticNoise(bias_instability_deg_h=found):
             result = f"B {found.value:.3g} deg/h, u {found.u:.2g}"
+        case Withdrawal():
+            result = f"{record.withdraws} counts no more: {record.reason} ({record.by})"
         case Characterisation():
             result = f"by {record.procedure}"
         case SelfCalibration(scale_factor_v_per_deg_s=factor):
             drift = "" if record.drift_ppm is None else f", drift {record.drift_ppm.value:+.0f} ppm"
             verdict, result = record.verdict, f"{1e3 * factor.value:.5f} mV/(deg/s), u {1e3 * factor.u:.2g}{drift}"
     row = {"entry": entry.name, "kind": record.__struct_config__.tag, "finished": entry.done.isoformat()}
-    return {**row, "run": record.conditions.run, "result": result, "verdict": verdict}
+    return {**row, "run": entry.run, "result": result, "verdict": verdict}

@@ -23,7 +23,7 @@ from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on
-from vcfbench.records import devices
+from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.settings import ProcedureSettings
@@ -360,17 +360,17 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
     )
 
 
-def characteristics(found: Bandwidth) -> devices.Characteristics:
+def characteristics(found: Bandwidth) -> device_values.Characteristics:
     """Return the characteristics that K_Vc depends on, as a sweep found them.
 
     It knows one Q of both modes, and the size of the split: a response has both side bands of a mode, below the drive
     or above.
     """
-    return devices.Characteristics(
-        drive_hz=devices.Measured(value=found.drive_hz, u=found.u_drive_hz),
+    return device_values.Characteristics(
+        drive_hz=device_values.Measured(value=found.drive_hz, u=found.u_drive_hz),
         split_size_hz=found.split_hz.kept(),
         q_anti_phase=found.q.kept(),
-        in_phase_share=devices.Measured(value=found.in_phase_share, u=found.u_in_phase_share),
+        in_phase_share=device_values.Measured(value=found.in_phase_share, u=found.u_in_phase_share),
     )
 
 

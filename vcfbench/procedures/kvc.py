@@ -52,8 +52,9 @@ from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates,
 from vcfbench.procedures.shared.routines import framed, powered
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
-from vcfbench.records.devices import Certificate, Characteristics, CurveShare, KvcCurve, NewEntry, Sensitivity
-from vcfbench.records.devices import Measured as Kept
+from vcfbench.records.device_values import Characteristics, Sensitivity
+from vcfbench.records.device_values import Measured as Kept
+from vcfbench.records.devices import Certificate, CurveShare, KvcCurve, NewEntry
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, ranged, said, several
@@ -311,6 +312,8 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
     if settings.dut is None:
         return None
     curve, days, own = results.curve, results.days_to_wanted_u95, {part.source: part for part in results.k_vc.parts}
+    if days is None and 1e6 * results.k_vc.expanded_u >= settings.wanted_u95_ppm * abs(results.k_vc.value):
+        days = 0.0
     shares = [
         CurveShare(source=name, of=own[name].of, dof=own[name].dof, covariance=part)
         for name, part in results.curve_parts.items()

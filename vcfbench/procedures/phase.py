@@ -24,7 +24,7 @@ from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
-from vcfbench.records import devices
+from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
@@ -396,11 +396,13 @@ def _rotations(
     return taken
 
 
-def phase_characteristics(_settings: PhaseSettings, found: Phases) -> devices.Characteristics:
+def phase_characteristics(_settings: PhaseSettings, found: Phases) -> device_values.Characteristics:
     """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
     demodulator = found.demodulator_deg.kept()
-    return devices.Characteristics(
-        drive_hz=devices.Measured(value=found.drive_hz, u=found.drive_hz * oscilloscope.TIME_BASE / math.sqrt(3.0)),
+    return device_values.Characteristics(
+        drive_hz=device_values.Measured(
+            value=found.drive_hz, u=found.drive_hz * oscilloscope.TIME_BASE / math.sqrt(3.0)
+        ),
         carrier_phase_deg=found.carrier_from_velocity_deg.kept(),
         demodulator_phase_deg=structs.replace(demodulator, value=math.remainder(demodulator.value - 90.0, 180.0)),
     )

@@ -30,7 +30,7 @@ from vcfbench.procedures.shared.oscilloscope import (
     points_over,
     points_that_show,
 )
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.station.linear_gyro import LinearGyro

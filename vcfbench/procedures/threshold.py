@@ -67,7 +67,7 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
     def recalled(self) -> Self:
         """Return these settings with flicker and K_Vc of the device; ConfigError: its certificate is out of date."""
         settings = super().recalled()
-        entry = None if self.dut is None else last_certificate(self.store.entries(self.dut))
+        entry = None if self.dut is None else last_certificate(self.store.standing(self.dut))
         if self.k_vc_deg_s_per_v is not None or entry is None:
             return settings
         record = cast("Certificate", entry.record)

@@ -1,67 +1,46 @@
 """Calibration history of each gyroscope by its serial number: certificates, self-calibrations, noise; only added to.
 
 A directory a device (``devices/G-0042``), a JSON file an entry (``0001.json``), numbered in the order in
-which they were made. An entry appears whole or not at all, and no entry replaces another.
+which they were added. An entry appears whole or not at all, and no entry replaces another.
 """
 
 import math
 import os
 import re
-import secrets
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, cast
+from typing import Annotated, Any, Literal, cast
 
 import msgspec
 from msgspec import Meta, Struct, structs
 
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.files import MOST_SETTINGS, failing_as, read_text, shown, synchronise_names
+from vcfbench.files import MOST_SETTINGS, failing_as, read_text, shown
+from vcfbench.records.device_values import (
+    Characteristics,
+    Conditions,
+    Freedom,
+    Frozen,
+    Measured,
+    Sensitivity,
+    Text,
+    Uncertainty,
+)
+from vcfbench.records.numbered import numbered, placed, seal_of
 from vcfbench.typed import typed
 
 FORMAT = 1  # Version of the entries' layout; raised when a reader of the old one would misread the new one
 
 _SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}(?:\.[A-Za-z0-9_-]{1,63}){0,7}", re.ASCII)
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com\d|lpt\d)(?:\..*)?", re.IGNORECASE)  # Windows has them itself
-_ENTRY = re.compile(r"(\d{4,})\.json", re.ASCII)
 
-Uncertainty = Annotated[float, Meta(ge=0.0)]
-Text = Annotated[str, Meta(min_length=1, max_length=1000)]
-Freedom = Annotated[float, Meta(gt=0.0)]
 Instant = Annotated[datetime, Meta(tz=True)]
 
 
-class _Value(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A part of an entry: frozen, strict."""
-
-
-class Share(_Value, frozen=True, kw_only=True):
-    """Contribution of one source to a standard uncertainty, in the unit of the value."""
-
-    source: Text  # Name of the source, in words
-    u: float  # Contribution; the sign is that of its effect, the same in all entries
-    of: Text | None = None  # Instrument or certificate that gives other entries the same; it cancels
-    dof: Freedom | None = None  # Its degrees of freedom; None is as many as one likes
-
-
-class Measured(_Value, frozen=True, kw_only=True):
-    """A value with its standard uncertainty; the unit is in the name of the field that holds it."""
-
-    value: float
-    u: Uncertainty  # Standard uncertainty (k = 1), in the unit of the value
-    dof: Freedom | None = None  # Effective degrees of freedom of `u`; None is as many as one likes
-    shares: tuple[Share, ...] = ()  # Contributions to `u`, where they are known: their squares add up to its square
-    missing: tuple[Text, ...] = ()  # Contributions that `u` lacks, because nobody told them
-
-    def signed(self, sign: float) -> Self:
-        """Return this size with the sign of a number."""
-        return structs.replace(self, value=math.copysign(self.value, sign))
-
-
-class CurveShare(_Value, frozen=True, kw_only=True):
+class CurveShare(Frozen, frozen=True, kw_only=True):
     """Contribution of one source to the covariance of a curve."""
 
     source: Text  # Name of the source, in words
@@ -74,7 +53,7 @@ _HIGHEST_V, _LARGEST = 1e3, 1e100
 """Numbers of a curve of which sums of products cannot overflow, and no curve that was measured has larger ones."""
 
 
-class KvcCurve(_Value, frozen=True, kw_only=True):
+class KvcCurve(Frozen, frozen=True, kw_only=True):
     """The rate that a V_Vc stands for: the sum of ``coefficients[i] * V_Vc**i``, deg/s for V_Vc in V."""
 
     coefficients: Annotated[tuple[float, ...], Meta(min_length=2, max_length=8)]  # k0 deg/s, k1 deg/s/V, ...
@@ -110,69 +89,7 @@ class KvcCurve(_Value, frozen=True, kw_only=True):
         return math.fsum(c * p for c, p in zip(self.coefficients, powers, strict=True))
 
 
-class Conditions(_Value, frozen=True, kw_only=True):
-    """Conditions of a measurement."""
-
-    bench: Text  # Name of the station
-    run: Text  # Name of the record
-    simulated: bool  # True on a simulated bench
-    positive_rail_v: float  # Positive rail of the PCB, V
-    negative_rail_v: float  # Negative rail, V
-    temperature_c: float | None = None  # Of the device or of the air at it, degC; None where nobody measured it
-    instruments: dict[str, str] = {}  # Instruments used: ``*IDN?`` by role
-
-
-class Characteristics(_Value, frozen=True, kw_only=True):
-    """Properties of a device on which K_Vc depends; None where nobody has measured one.
-
-    The names of what `vcfbench.analysis.k_vc_model` knows are those that it has there.
-    """
-
-    temperature_c: Measured | None = None  # Temperature at which the rest was measured, degC
-    drive_hz: Measured | None = None  # Drive frequency, locked
-    split_hz: Measured | None = None  # Drive less anti-phase sense frequency, below 0 where the mode is above the drive
-    split_size_hz: Measured | None = None  # Its size, where only that was seen: a beat has no sign
-    q_anti_phase: Measured | None = None  # Quality factor of that mode
-    in_phase_split_hz: Measured | None = None  # Drive less in-phase sense frequency
-    q_in_phase: Measured | None = None  # Quality factor of that mode
-    in_phase_share: Measured | None = None  # Part of that mode in the static response to V_Vc, by stiffness, signed
-    carrier_phase_deg: Measured | None = None  # Against the drive's velocity, apart from half turns; 0 is ideal
-    demodulator_phase_deg: Measured | None = None  # Phase of the demodulator's reference against the same
-    comb_mismatch: Measured | None = None  # In-phase over anti-phase force, over that of a rate, less 1; 0: equal combs
-    v_vc_feedthrough: Measured | None = None  # Of V_Vc into the sense signal without motion, over the modes' response
-    drive_amplitude_v: Measured | None = None  # Amplitude of the drive signal, V
-    carrier_amplitude_v: Measured | None = None  # Amplitude of the carrier, V
-    modulator_second_per_v: Measured | None = None  # Of the modulator, which acts as V + second V^2 + third V^3; 1/V
-    modulator_third_per_v2: Measured | None = None  # Its third order, 1/V^2
-    output_second_per_deg_s: Measured | None = None  # Of output against rate, as rate + second rate^2 + ...; 1/(deg/s)
-    output_third_per_deg_s2: Measured | None = None  # Its third order, 1/(deg/s)^2
-    sense_phase_deg: Measured | None = None  # Of the response to V_Vc, less that by carrier, splits and Q
-    positive_rail_v: Measured | None = None  # Positive rail as it was read back, V
-    negative_rail_v: Measured | None = None  # Negative rail
-    drive_ppm_k: Measured | None = None  # Change of the drive frequency with temperature, ppm of it a kelvin
-    split_hz_k: Measured | None = None  # Change of the size of `split_hz`, Hz/K
-    q_per_k: Measured | None = None  # Change of both quality factors, relative, 1/K
-    table_slope_ppm_k: Measured | None = None  # Change of output over rate with temperature, ppm/K, the table turning
-    v_vc_slope_ppm_k: Measured | None = None  # Change of output over V_Vc with temperature
-    table_slope_ppm_v: Measured | None = None  # Change of output over rate with the size of both rails, ppm a volt
-    v_vc_slope_ppm_v: Measured | None = None  # Change of output over V_Vc with the same
-    k_vc_ppm_k: Measured | None = None  # Change of K_Vc itself: that of output over V_Vc less that of output over rate
-    k_vc_ppm_v: Measured | None = None  # The same with the size of both rails
-    least_temperature_c: float | None = None  # Lowest temperature at which any coefficient was measured, degC
-    most_temperature_c: float | None = None  # Highest
-
-
-class Sensitivity(_Value, frozen=True, kw_only=True):
-    """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
-
-    quantity: Text  # Name of the quantity; `rails_v` is the level of both rails
-    unit: str  # Its unit; empty for a ratio
-    ppm_per_unit: float  # Change of K_Vc, ppm, for one unit of it
-    u_ppm_per_unit: Uncertainty  # Standard uncertainty of that
-    assumed: bool  # True where the value is that of the device's class, because nobody measured the quantity itself
-
-
-class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
+class Certificate(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="certificate"):
     """Certificate from a calibration on a rate table, by which a device can calibrate itself from then on."""
 
     serial: str  # Serial number of the device
@@ -187,16 +104,22 @@ class Certificate(_Value, frozen=True, kw_only=True, tag_field="kind", tag="cert
     sensitivities: tuple[Sensitivity, ...] = ()  # Sensitivities of K_Vc to each quantity
     k_vc_drift_ppm_per_year: Uncertainty | None = None  # Most of K_Vc in a year, ppm, by what no table has seen
     wanted_u95_ppm: Uncertainty | None = None  # U95 of K_Vc that was wanted of it, ppm
-    u95_until: Instant | None = None  # When U95 of K_Vc comes to that; None: it is beyond it, or never will be
+    u95_until: Instant | None = None  # When U95 of K_Vc comes to that, `issued` if it is more already; None: never
     unseen: tuple[Text, ...] = ()  # Changes that a self-calibration by this certificate cannot see, in words
     remarks: tuple[Text, ...] = ()  # Further remarks
+
+    @property
+    def beyond_u95(self) -> bool:
+        """Whether U95 of K_Vc was more than was wanted of it on the day of the measurement."""
+        u95_ppm = 1.96e6 * math.sqrt(self.k_vc.covariance[1][1]) / max(abs(self.k_vc.coefficients[1]), 1e-300)
+        return u95_ppm >= (self.wanted_u95_ppm or math.inf) if self.u95_until is None else self.u95_until <= self.issued
 
     def valid_at(self, instant: datetime) -> bool:
         """Tell whether it is valid at `instant`, which has a time zone."""
         return self.issued <= instant and (self.valid_until is None or instant <= self.valid_until)
 
 
-class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="self-calibration"):
+class SelfCalibration(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="self-calibration"):
     """Result of a calibration without a table: one entry of the device's history."""
 
     serial: str  # Serial number of the device
@@ -217,7 +140,7 @@ class SelfCalibration(_Value, frozen=True, kw_only=True, tag_field="kind", tag="
     remarks: tuple[Text, ...] = ()  # Further remarks
 
 
-class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="static-noise"):
+class StaticNoise(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="static-noise"):
     """Noise of a device from a static record, for the budgets of later runs."""
 
     serial: str  # Serial number of the device
@@ -234,7 +157,7 @@ class StaticNoise(_Value, frozen=True, kw_only=True, tag_field="kind", tag="stat
         return self.done <= instant and (self.valid_until is None or instant <= self.valid_until)
 
 
-class Characterisation(_Value, frozen=True, kw_only=True, tag_field="kind", tag="characterisation"):
+class Characterisation(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="characterisation"):
     """Properties of a device on which K_Vc depends, as a procedure measured them, for the next certificate."""
 
     serial: str  # Serial number of the device
@@ -245,7 +168,19 @@ class Characterisation(_Value, frozen=True, kw_only=True, tag_field="kind", tag=
     remarks: tuple[Text, ...] = ()  # Further remarks
 
 
-DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation
+class Withdrawal(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="withdrawal"):
+    """Entry by which somebody takes an earlier one back: that stays where it is, and counts no more."""
+
+    serial: str  # Serial number of the device
+    done: Instant  # Time of the withdrawal
+    withdraws: Text  # Name of the entry that counts no more; that of a withdrawal: what it took back counts again
+    reason: Text  # Why
+    by: Text  # Who
+    last: Text  # Name of the last entry before it
+    seal: Text  # Of all entries up to that, in their order: none of them can be changed or removed unseen
+
+
+DeviceRecord = Certificate | SelfCalibration | StaticNoise | Characterisation | Withdrawal
 
 
 class NewEntry(Struct, frozen=True):
@@ -271,46 +206,113 @@ class Entry(Struct, frozen=True):
         """Time of the measurement."""
         return self.record.issued if isinstance(self.record, Certificate) else self.record.done
 
+    @property
+    def run(self) -> str | None:
+        """Name of the record that it is from; None: from none."""
+        return None if isinstance(self.record, Withdrawal) else self.record.conditions.run
+
+    @property
+    def simulated(self) -> bool:
+        """Whether it is from a simulated bench."""
+        return not isinstance(self.record, Withdrawal) and self.record.conditions.simulated
+
 
 class Device(Struct, frozen=True):
-    """Calibration history of one gyroscope: its entries, oldest first."""
+    """Calibration history of one gyroscope: all its entries, oldest first by their days.
+
+    What it says of the device, it says by those that stand: none that was withdrawn, none from a simulated bench where
+    there is one from a real bench.
+    """
 
     serial: str
     entries: tuple[Entry, ...]
 
     @property
+    def standing(self) -> tuple[Entry, ...]:
+        """The entries that count."""
+        return standing(self.entries)
+
+    @property
     def certificate(self) -> Certificate | None:
         """The last certificate, None where there is none."""
-        found = last_certificate(self.entries)
+        found = last_certificate(self.standing)
         return None if found is None else cast("Certificate", found.record)
 
     @property
     def failed_since(self) -> Entry | None:
         """The entry by which the drift failed first since the last certificate, None where none did."""
-        return next(iter(failed_drifts(self.entries)), None)
+        return next(iter(failed_drifts(self.standing)), None)
 
     @property
     def self_calibrations(self) -> tuple[SelfCalibration, ...]:
         """The self-calibrations, oldest first."""
-        return tuple(each.record for each in self.entries if isinstance(each.record, SelfCalibration))
+        return tuple(each.record for each in self.standing if isinstance(each.record, SelfCalibration))
 
 
 class DeviceStore(Struct, frozen=True):
-    """The devices under one directory, which need not be there before the first entry."""
+    """The devices under one directory, which need not be there before the first entry.
+
+    `simulated` tells from which benches entries count, simulated or real ones; None: from real ones, where a device
+    has any.
+    """
 
     root: Path = Path("devices")
+    simulated: bool | None = None
 
     def serials(self) -> tuple[str, ...]:
         """Return the serial numbers of the devices that have entries, in the order of the alphabet."""
-        return tuple(sorted(each.name for each in self._directories() if any(_numbered(each))))
+        return tuple(sorted(each.name for each in self._directories() if any(numbered(each))))
 
     def entries(self, serial: str) -> tuple[Entry, ...]:
-        """Return all entries of a device, oldest first; ConfigError: it can have none, or one cannot be read."""
+        """Return all entries of a device, oldest first by their days.
+
+        ConfigError: it can have none, one cannot be read, or one from before a withdrawal was changed or removed.
+        """
         require_serial(serial)
-        found = tuple(Entry(path, read_entry(path)) for _, path in _numbered(self.root / serial))
+        paths = [path for _, path in numbered(self.root / serial)]
+        found = tuple(Entry(path, read_entry(path)) for path in paths)
         for each in (one for one in found if one.record.serial != serial):
             raise ConfigError(f"{shown(each.path)}: it is of device {each.record.serial!r}, and lies with {serial!r}")
-        return found
+        for each in found:
+            if isinstance(record := each.record, Withdrawal) and record.seal != seal_of(_up_to(record.last, paths)):
+                raise ConfigError(
+                    f"{shown(each.path)}: an entry up to {record.last} was changed or removed since this was written"
+                )
+        return tuple(sorted(found, key=lambda each: each.done))
+
+    def standing(self, serial: str) -> tuple[Entry, ...]:
+        """Return the entries of a device that count, oldest first by their days; errors as above."""
+        return standing(self.entries(serial), simulated=self.simulated)
+
+    def left_out(self, serial: str) -> str:
+        """Say which entries of a device do not count because they are from benches of the other kind; empty: none."""
+        entries = self.entries(serial)
+        others = [each.name for each in standing(entries, simulated=not self.simulated)]
+        if self.simulated is None or not others:
+            return ""
+        return (
+            f"device {serial}: left out, from a {'real' if self.simulated else 'simulated'} bench: {', '.join(others)}"
+        )
+
+    def withdraw(self, serial: str, name: str, *, reason: str, by: str) -> Entry:
+        """Add an entry by which an earlier one counts no more; that of a withdrawal makes what it took back count.
+
+        Raises:
+            ConfigError: there is no such entry, it is withdrawn already, reason or name are empty, or it cannot be
+                written.
+        """
+        entries = self.entries(serial)
+        found = next((each for each in entries if each.name == name), None)
+        if found is None:
+            known = ", ".join(each.name for each in entries) or "none"
+            raise ConfigError(f"device {serial}: expected the name of an entry ({known}), came {name!r}")
+        if name in withdrawn(entries):
+            raise ConfigError(f"{shown(found.path)}: it is withdrawn already")
+        if not reason.strip() or not by.strip():
+            raise ConfigError("withdraw: expected a reason and who withdraws, came an empty text")
+        paths = [path for _, path in numbered(self.root / serial)]
+        said = {"withdraws": name, "reason": reason, "by": by, "last": paths[-1].stem, "seal": seal_of(paths)}
+        return self.add(Withdrawal(serial=serial, done=utc_now(), **said))
 
     def device(self, serial: str) -> Device:
         """Return the calibration history of a device; ConfigError: nothing is known of it, or it cannot be read."""
@@ -324,21 +326,23 @@ class DeviceStore(Struct, frozen=True):
 
     def certificate(self, serial: str) -> Entry:
         """Return the last certificate of a device; ConfigError when it has none."""
-        found = last_certificate(self.entries(serial))
+        found = last_certificate(self.standing(serial))
         if found is None:
             raise ConfigError(
-                f"{shown(self.root)}: device {serial!r} has no certificate",
+                "; ".join(
+                    filter(None, [f"{shown(self.root)}: device {serial!r} has no certificate", self.left_out(serial)])
+                ),
                 hint=f"known devices: {', '.join(self.serials()) or 'none'}; vcfbench run kvc --dut {serial} makes one",
             )
         return found
 
     def static_noise(self, serial: str) -> Entry | None:
         """Return the last static record of a device; None where it has none."""
-        return next((each for each in reversed(self.entries(serial)) if isinstance(each.record, StaticNoise)), None)
+        return next((each for each in reversed(self.standing(serial)) if isinstance(each.record, StaticNoise)), None)
 
     def characteristics(self, serial: str) -> Characteristics | None:
         """Return the properties on which K_Vc depends, each by its last characterisation; None where there is none."""
-        records = (each.record for each in self.entries(serial))
+        records = (each.record for each in self.standing(serial))
         seen = [each.characteristics for each in records if isinstance(each, Characterisation)]
         return together(seen) if seen else None
 
@@ -367,7 +371,7 @@ class DeviceStore(Struct, frozen=True):
         self._require_own(record.serial)
         with failing_as(ConfigError, f"{shown(directory)}: no entry can be kept there"):
             directory.mkdir(parents=True, exist_ok=True)
-            path = _placed(directory, text + b"\n")
+            path = placed(directory, text + b"\n")
         return Entry(path, record)
 
     def _require_own(self, serial: str) -> None:
@@ -407,8 +411,25 @@ def together(found: Iterable[Characteristics]) -> Characteristics:
     return Characteristics(**last)
 
 
+def withdrawn(entries: Sequence[Entry]) -> dict[str, Withdrawal]:
+    """Return by name the entries that were withdrawn, and by what."""
+    found: dict[str, Withdrawal] = {}
+    for each in sorted(entries, key=lambda each: each.name, reverse=True):  # a withdrawal may be withdrawn later on
+        if isinstance(each.record, Withdrawal) and each.name not in found:
+            found[each.record.withdraws] = each.record
+    return found
+
+
+def standing(entries: Sequence[Entry], *, simulated: bool | None = None) -> tuple[Entry, ...]:
+    """Return those of a device's entries that count: of one kind of bench, real before simulated where nobody asks."""
+    gone = withdrawn(entries)
+    kept = [each for each in entries if each.name not in gone and not isinstance(each.record, Withdrawal)]
+    kind = all(each.simulated for each in kept) if simulated is None else simulated
+    return tuple(each for each in kept if each.simulated is kind)
+
+
 def last_certificate(entries: Sequence[Entry]) -> Entry | None:
-    """Return the last certificate among the entries of a device, None where there is none."""
+    """Return the last certificate among the entries of a device that stand, None where there is none."""
     return next((each for each in reversed(entries) if isinstance(each.record, Certificate)), None)
 
 
@@ -437,21 +458,16 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
     return DeviceStore(Path(devices)).device(serial)
 
 
+def _up_to(name: str, paths: Sequence[Path]) -> list[Path]:
+    return [path for path in paths if int(path.stem) <= int(name)]
+
+
 def require_serial(serial: str) -> None:
     """See that `serial` can be the serial number of a device; ConfigError when it cannot."""
     if not _SERIAL.fullmatch(serial) or _RESERVED.fullmatch(serial):
         raise ConfigError(
             f"serial number {serial!a}: expected letters, digits, '-', '_' and '.' within: it names a directory"
         )
-
-
-def _numbered(directory: Path) -> list[tuple[int, Path]]:
-    """Return the files of entries with their numbers, in order."""
-    try:
-        found = [(match, path) for path in directory.iterdir() if (match := _ENTRY.fullmatch(path.name))]
-    except (FileNotFoundError, NotADirectoryError):
-        return []
-    return sorted((int(match[1]), path) for match, path in found)
 
 
 def _record(text: str, source: str) -> DeviceRecord:
@@ -473,28 +489,3 @@ def _record(text: str, source: str) -> DeviceRecord:
 def read_entry(path: Path) -> DeviceRecord:
     """Return the entry in a file, wherever it lies; ConfigError when it is none."""
     return _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))
-
-
-def _placed(directory: Path, data: bytes) -> Path:
-    """Write a new file under the next number that is free, whole or not at all; return where."""
-    draft = directory / f".draft-{secrets.token_hex(6)}"
-    try:
-        with draft.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        while True:
-            number = max((taken for taken, _ in _numbered(directory)), default=0) + 1
-            path = directory / f"{number:04d}.json"
-            with suppress(FileExistsError):  # another program took the number meanwhile
-                # Give `draft` its name; FileExistsError if there is one of that name: an entry replaces no other
-                if os.name == "nt":
-                    draft.rename(path)  # which refuses there what it would replace elsewhere
-                else:
-                    path.hardlink_to(draft)
-                for each in (directory, directory.parent, directory.parent.parent):  # they may be new
-                    synchronise_names(each)
-                return path
-    finally:
-        with suppress(OSError):
-            draft.unlink(missing_ok=True)

@@ -27,7 +27,6 @@ from vcfbench.runs.request import Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED
 from vcfbench.station.layering import Layer, merged
-from vcfbench.station.settings import DeviceSettings
 from vcfbench.strict import converted
 
 _CERTIFIES: Final = frozenset({"kvc", "characterize"})
@@ -85,8 +84,7 @@ class Batch(Struct, frozen=True):
     def kept_in(self) -> Path:
         """Directory of the devices of its runs, as far as one is stated."""
         settings = (settings_of(each.procedure, self.description, each.settings, recalled=False) for each in self.runs)
-        stated = (each.devices for each in settings if isinstance(each, DeviceSettings))
-        return self.store or Path(next(stated, "devices"))
+        return self.store or Path(next((each.devices for each in settings if hasattr(each, "devices")), "devices"))
 
     def request(self, run: BatchRun, serial: str, runs: Path, speed: str | None = None) -> Request:
         """Return one run of a device. On a simulated bench the serial number stands for a specimen: it is the seed."""

@@ -149,6 +149,8 @@ def _perform(under_way: _UnderWay, signals: StopSignals) -> None:
                 import_module(f"numpy.{part}")
     needs = roles_of(prepared.procedure, description)
     opened_roles = [each.name for each in needed_roles(description, needs)]
+    for words in prepared.left_out():
+        request.warn(words)
     for words in overdue_words(equipment_on(utc_now().date(), description, opened_roles, {})):
         request.warn(words)
     under_way.observers = {

@@ -129,6 +129,16 @@ class Prepared:
             raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
         return whole_seed(seed)
 
+    def left_out(self) -> list[str]:
+        """Say which entries of the device do not count, because they are from benches of the other kind."""
+        serial, root = self.settings.named_device, getattr(self.settings, "devices", None)
+        if serial is None or root is None:
+            return []
+        from vcfbench.records.devices import DeviceStore  # noqa: PLC0415  # few runs are of a device
+
+        said = DeviceStore(Path(root), self.description.simulated).left_out(serial)
+        return [said] if said else []
+
     def plan(self) -> Plan:
         """Return the plan, from its beginning."""
         plan = self.procedure.plan(self.settings)

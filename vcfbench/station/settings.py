@@ -259,7 +259,8 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     `oscilloscope` is what its channels see, None on a bench that has none.
     `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     `sources` are what uncertainties come from. `characteristics` is what earlier runs found of the device, as its
-    entries have it, for a calibration of K_Vc.
+    entries have it, for a calibration of K_Vc. `simulated` is the kind of the bench, None where nobody told:
+    only entries from benches of the same kind count.
     """
 
     instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
@@ -274,6 +275,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)
     characteristics: dict[str, Any] = field(default_factory=dict)
+    simulated: bool | None = None
 
     def sheet_of(self, role: str) -> Any:
         """Return the data sheet of the instrument of `role`; None where there is none."""

@@ -17,7 +17,8 @@ from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.kvc import KVC, UNSEEN
-from vcfbench.records.devices import Certificate, Characterisation, Characteristics, Conditions, DeviceStore, Measured
+from vcfbench.records.device_values import Characteristics, Conditions, Measured
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore
 from vcfbench.sim.simulation import physical_parameters
 
 if TYPE_CHECKING:

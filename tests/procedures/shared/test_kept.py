@@ -18,7 +18,8 @@ from vcfbench.procedures.kvc import KVcSettings
 from vcfbench.procedures.shared import kept
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted
 from vcfbench.procedures.shared.sweep.windows import Flicker
-from vcfbench.records.devices import Conditions, DeviceStore, Measured, StaticNoise
+from vcfbench.records.device_values import Conditions, Measured
+from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, StaticNoise
 from vcfbench.station.settings import Sources
 
 if TYPE_CHECKING:
@@ -136,3 +137,34 @@ def test_a_mean_is_one_over_the_horizon() -> None:
     usual = u_of_combination(fit, Sampling.without_gaps(1.0), begin_s, end_s, [1.0, -1.0])
     assert about_horizon([0.0], [600.0], 24.0) == pytest.approx(usual.u)
     assert about_horizon([0.0], [600.0], 24.0) / about_horizon([0.0, 300.0, 590.0], [10.0, 310.0, 600.0], 0.25) > 1.5
+
+
+def test_a_run_is_told_the_kind_of_its_bench_and_goes_by_entries_of_that_kind(store: DeviceStore) -> None:
+    def known_on(*, simulated: bool) -> str:
+        settings = KVcSettings(dut="G-1", devices=str(store.root))
+        settings = structs.replace(settings, station=structs.replace(settings.station, simulated=simulated))
+        return kept.with_flicker(settings, outdated=True).station.sources.bias_instability_from
+
+    assert known_on(simulated=True).startswith("static record 0002")
+    assert "static record" not in known_on(simulated=False)
+    store.add(structs.replace(FOUND, conditions=structs.replace(FOUND.conditions, simulated=False)))
+    assert known_on(simulated=False).startswith("static record 0003")
+
+
+def test_what_is_left_out_is_said_as_the_run_begins(store: DeviceStore, tmp_path: Path) -> None:
+    real = structs.replace(FOUND.conditions, simulated=False)
+    store.add(structs.replace(FOUND, conditions=real))
+    asked = {"devices": str(store.root), "outdated": True, "samples": 2, "rates_deg_s": [-10, 0, 10]}
+    with pytest.warns(UserWarning, match="device G-1: left out, from a real bench: 0003"):
+        run = vcfbench.run("turntable", "ideal", settings=asked, metadata={"dut": "G-1"}, runs=tmp_path / "runs")
+    assert run.header["settings"]["station"]["simulated"] is True
+    assert "static record 0002" in run.header["settings"]["station"]["sources"]["bias_instability_from"]
+
+
+def test_a_certificate_from_a_bench_of_the_other_kind_is_refused_as_a_file_too(tmp_path: Path) -> None:
+    curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-2.0, v_vc_max_v=2.0)
+    real = structs.replace(FOUND.conditions, simulated=False)
+    found = Certificate(serial="G-1", issued=DAY, procedure="kvc", k_vc=curve, conditions=real)
+    path = DeviceStore(tmp_path).add(found).path
+    with pytest.raises(ConfigError, match="the certificate is from a real bench, this is a simulated bench"):
+        vcfbench.dry_run("self-calibration", "lab", settings={"k_vc": str(path)})

@@ -23,7 +23,7 @@ from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
-from vcfbench.records.devices import Measured
+from vcfbench.records.device_values import Measured
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources, Station
 

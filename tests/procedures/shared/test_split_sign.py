@@ -18,7 +18,8 @@ from vcfbench.procedures.health.found import _feedthrough  # type: ignore[attr-d
 from vcfbench.procedures.health.plan import Modes
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_change, k_vc_sensitivities
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
-from vcfbench.records.devices import Certificate, Characteristics, DeviceStore, Measured, together
+from vcfbench.records.device_values import Characteristics, Measured
+from vcfbench.records.devices import Certificate, DeviceStore, together
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
 from vcfbench.sim.gyro.design import demodulated
 from vcfbench.sim.own_gyro import own_gyro_bench

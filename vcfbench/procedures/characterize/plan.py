@@ -24,12 +24,13 @@ from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
-from vcfbench.records.devices import Characteristics, NewEntry, together
+from vcfbench.records.device_values import Characteristics
+from vcfbench.records.devices import NewEntry, together
 from vcfbench.reports.document import Report
 from vcfbench.station.bounds import said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, setting_keys
-from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, ProcedureSettings, Station
+from vcfbench.station.settings import V_VC_RANGE_V, DeviceSettings, MeterKnown, ProcedureSettings, Station
 from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step, StepResult
@@ -125,6 +126,11 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
     def named_device(self) -> str | None:
         """The device whose certificate is kept."""
         return self.kvc.get("dut")
+
+    @property
+    def devices(self) -> str:
+        """The directory of the devices."""
+        return cast("DeviceSettings", self.of(_CERTIFIES)).devices
 
     @property
     def warm_again_s(self) -> float:

@@ -17,8 +17,8 @@ from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
 from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import CaptureSense
-from vcfbench.records.devices import Characteristics
-from vcfbench.records.devices import Measured as Kept
+from vcfbench.records.device_values import Characteristics
+from vcfbench.records.device_values import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 from vcfbench.steps.measured import Measured
 

@@ -31,7 +31,7 @@ from vcfbench.procedures.shared.oscilloscope import (
     points_that_show,
 )
 from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_vc_level_again, v_vc_on
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
 from vcfbench.station.settings import V_VC_RANGE_V

@@ -20,7 +20,7 @@ from vcfbench.procedures.shared.chopped_level import at_signs, to_level
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
 from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Reading, Routine, Step, does
 

@@ -43,8 +43,9 @@ from vcfbench.procedures.shared.measurand import (
     said_of,
 )
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.records.devices import Characteristics, NewEntry, SelfCalibration
-from vcfbench.records.devices import Measured as Kept
+from vcfbench.records.device_values import Characteristics
+from vcfbench.records.device_values import Measured as Kept
+from vcfbench.records.devices import NewEntry, SelfCalibration
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, said, several

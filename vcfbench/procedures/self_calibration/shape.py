@@ -11,7 +11,7 @@ import numpy as np
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import polynomial_through_zero
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 
 OUTPUT_CURVE = "the output's curve since the certificate"
 OUTPUT_LIMIT = 0.03

@@ -11,7 +11,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.procedures.procedure import Provenance
-from vcfbench.records import devices
+from vcfbench.records import device_values, devices
 from vcfbench.station.bounds import said
 from vcfbench.station.settings import DeviceSettings
 
@@ -28,9 +28,11 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
         return self
 
 
-def conditions_of(settings: DeviceSettings, made: Provenance, temperature_c: float | None = None) -> devices.Conditions:
+def conditions_of(
+    settings: DeviceSettings, made: Provenance, temperature_c: float | None = None
+) -> device_values.Conditions:
     """Return the conditions of a measurement, for the device store."""
-    return devices.Conditions(
+    return device_values.Conditions(
         bench=made.bench,
         run=made.run,
         simulated=made.simulated,
@@ -45,7 +47,7 @@ class Keeps(Struct, frozen=True):
     """Makes the device entry of a procedure; `found` returns that of settings and results, None for nothing."""
 
     procedure: str
-    found: Callable[[Any, Any], devices.Characteristics | None]
+    found: Callable[[Any, Any], device_values.Characteristics | None]
 
     def __call__(self, settings: Any, results: Any, made: Provenance) -> devices.NewEntry | None:
         """Return the entry, None where no device was named or nothing was found."""
@@ -81,7 +83,11 @@ def with_flicker(settings: S, *, outdated: bool) -> S:
     is known of the device cannot be read.
     """
     serial, now = settings.dut, utc_now()
-    entry = None if serial is None else devices.DeviceStore(Path(settings.devices)).static_noise(serial)
+    entry = (
+        None
+        if serial is None
+        else devices.DeviceStore(Path(settings.devices), settings.station.simulated).static_noise(serial)
+    )
     if entry is None:
         return settings
     record, known = cast("devices.StaticNoise", entry.record), settings.station.sources

@@ -8,7 +8,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
-from vcfbench.records.devices import Measured, Share
+from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
 from vcfbench.values.printing import digits_of_u, digits_of_value, incomplete
 

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.agreement import require_steady_slope
 from vcfbench.procedures.temperature import results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
-from vcfbench.records.devices import Characteristics, Measured
+from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.schema import Point
 from vcfbench.steps.step import Routine, answer
 

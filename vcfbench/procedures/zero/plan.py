@@ -21,7 +21,7 @@ from vcfbench.procedures.zero.results import (
     zero_report,
     zero_results,
 )
-from vcfbench.records import devices
+from vcfbench.records import device_values, devices
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import answer
 
@@ -65,7 +65,7 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
         done=made.finished,
         valid_until=made.finished + timedelta(days=settings.validity_days),
         procedure="zero",
-        bias_instability_deg_h=devices.Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
+        bias_instability_deg_h=device_values.Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
         duration_s=settings.duration_s,
         conditions=conditions_of(settings, made),
         remarks=(f"mode {found.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),

@@ -12,7 +12,7 @@ from vcfbench.files import shown
 from vcfbench.procedures.shared.kept import require_valid, with_flicker
 from vcfbench.procedures.shared.known.k_vc_change import require_characterised
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.records import devices
+from vcfbench.records import device_values, devices
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.settings import Gap, Limit, Station
 from vcfbench.strict import refusal, words
@@ -45,7 +45,7 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     kind: str
     done: str
     """Date, as ISO 8601 has it."""
-    scale_factor_v_per_deg_s: devices.Measured
+    scale_factor_v_per_deg_s: device_values.Measured
 
 
 class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -60,7 +60,7 @@ class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Date of the certificate's measurement, as ISO 8601 has it; None where there is none."""
     days_since: float | None = None
     """Age of the certificate as the run began, whole days."""
-    characteristics: devices.Characteristics | None = None
+    characteristics: device_values.Characteristics | None = None
     """Characteristics of the device then, as far as the certificate has them."""
     unseen: tuple[str, ...] = UNSEEN
     holds_not: tuple[str, ...] = ()
@@ -160,7 +160,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve, the
         bench's limit or the range of the meter on V_Vc.
         """
-        now, entries = utc_now(), () if self.dut is None else self.store.entries(self.dut)
+        now, entries = utc_now(), () if self.dut is None else self.store.standing(self.dut)
         if self.k_vc is not None:
             known = _given(self, self.k_vc, entries, now)
         elif self.dut is not None:
@@ -193,9 +193,9 @@ def _of_certificate(
     record: devices.Certificate, name: str, entries: tuple[devices.Entry, ...], now: datetime, *, own: bool = True
 ) -> KnownDevice:
     """Return the known device by a certificate, its own or another's."""
-    at_c, seen = record.conditions.temperature_c, record.characteristics or devices.Characteristics()
+    at_c, seen = record.conditions.temperature_c, record.characteristics or device_values.Characteristics()
     if seen.temperature_c is None and at_c is not None:
-        seen = structs.replace(seen, temperature_c=devices.Measured(value=at_c, u=0.0))
+        seen = structs.replace(seen, temperature_c=device_values.Measured(value=at_c, u=0.0))
     known = KnownDevice(
         k_vc=record.k_vc,
         source=f"certificate {name}",
@@ -216,6 +216,10 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         record = devices.read_entry(Path(given))
         if not isinstance(record, devices.Certificate):
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
+        if settings.station.simulated not in {None, record.conditions.simulated}:
+            benches = ("a real bench", "a simulated bench")
+            of, here = benches[record.conditions.simulated], benches[not record.conditions.simulated]
+            raise ConfigError(f"{shown(given)}: the certificate is from {of}, this is {here}") from None
         require_valid(record, shown(given), now, outdated=settings.outdated)
         if (own := devices.last_certificate(entries)) is not None and own.record == record:
             return _of_certificate(record, own.name, entries, now)
@@ -262,7 +266,7 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
     match record:
         case devices.SelfCalibration(scale_factor_v_per_deg_s=found):
             kind, done = "self-calibration", record.done
-        case devices.Certificate(scale_factor_v_per_deg_s=devices.Measured() as found):
+        case devices.Certificate(scale_factor_v_per_deg_s=device_values.Measured() as found):
             kind, done = "certificate", record.issued
         case _:
             return None

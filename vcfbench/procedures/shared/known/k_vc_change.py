@@ -12,7 +12,7 @@ from msgspec import Struct, structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
-from vcfbench.records.devices import Characteristics, Measured, Sensitivity
+from vcfbench.records.device_values import Characteristics, Measured, Sensitivity
 from vcfbench.reports.document import Table, heads
 
 

@@ -11,7 +11,7 @@ from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import temperature_coefficient
 from vcfbench.procedures.shared.known.v_vc import TEMPERATURE
 from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
-from vcfbench.records.devices import Characteristics
+from vcfbench.records.device_values import Characteristics
 from vcfbench.station.settings import Sources
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"

@@ -151,7 +151,7 @@ class KnownVvcSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     @property
     def store(self) -> DeviceStore:
         """Store of the devices."""
-        return DeviceStore(Path(self.devices))
+        return DeviceStore(Path(self.devices), self.station.simulated)
 
     def recalled(self) -> Self:
         """Return these settings with the flicker of the device, where one is named; the store has room for findings."""
