@@ -1,6 +1,7 @@
 """Front door of a rack: `pyvisa.ResourceManager("@simrack")` finds this package by its name.
 
-`"@simrack"` is the desk with a wire, `"rc_filter.py@simrack"` with the circuit of that file; behind a question mark
+`"@simrack"` is the desk with a wire, `"rc_filter.py@simrack"` with the circuit of that file, `"bench.toml@simrack"` all
+of a bench file; behind a question mark
 stand the speed, real time unless it is said, and models: `"?speed=max&models=34461A,33522B@simrack"`.
 """
 
@@ -26,7 +27,7 @@ def _resolve(path: str) -> SimulatedInstruments:
     file, _, query = path.partition("?")
     try:
         speed, models = _said(query)
-        plan = rack.plan_of([word for word in (file, *models) if word])
+        plan = import_module("simrack.bench_file").planned([word for word in (file, *models) if word])
         built = rack.Rack.build(VirtualClock() if speed == "max" else ScaledClock(float(speed)), plan)
     except ValueError as error:  # PyVISA's word for a library that is not there is OSError
         raise OSError(str(error)) from error

@@ -13,8 +13,9 @@ from typing import Annotated
 import typer
 
 from simrack import card as cards
+from simrack.bench_file import planned
 from simrack.models import RACK, model_named
-from simrack.rack import plan_of, served
+from simrack.rack import served
 from simrack.serve import BenchServer, Control, ControlError, Offer, ServedClock, ServerSettings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False)
@@ -45,6 +46,9 @@ def serve(
         ),
     ] = None,
     *,
+    bench: Annotated[
+        str | None, typer.Option("--bench", metavar="FILE.toml", help="Instruments, and what they are wired to.")
+    ] = None,
     speed: Annotated[str, typer.Option("--speed", metavar="X|max", help="Times real time.")] = "1",
     host: Annotated[str, typer.Option("--host", help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int | None, typer.Option("--port", help="First port, of the control port; any without.")] = None,
@@ -58,12 +62,13 @@ def serve(
     """Serve instruments that see each other, until Ctrl-C."""
     try:
         clock = ServedClock(math.inf if speed == "max" else float(speed))
-        plan = plan_of(things or ())
-        bench, only = served(clock, plan, seed), plan.wires_asked_for()
+        plan = planned([*(things or ()), *([] if bench is None else [bench])])
+        rack, only = served(clock, plan, seed), plan.wires_asked_for()
         page: frozenset[Offer] = frozenset({"lxi"})
-        wires = {**bench.wires, **only}
+        wires = {**rack.wires, **only}
         pages = {role: page for role, offers in wires.items() if lxi and offers & {"vxi11", "hislip"}}
-        server = BenchServer(bench, clock, ServerSettings(host, port, offers=pages, only=only, port_mapper=port_mapper))
+        settings = ServerSettings(host, port, offers=pages, only=only, port_mapper=port_mapper, faults=plan.faults)
+        server = BenchServer(rack, clock, settings)
     except (OSError, ValueError) as error:
         raise typer.BadParameter(str(error)) from error
     with server:

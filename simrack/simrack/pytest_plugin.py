@@ -80,8 +80,8 @@ def simrack_instruments(pytestconfig: pytest.Config) -> Sequence[str]:
 def simrack_server(simrack_instruments: Sequence[str]) -> Iterator[SimrackFixture]:
     """Serve a rack beside the tests, once a process."""
     rack, serve = import_module("simrack.rack"), import_module("simrack.serve")
-    clock, plan = serve.ServedClock(float("inf")), rack.plan_of(simrack_instruments)
-    settings = serve.ServerSettings(only=plan.wires_asked_for(), control_port=0)
+    clock, plan = serve.ServedClock(float("inf")), import_module("simrack.bench_file").planned(simrack_instruments)
+    settings = serve.ServerSettings(only=plan.wires_asked_for(), control_port=0, faults=plan.faults)
     with serve.BenchServer(rack.served(clock, plan), clock, settings) as server:
         thread = Thread(target=server.run, name="simrack", daemon=True)
         thread.start()

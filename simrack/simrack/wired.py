@@ -11,11 +11,13 @@ import cmath
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Hashable, Iterable, Mapping
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from msgspec import Struct
 
+from simrack.adjustment import Adjustment, number
 from simrack.clock import Clock
 from simrack.loads import Loaded
 from simrack.motion import TableMotion
@@ -198,8 +200,11 @@ class WiredWorld(Loaded):
         super().__init__(clock, {})
         self._links = {"output": Through("input", circuit)} if links is None else dict(links)
         self.rails = rails
-        self.inputs = tuple(dict.fromkeys((*(link.node for link in self._links.values()), *inputs)))
+        fed = tuple(dict.fromkeys((*(link.node for link in self._links.values()), *inputs)))
+        self.inputs = fed if fed or rails else ("input",)  # there is a node that a free lead looks at
         self.nodes = (*self._links, *self.inputs, *(f"rail_{rail}" for rail in rails))
+        if chained := {link.node for link in self._links.values()} & {*self._links}:
+            raise ValueError(f"a circuit begins at {min(chained)!r}, which is the output of one")
         if fed_twice := {node for node in self.nodes if self.nodes.count(node) > 1}:
             raise ValueError(f"{min(fed_twice)!r} is the output of a circuit, and something else feeds it")
         names = [link.circuit.name for link in self._links.values() if link.circuit is not None]
@@ -210,6 +215,32 @@ class WiredWorld(Loaded):
         self._sources: dict[str, Drive | Played | None] = dict.fromkeys(self.inputs)
         self._rails = dict.fromkeys(rails, _Rail(Approach(0.0)))
         self._ambient_c = _ROOM_C
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return the loads on the nodes that are no rails, from outside the wires."""
+        for node in (*self._links, *self.inputs):
+            load = partial(self._load_on, node)
+            meaning = "load to ground; null is none"
+            yield Adjustment(f"node.{node}.load_ohm", "ohm", meaning, load, partial(self._put_load, node))
+
+    def _load_on(self, node: str) -> float | None:
+        ohm = self._loads.ohm_of(("load", node))
+        return ohm if math.isfinite(ohm) else None
+
+    def _put_load(self, node: str, ohm: Any) -> None:
+        self.put_load(node, math.inf if ohm is None else number(ohm))
+
+    def put_load(self, node: str, resistance_ohm: float) -> None:
+        """Hang a load on a node, as a person does; inf takes it off.
+
+        Raises:
+            ValueError: the node is unknown, or the resistance is not above 0 ohm.
+        """
+        rail = node.removeprefix("rail_")
+        if rail != node and rail in self.rails:
+            self.set_load(rail, resistance_ohm)
+        else:
+            self.load_node(("load", node), node, resistance_ohm)
 
     @property
     def reached_s(self) -> float:

@@ -10,7 +10,8 @@ import pytest
 import pyvisa
 from simrack.clock import VirtualClock
 from simrack.own import OwnInstrument, Setting, command, query
-from simrack.rack import Rack, plan_of
+from simrack.plan import plan_of
+from simrack.rack import Rack
 from simrack.scpi import Number
 from simrack.wired import WiredWorld
 

@@ -19,7 +19,8 @@ from simrack.__main__ import app
 from simrack.attendance import AttendedClock
 from simrack.clock import VirtualClock
 from simrack.models import RACK
-from simrack.rack import DESK, Rack, circuit_in, plan_of, served
+from simrack.plan import DESK, circuit_in, plan_of
+from simrack.rack import Rack, served
 from simrack.serve import BenchServer, Control, ServedClock, ServerSettings
 from simrack.serve.raw import has_ptys
 from simrack.sources import Drive

@@ -12,13 +12,11 @@ from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import Any
 
-from simrack.adjustment import Adjustable, Adjustment
+from simrack.adjustment import Adjustable, Adjustment, number
 from simrack.device import Device
 from simrack.world import LeadsOfRole, World
 
 _SUDDEN_DEG_S2 = 1e4
-_MOST = 1e9
-"""No quantity of a bench is larger in its unit; the squares and sums of what is below are numbers still."""
 
 
 def adjustments_of(world: World, devices: Mapping[str, Device]) -> dict[str, Adjustment]:
@@ -48,12 +46,12 @@ def _motion(world: World) -> Iterator[Adjustment]:
 def _turn(world: World, rate_deg_s: Any) -> None:
     """Turn the device by hand: the table's controller is not asked, and does not learn of it."""
     world.table.close_servo()
-    world.table.demand_rate(_number(rate_deg_s), _SUDDEN_DEG_S2)
+    world.table.demand_rate(number(rate_deg_s), _SUDDEN_DEG_S2)
 
 
 def _warmth(world: World) -> Iterator[Adjustment]:
     def warm(value: Any) -> None:
-        world.set_ambient_c(_number(value))
+        world.set_ambient_c(number(value))
 
     yield Adjustment("ambient_c", "degC", f"temperature around the {world.device}", world.ambient_c, warm)
     yield Adjustment("temperature_c", "degC", f"temperature of the {world.device}", world.glance_temperature_c)
@@ -77,20 +75,12 @@ def _lead(leads: LeadsOfRole, role: str, name: str) -> Iterator[Adjustment]:
     yield Adjustment(f"{role}.{name}.reversed", "", "leads swapped", lambda: leads.lead(name).reversed, turn)
 
 
-def _number(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"expected a number, not {value!r}")  # noqa: TRY004  (what came over the wire)
-    if not -_MOST <= value <= _MOST:
-        raise ValueError(f"expected a number of at most {_MOST:g} either sign, not {value:g}")
-    return float(value)
-
-
 def _loads(world: World) -> Iterator[Adjustment]:
     def read(rail: str) -> float | None:
         return ohms if math.isfinite(ohms := world.load_ohm(rail)) else None
 
     def write(rail: str, ohms: Any) -> None:
-        world.set_load(rail, math.inf if ohms is None else _number(ohms))
+        world.set_load(rail, math.inf if ohms is None else number(ohms))
 
     for rail in world.rails:
         meaning = "load beside the PCB; null is none"
@@ -108,13 +98,13 @@ def _drive(world: World, node: str, volts: Any) -> None:
     """Put a voltage on an input instead of the generator, or nothing (null)."""
     from simrack.sources import Drive  # noqa: PLC0415  (numpy with it; a client of the control port needs none)
 
-    world.drive(node, None if volts is None else Drive(_number(volts)))
+    world.drive(node, None if volts is None else Drive(number(volts)))
 
 
 def _rails(world: World) -> Iterator[Adjustment]:
     def write(rail: str, volts: Any) -> None:
         """Put a voltage on the pin instead of the supply, until that changes its own."""
-        world.set_rail(rail, _number(volts))
+        world.set_rail(rail, number(volts))
 
     for rail in world.rails:
         read = partial(world.glance_current_a, rail)

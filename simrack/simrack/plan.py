@@ -1,0 +1,208 @@
+"""Plans of a rack: which instruments, on which wires, wired to what; of a command's words or of a bench file."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from msgspec import Struct, field
+from msgspec.structs import replace
+
+from simrack.faults import FaultScript
+from simrack.models import SimulatedModel, model_named
+from simrack.own import OwnInstrument
+from simrack.serve import Offer
+from simrack.wired import Circuit, Through
+
+OFFERS: Mapping[str, Offer] = {"TCP": "tcp", "VXI-11": "vxi11", "HiSLIP": "hislip", "serial line": "pty"}
+UPSIDE_DOWN = {("E36312A", "output_3")}
+"""Outputs whose class gives the sign of the rail that they are meant for, not that of their terminals."""
+_LAN_PORT = 5025
+_WORD = re.compile(r"(?:(?P<name>[\w-]+)=)?(?P<model>[\w-]+)(?::(?P<wires>[\w+]+))?")
+
+
+class Place(Struct, frozen=True):
+    """An instrument of a rack.
+
+    Args:
+        name: what it is called.
+        model: what it is.
+        wires: what it is served on; none are those of the real box.
+        terminals: the node that each terminal goes to, `-NODE` the wrong way round, None nowhere.
+        resource: its VISA resource name in this process; empty for one that is made up.
+    """
+
+    name: str
+    model: SimulatedModel
+    wires: frozenset[Offer] = frozenset()
+    terminals: Mapping[str, str | None] = field(default_factory=dict)
+    resource: str = ""
+
+    @property
+    def box(self) -> frozenset[Offer]:
+        """The wires of the real box."""
+        return frozenset(OFFERS[each] for each in self.model.wires)
+
+    def made_up(self, number: int) -> str:
+        """Return a VISA resource name for the instrument of this number: on LAN if it has that, else on GPIB."""
+        wires = self.wires or self.box
+        if "vxi11" in wires:
+            return f"TCPIP0::{self.name}::inst0::INSTR"
+        if "hislip" in wires:
+            return f"TCPIP0::{self.name}::hislip0::INSTR"
+        if self.wires == {"tcp"}:
+            return f"TCPIP0::{self.name}::{_LAN_PORT}::SOCKET"
+        return f"ASRL{number}::INSTR" if self.wires or self.model.kind == "rate table" else f"GPIB0::{number}::INSTR"
+
+
+class Plan(Struct, frozen=True):
+    """What is on a bench.
+
+    Args:
+        places: the instruments.
+        links: the circuits, as of the World.
+        loads_ohm: resistances to ground, by node.
+        faults: what goes wrong, and when.
+        seed: of the specimens; None are ideal ones.
+    """
+
+    places: tuple[Place, ...]
+    links: Mapping[str, Through]
+    loads_ohm: Mapping[str, float] = field(default_factory=dict)
+    faults: FaultScript = field(default_factory=lambda: FaultScript(()))
+    seed: int | None = None
+
+    def wires_asked_for(self) -> dict[str, frozenset[Offer]]:
+        """Return the wires of the instruments of which they were said."""
+        return {place.name: place.wires for place in self.places if place.wires}
+
+
+class OwnModel(SimulatedModel, frozen=True):
+    """An instrument of somebody's own: `made` is its class."""
+
+    made: type[OwnInstrument] = OwnInstrument
+
+    @property
+    def feeds(self) -> tuple[str, ...]:
+        """Its terminals that are outputs."""
+        return self.made.outputs
+
+    def load(self) -> Any:
+        """Return its class."""
+        return self.made
+
+
+def plan_of(words: Iterable[str]) -> Plan:
+    """Return the plan of a command's words, each a Python file or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
+
+    A file defines CIRCUIT, instruments of one's own, or both; those that no word names are there once. Without any
+    instrument it is the desk: a supply, a generator, a multimeter and an oscilloscope.
+
+    Raises:
+        ValueError: there is no such model or wire, a name is given twice, or a file defines nothing of use.
+        OSError: a file cannot be read.
+    """
+    files, others = _sorted(words)
+    circuit: Circuit | None = None
+    own: dict[str, SimulatedModel] = {}
+    for file in files:
+        found = runpy.run_path(file)
+        made = own_models(found)
+        if not made or "CIRCUIT" in found:
+            circuit = _circuit(found, file)
+        own |= made
+    places: list[Place] = []
+    for word in others:
+        places.append(_placed(word, own, {each.name for each in places}))
+    named = {place.model.name for place in places}
+    places += [_placed(name, own, {each.name for each in places}) for name in own if name not in named]
+    return Plan(_wired(places or DESK), {"output": Through("input", circuit)})
+
+
+def _sorted(words: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Return the files and the others."""
+    found: tuple[list[str], list[str]] = ([], [])
+    for word in words:
+        found[not word.endswith(".py")].append(word)
+    return found
+
+
+def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
+    """Return the instruments that a module defines, by the names of their classes."""
+    classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, OwnInstrument)]
+    return {
+        made.__name__: OwnModel(made.__name__, "own", "", "", made.wires, "", {}, (*made.inputs, *made.outputs), made)
+        for made in classes
+        if made.__module__ == module["__name__"]
+    }
+
+
+def _placed(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Place:
+    found = _WORD.fullmatch(word)
+    if found is None:
+        raise ValueError(f"expected a file.py or [NAME=]MODEL[:WIRE[+WIRE...]], came {word!r}")
+    model = model_named(found["model"], own)
+    usual = [model.name, *(f"{model.name}-{number}" for number in range(2, len(taken) + 2))]
+    name = found["name"] or next(each for each in usual if each not in taken)
+    if name in taken:
+        raise ValueError(f"two instruments are called {name!r}")
+    return Place(name, model, wires_of(model, (found["wires"] or "").split("+")))
+
+
+def wires_of(model: SimulatedModel, words: Iterable[str]) -> frozenset[Offer]:
+    """Return the interfaces that somebody named for a model; ValueError says which it cannot be on."""
+    known = {offer: offer for offer in OFFERS.values() if model.kind != "rate table" or offer in {"tcp", "pty"}}
+    wires = [word for word in words if word]
+    if wrong := [word for word in wires if word not in known]:
+        raise ValueError(f"{model.name} can be on {', '.join(known)}, not on {wrong[0]!r}")
+    return frozenset(known[word] for word in wires)  # type: ignore[index]  # it is one of them
+
+
+def _wired(places: Iterable[Place]) -> tuple[Place, ...]:
+    """Say of each terminal where it goes.
+
+    The first supply is on the rails, the first generator on `input`, further outputs are on nodes of their own. Meters
+    are on `output`, oscilloscopes on both.
+    """
+    seen: set[str] = set()
+    wired = []
+    for place in places:
+        kind, first = place.model.kind, place.model.kind not in seen
+        node = {"channel_1": "input", "channel_2": "output"}
+        node |= {each: "output" for each in place.model.terminals if kind in {"multimeter", "own"}}
+        node |= {each: f"{place.name}.{each}" for each in place.model.feeds}
+        if first and kind == "generator":
+            node["output_1"] = "input"
+        if first and kind == "supply":
+            node |= {"output_2": "positive", "output_3": "negative"}
+            node |= {each: f"-{node[each]}" for model, each in UPSIDE_DOWN if model == place.model.name}
+        seen.add(place.model.kind)
+        wired.append(replace(place, terminals={each: node.get(each) for each in place.model.terminals}))
+    return tuple(wired)
+
+
+DESK = (
+    Place("power", model_named("E3631A"), resource="GPIB0::5::INSTR"),
+    Place("generator", model_named("33220A"), resource="USB0::0x0957::0x0407::MY44021876::INSTR"),
+    Place("multimeter", model_named("34401A"), resource="GPIB0::22::INSTR"),
+    Place("oscilloscope", model_named("DSO7104B"), resource="USB0::0x0957::0x175D::MY49520121::INSTR"),
+)
+
+
+def circuit_in(file: Path) -> Circuit:
+    """Return the value ``CIRCUIT`` that a Python file defines.
+
+    Raises:
+        ValueError: it defines none.
+    """
+    return _circuit(runpy.run_path(str(file)), str(file))
+
+
+def _circuit(module: Mapping[str, Any], file: str) -> Circuit:
+    found = module.get("CIRCUIT")
+    if not isinstance(found, Circuit):
+        raise ValueError(f"{file}: expected CIRCUIT = ..., a simrack.wired.Circuit, came {type(found).__name__}")  # noqa: TRY004  (what a user wrote)
+    return found
