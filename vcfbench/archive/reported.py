@@ -23,6 +23,7 @@ from vcfbench.records.plain import plain
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Part, Report, Series, Table, Text, facts, texts
 from vcfbench.reports.generic import results_table
 from vcfbench.reports.plot import DRAWN, thinned
+from vcfbench.station.writing import nested_tables, value_text
 from vcfbench.values.kinds import in_words
 from vcfbench.version import installed_version
 
@@ -206,25 +207,47 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
 
 
 def command_of(header: Mapping[str, Any]) -> str | None:
-    """Return the command that made the record, as it would be typed; defaults are left out."""
+    """Return the command that makes the record again, as it would be typed; defaults are left out.
+
+    The seed is that of a bench simulated in the process, whether it was asked for or drawn.
+    """
     options = header.get("options")
     if not isinstance(options, dict):
         return None
-    words = ["vcfbench", "run", str(header.get("procedure"))]
-    for key, value in options.items():
+    own, bench, resumed = header.get("procedure_file"), header.get("bench") or {}, header.get("resumed_from")
+    words = ["vcfbench", "run", str(own["path"] if isinstance(own, dict) else header.get("procedure"))]
+    told = {**options, "metadata": options.get("metadata") or header.get("metadata")}
+    if header.get("simulated") and bench.get("served") is None:
+        told["seed"] = header.get("seed")
+    if isinstance(resumed, dict):  # seed, settings and metadata are those of the record that is gone on with
+        words = ["vcfbench", "resume", str(resumed.get("directory"))]
+        told = {
+            key: value for key, value in told.items() if key not in {"resume", "runs", "seed", "settings", "metadata"}
+        }
+    for key, value in told.items():
         if key == "settings" and isinstance(value, dict):
-            words += chain.from_iterable(("--set", f"{each}={setting}") for each, setting in value.items())
+            for path, keys in nested_tables(value):
+                words += chain.from_iterable(
+                    ("--set", f"{path}.{k}={value_text(v)}".lstrip(".")) for k, v in keys.items()
+                )
         elif key == "metadata" and isinstance(value, dict):
-            for name, said in value.items():
-                of_each = [(_option(name), str(said))]
-                if isinstance(said, dict):
-                    of_each = [("--tag", f"{tag}={of_tag}") for tag, of_tag in said.items()]
-                words += chain.from_iterable(of_each)
+            words += _of_metadata(value)
         elif value is True:
             words.append(_option(key))
-        elif value not in (None, False, (), [], {}):
+        elif value not in (None, False, "") or (key == "seed" and value is not None):
             words += [_option(key), str(value)]
     return shlex.join(words)
+
+
+def _of_metadata(said: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the options that state the metadata of a run; a temperature that was measured is measured again."""
+    for name, value in said.items():
+        if isinstance(value, dict):
+            yield from chain.from_iterable(("--tag", f"{tag}={words}") for tag, words in value.items())
+        elif name == "ambient_from":
+            yield from ("--ambient-temperature-c", str(value))
+        elif value is not None and not (name == "ambient_temperature_c" and said.get("ambient_from")):
+            yield from (_option(name), str(value))
 
 
 def _option(key: str) -> str:

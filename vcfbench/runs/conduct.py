@@ -353,7 +353,7 @@ class _UnderWay(Struct):
             "seed": prepared.seed,
             "versions": installed_versions(),
             "identities": to_builtins(identities),
-            "options": to_builtins(prepared.request.options, enc_hook=shown),
+            "options": {**to_builtins(prepared.request.options, enc_hook=shown), "settings": prepared.asked()},
             "settings": to_builtins(prepared.settings),
             "bench": bench,
             "began_s": began_s,

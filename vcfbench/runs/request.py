@@ -129,6 +129,10 @@ class Prepared:
             raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
         return whole_seed(seed)
 
+    def asked(self) -> dict[str, Any]:
+        """Return the settings that were asked for, as the record keeps them."""
+        return {} if self.request.settings is None else dict(self.request.settings.values)
+
     def left_out(self) -> list[str]:
         """Say which entries of the device do not count, because they are from benches of the other kind."""
         serial, root = self.settings.named_device, getattr(self.settings, "devices", None)
