@@ -150,3 +150,16 @@ def test_two_resumes_of_one_record_at_once_are_refused(record: Path) -> None:
     first.join()
     assert len(second) == 1
     assert vcfbench.resume(record).status == "complete"  # later it may be
+
+
+def test_the_same_person_checks_a_later_revision_but_not_the_same_one_twice(record: Path) -> None:
+    amend_run(record, {"checked_by": "B. Person"}, reason="read")
+    with pytest.raises(ConfigError, match=r"checked_by: it is B\. Person already"):
+        amend_run(record, {"checked_by": "B. Person"}, reason="read")
+    amend_run(record, {"customer": "ACME"}, reason="told later")
+    amend_run(record, {"checked_by": "B. Person"}, reason="read again")
+    text = str(full_report(vcfbench.load_run(record)))
+    assert "revision 4" in text
+    assert "is not checked" not in text
+    with pytest.raises(ConfigError, match="already"):
+        amend_run(record, {"checked_by": "B. Person"}, reason="read")

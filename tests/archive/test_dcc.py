@@ -10,13 +10,16 @@ from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
 import pytest
+from msgspec.structs import replace
 
 import vcfbench
 from tests import warm
 from tests.archive.test_written import QUICK
 from vcfbench.archive.certificate import certificate_words
+from vcfbench.archive.dcc import dcc_of
 from vcfbench.archive.quantities import values_of
 from vcfbench.errors import ConfigError
+from vcfbench.station.acceptance import Acceptance, Verdict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -170,3 +173,29 @@ def test_it_holds_the_report_for_people_and_its_day_of_issue(quick: Run, tmp_pat
     report.write_bytes(b"no such thing")
     with pytest.raises(ConfigError, match="expected a report as PDF"):
         vcfbench.write_certificate(quick, tmp_path / "run.xml", WORDS, report)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ((0.5,), "pass"),
+        ((0.5, 0.95), "conditionalPass"),
+        ((0.05,), "conditionalPass"),
+        ((0.95, 1.05), "conditionalFail"),
+        ((-0.05, 0.5), "conditionalFail"),
+        ((1.05, 1.5, 0.5), "fail"),
+        ((None, 0.5), "fail"),
+    ],
+)
+def test_within_the_guard_band_one_passes_or_fails_on_condition(
+    quick: Run, values: tuple[float | None, ...], word: str
+) -> None:
+    limits = tuple(Verdict(f"limit_{place}", value, 0.0, 1.0, u95=0.1) for place, value in enumerate(values))
+    of_none = Verdict("k_vc_deg_s_per_v", None, 0.0, 1.0, measured=False)
+    judged = replace(quick, verdict=Acceptance((*limits, of_none)))
+    tree = ET.fromstring(dcc_of(judged, certificate_words(judged, WORDS)))  # noqa: S314  # our own
+    (statement,) = tree.findall(".//dcc:statement[dcc:conformity]", SPACES)
+    assert statement.findtext("dcc:conformity", namespaces=SPACES) == word
+    said = [str(each.text) for each in statement.findall("dcc:declaration/dcc:content", SPACES)]
+    assert f"limit_{len(values) - 1} from 0 to 1" in said[-2]
+    assert all("marginal" not in each for each in said)

@@ -65,6 +65,25 @@ def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
         assert said in text
 
 
+def test_a_run_that_was_stopped_keeps_no_other_from_its_report(folder: Path) -> None:
+    """Of a lot, the certificates of those behind it are written; which has none is said, and the exit code too."""
+    for seed in (4, 5, 6):
+        told = {"dut": f"G-{seed}", "operator": "A. Person", "tags": {"lot": "9"}}
+        run = vcfbench.run("turntable", "ideal", seed=seed, settings=QUICK, runs=folder / "runs", metadata=told)
+        if seed == 5:
+            journal = run.directory / "journal.jsonl"
+            journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:-3]))
+            stopped = run.name
+    words = ["laboratory=L", "laboratory_address=A", "country=GR", "customer=ACME", "customer_address=B"]
+    sets = [part for each in words for part in ("--set", each)]
+    (folder / "lot").mkdir()
+    done = warm.run(["vcfbench", "report", "--tag", "lot=9", "--dcc", *sets, "-o", "lot"], folder)
+    assert done.returncode == 2
+    assert len(list((folder / "lot").iterdir())) == len(done.stdout.split()) == 2
+    assert "a certificate needs a run that is complete" in done.stderr
+    assert f"1 of 3 runs have none: {stopped}" in " ".join(done.stderr.split())
+
+
 def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
     for words, said in (
         (["--set", "custommer=x"], "came 'custommer'"),

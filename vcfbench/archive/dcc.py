@@ -21,6 +21,7 @@ from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
+from vcfbench.station.acceptance import Verdict
 from vcfbench.values.kinds import named
 from vcfbench.values.printing import incomplete
 
@@ -39,7 +40,7 @@ _REF_TYPES: Final = (
     ("basic", "terms of the DCC Wiki", "https://wiki.dcc.ptb.de/en/dccrefTypeDefinitions"),
     (_NAMESPACE, "names of results in vcfbench, in camel case", "vcfbench, docs/reports.md"),
 )
-_CONFORMITY: Final = {"pass": "pass", "fail": "fail", "marginal": "conditionalFail"}
+_IN_WORDS: Final = {"conditionalPass": "conditional pass", "conditionalFail": "conditional fail"}
 
 
 def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None = None) -> bytes:
@@ -136,9 +137,21 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     if run.verdict is not None:
         one = _under(statements, "statement")
         one.set("refType", "basic_conformity")
-        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.word}" for e in run.verdict.limits]
+        found = [(each, _conformity(each)) for each in run.verdict.limits]
+        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {_IN_WORDS.get(word, word)}" for e, word in found]
         _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
-        _under(one, "conformity", _CONFORMITY[run.verdict.word])
+        order = ("fail", "conditionalFail", "conditionalPass", "pass")
+        _under(one, "conformity", min((word for _, word in found if word in order), key=order.index))
+
+
+def _conformity(limit: Verdict) -> str:
+    """Return the verdict on a limit in the DCC's words.
+
+    Within the guard band a value inside its limit passes, one outside fails, both on condition: ILAC-G8:09/2019, 4.2.3.
+    """
+    if limit.word != "marginal" or limit.value is None:
+        return limit.word
+    return "conditionalPass" if limit.low <= limit.value <= limit.high else "conditionalFail"
 
 
 def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool) -> None:

@@ -55,11 +55,18 @@ def report(  # noqa: PLR0917  # options of a command
     folder = output or Path()
     if not folder.is_dir():
         raise ConfigError(f"expected a directory in -o, came {str(folder)!r}", hint="make it first")
-    chosen = [each.directory for each in run_summaries(runs, tags=tags_of(tag or ())) if each.problem is None]
+    chosen = run_summaries(runs, tags=tags_of(tag or ()))
     if not chosen:
         raise ConfigError(f"there is no such run in {runs}")
-    for each in map(load_run, chosen):
-        _write(each, folder / f"{each.name}.{'xml' if dcc else as_}", said, None, dcc=dcc)
+    kind, without = "xml" if dcc else as_, list[str]()
+    for each in chosen:
+        try:
+            _write(load_run(each.directory), folder / f"{each.run}.{kind}", said, None, dcc=dcc)
+        except ConfigError as error:  # the others have theirs all the same
+            typer.echo(f"vcfbench: {error}", err=True)
+            without.append(each.run)
+    if without:
+        raise ConfigError(f"{len(without)} of {len(chosen)} runs have none: {', '.join(without)}")
 
 
 def _write(run: Run, path: Path, words: Mapping[str, str], embed: Path | None, *, dcc: bool) -> None:

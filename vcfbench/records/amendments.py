@@ -133,14 +133,15 @@ def amend(
     before, changes = amendments_of(record.lines), []
     metadata = amended(metadata_from(record.header), before)
     for name, value in given.items():
-        field, now = _field(name), value.strip() or None
+        field, now, again = _field(name), value.strip() or None, False
         if field == CHECKED_BY:
             check = check_of(before)
             was = None if check is None else check.by
+            again = now is not None and check is not None and check.revision <= len(before)  # that was another revision
         else:
             tag = _TAG.fullmatch(field)
             was = metadata.tags.get(tag[1]) if tag else getattr(metadata, field)
-        if was == now:
+        if was == now and not again:
             raise ConfigError(f"{name}: it is {now or 'nothing'} already")
         metadata = _changed(metadata, field, now)
         changes.append(Change(field, was, now))
