@@ -112,10 +112,10 @@ def test_who_fits_a_record_again_sums_nothing_over_its_lags_again() -> None:
     """The sums are those of the lags alone: a record of a million readings is fitted from many averaging times on."""
     curve = curve_of(Coefficients(0.0, 1.0, 0.1), 2 ** np.arange(12))
     fit_noise(curve, 54_321, SECONDS)
-    summed = phase_noise._sums.cache_info().misses
+    summed = phase_noise.sums_of_lags.cache_info().misses
     for first in (1, 2, 3):
         fit_noise(curve[first:], 54_321, SECONDS)
-    assert phase_noise._sums.cache_info().misses == summed
+    assert phase_noise.sums_of_lags.cache_info().misses == summed
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_correct
     assert hour.results.white_noise_seen == pytest.approx(math.sqrt(2.0 * 3.4))
     assert abs(value - N_DEG_RTH) < 3.0 * u < 0.015
     unstable = hour.results.coefficient("bias instability")
-    assert abs(unstable.value - B_DEG_H) < 3.0 * unstable.u < 3.0
+    assert abs(unstable.value - B_DEG_H) < 3.0 * unstable.u < 3.3
     text = vcfbench.text_of(hour.report())
     assert "white noise is seen 2.61 times too large" in text
     assert f"for [uncertainty] of the bench file: bias_instability_deg_h = {unstable.value:.3g}\n" in text
@@ -98,7 +98,7 @@ def test_as_it_stands_is_said_to_be_so(hour: Run, tmp_path: Path) -> None:
     raw = run(tmp_path, mode="dead-time", duration_s=1200.0)
     value, u = walk_of(raw.results)
     assert value / N_DEG_RTH == pytest.approx(2.6, abs=0.15)
-    assert value - N_DEG_RTH > 20.0 * u
+    assert value - N_DEG_RTH > 5.0 * u
     assert raw.results.dead_share == pytest.approx(0.8)
     assert raw.results.white_noise_seen == pytest.approx(math.sqrt(5.0))
     assert all(row.corrected is None for row in raw.results.allan_deg_h)
@@ -242,7 +242,7 @@ def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
     assert abs(coefficient.value / 3600.0 - b) < 2.5 * coefficient.u / 3600.0 < 1.25 * b
     assert found.bias is not None
     assert found.bias.u > 0.5 * b  # the flicker floor
-    assert "fitted from" in shown(found, settings)
+    assert "shorter ones do not follow powers of the time" in shown(found, settings)
 
 
 def test_a_record_without_noise_has_no_coefficients() -> None:

@@ -28,9 +28,6 @@ _EXACTLY = 1e-6
 """Least relative scatter of a point that a fit counts with."""
 _HARDLY = 1e-3
 """Relative growth of an uncertainty below which it counts as that of a normal distribution."""
-_SHOWN = 3.0
-"""A term is shown where its square is so many of the uncertainties that it would have if it were 0."""
-
 
 _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
 
@@ -38,8 +35,8 @@ _USUAL = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK, 
 class Coefficients(Struct, frozen=True):
     """Noise coefficients of the whole curve; unit of the record (deg/s) and seconds.
 
-    Q, deg; N, deg/sqrt(s), 60 times that is deg/sqrt(h); B, deg/s, 3600 times that is deg/h; K, (deg/s)/sqrt(s); R,
-    deg/s^2.
+    Q, deg, negative where its square is: a filter takes from short averages; N, deg/sqrt(s), 60 times that is
+    deg/sqrt(h); B, deg/s, 3600 times that is deg/h; K, (deg/s)/sqrt(s); R, deg/s^2.
     """
 
     quantisation: float = 0.0
@@ -50,7 +47,8 @@ class Coefficients(Struct, frozen=True):
 
     def squares(self) -> Floats:
         """Return Q^2, N^2, B^2, K^2, R^2."""
-        return np.square(structs.astuple(self))
+        values = np.array(structs.astuple(self))
+        return np.asarray(values * np.abs(values))
 
     def variance(self, tau_s: ArrayLike) -> Floats:
         """Return sigma^2(tau) of a gapless record."""
@@ -63,9 +61,10 @@ class Coefficients(Struct, frozen=True):
         )
         folded = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
         white += folded * (BIAS_INSTABILITY_FACTOR * self.bias_instability) ** 2
-        quantisation = self.quantisation / sampling.interval_s
+        # No process has less in neighbouring readings than a mean over both
+        quantisation = max(self.quantisation / sampling.interval_s, -0.5 * math.sqrt(white))
         if not sampling.gapless:
-            white += 2.0 * (self.quantisation / sampling.aperture_s) ** 2
+            white += 2.0 * max(0.0, self.quantisation / sampling.aperture_s) ** 2
             quantisation = 0.0
         return PhaseNoise(
             quantisation=quantisation,
@@ -86,13 +85,6 @@ class NoiseTerm(Struct, frozen=True):
     u_square_if_0: float
     """Standard uncertainty of its square if that were 0."""
 
-    @property
-    def standing_out(self) -> float:
-        """Its square in uncertainties that it would have if it were 0: beside no other noise that is none."""
-        if self.u_square_if_0 > 0.0:
-            return self.value**2 / self.u_square_if_0
-        return math.inf if self.value else 0.0
-
 
 class NoiseFit(Struct, frozen=True):
     """The coefficients that describe a curve; those that were not asked for are 0. By default they are known."""
@@ -104,7 +96,7 @@ class NoiseFit(Struct, frozen=True):
 
     def variance(self, sampling: Sampling, factor: int) -> tuple[float, float]:
         """Return the Allan variance of a record so sampled at `factor` intervals, and its degrees of freedom."""
-        (column,) = _design([factor], sampling)
+        (column,) = design_of([factor], sampling)
         return self.combined(column)
 
     def combined(self, shares: Floats) -> tuple[float, float]:
@@ -135,7 +127,7 @@ def fit_noise(
         if point.deviation <= 0.0:
             raise ConfigError(f"the Allan deviation at {point.tau_s:g} s is 0: the record has no noise to fit")
     places = [list(Term).index(term) for term in chosen]
-    design = _design(factors, sampling)[:, places]
+    design = design_of(factors, sampling)[:, places]
     variance = np.array([point.deviation**2 for point in curve])
     squares = _weighted(design, variance, 1.0 / variance**2)
     for _ in range(_ROUNDS):
@@ -164,38 +156,11 @@ def fit_noise(
         at_0 = covariance(_coefficients(without, places), beside)[beside.index(row), beside.index(row)]
         u_at_0 = min(math.sqrt(max(0.0, at_0)), u_square)
         u = u_square / (2.0 * value) if value > 0.0 else None
-        upper = math.sqrt(_upper(squares[row], u_square, u_at_0))
+        upper = math.sqrt(upper_square(squares[row], u_square, u_at_0))
         fitted[list(Term)[place]] = NoiseTerm(value, u, upper, u_at_0)
     whole = np.zeros((len(Term), len(Term)))
     whole[np.ix_(places, places)] = part
     return NoiseFit(found, fitted, whole)
-
-
-def fit_shown_noise(
-    curve: Sequence[AllanPoint], samples: int, sampling: Sampling, always: Iterable[Term], perhaps: Iterable[Term]
-) -> NoiseFit:
-    """Fit the terms of `always`, and those of `perhaps` that stand out of the noise that the others make.
-
-    A term that is not there, but fitted with the others and none of them below 0, takes a share of theirs: with K and R
-    B of an hour is 8 % low. Terms that are not shown are 0 with an upper bound, each as if it were one more.
-
-    Raises:
-        ConfigError: as :func:`fit_noise`.
-    """
-    chosen, left = list(always), list(perhaps)
-    fit = fit_noise(curve, samples, sampling, chosen)
-    while left:
-        wider = {term: fit_noise(curve, samples, sampling, [*chosen, term]) for term in left}
-        ratios = {term: wider[term].terms[term].standing_out for term in left}
-        best = max(left, key=lambda term: ratios[term])
-        if ratios[best] < _SHOWN:
-            hidden = {term: structs.replace(wider[term].terms[term], value=0.0, u=None) for term in left}
-            terms = {**fit.terms, **hidden}
-            return structs.replace(fit, terms={term: terms[term] for term in Term if term in terms})
-        chosen.append(best)
-        left.remove(best)
-        fit = wider[best]
-    return fit
 
 
 def _weighted(design: Floats, variance: Floats, weight: Floats) -> Floats:
@@ -225,7 +190,7 @@ def _covariance_of_squares(
     return np.asarray(gain @ whole @ gain.T)
 
 
-def _upper(square: float, u: float, u_at_0: float) -> float:
+def upper_square(square: float, u: float, u_at_0: float) -> float:
     """Return the square that is so large that with 95 % more than `square` would have been found.
 
     What is found of a square is a chi-square's multiple less the others' share: its uncertainty grows with it, from
@@ -250,7 +215,7 @@ def _covariance(noise: Coefficients, sampling: Sampling, samples: int, first: in
     return total / (4.0 * float(first) ** 2 * float(second) ** 2)
 
 
-def _design(factors: Sequence[int], sampling: Sampling) -> Floats:
+def design_of(factors: Sequence[int], sampling: Sampling) -> Floats:
     """Return the addition of each squared coefficient to the Allan variance of the record, one row a factor."""
     columns = _columns(np.array(factors, dtype=np.float64) * sampling.interval_s)
     return np.asarray(columns * [[deviation_factor(sampling, term, each) ** 2 for term in Term] for each in factors])

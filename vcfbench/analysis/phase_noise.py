@@ -26,7 +26,10 @@ _NODES = 12
 
 
 class PhaseNoise(Struct, frozen=True):
-    """A mixture of the four laws: coefficients Q, N, B, K in the record's unit, with time in samples."""
+    """A mixture of the four laws: coefficients Q, N, B, K in the record's unit, with time in samples.
+
+    The square of a negative Q is negative: readings that a filter has in common with their neighbours.
+    """
 
     quantisation: float = 0.0
     white: float = 0.0
@@ -35,7 +38,9 @@ class PhaseNoise(Struct, frozen=True):
 
     def squares(self) -> Floats:
         """Return Q^2, N^2, B^2, K^2; every covariance is linear in them."""
-        return np.square([self.quantisation, self.white, self.flicker, self.random_walk])
+        found = np.square([self.quantisation, self.white, self.flicker, self.random_walk])
+        found[0] = math.copysign(found[0], self.quantisation)
+        return found
 
     def covariance(self, lag: Floats) -> Floats:
         """Return the generalised autocovariance of the phase at `lag` samples."""
@@ -83,7 +88,7 @@ def correlated_squares(
     The first set are `terms_first` successive differences at the stride `first`, the second likewise. Gaussian: the
     covariance of two squares is twice the square of the covariance.
     """
-    of_first, of_each, of_products = _sums(terms_first, first, terms_second, second)
+    of_first, of_each, of_products = sums_of_lags(terms_first, first, terms_second, second)
     squares = noise.squares()
     scale = float(terms_first) * float(terms_second)
     return CorrelatedSquares(
@@ -94,7 +99,7 @@ def correlated_squares(
 
 
 @lru_cache(maxsize=4096)
-def _sums(terms_first: int, first: int, terms_second: int, second: int) -> tuple[Floats, Floats, Floats]:
+def sums_of_lags(terms_first: int, first: int, terms_second: int, second: int) -> tuple[Floats, Floats, Floats]:
     """Return of each law with the coefficient 1 what :func:`correlated_squares` is made of.
 
     The expectations of a squared first difference, (4,); the sums over all lags of the covariances of the differences,

@@ -50,6 +50,9 @@ class RecordAnalysis(Struct, frozen=True):
     allan_deg_h: tuple[AllanRow, ...]
     stability_deg_h: BiasStability
     fitted_from_s: float
+    fitted_to_s: float
+    described: bool
+    remarks: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``vcfbench analyze --json`` prints it."""
@@ -70,11 +73,13 @@ class RecordAnalysis(Struct, frozen=True):
                 facts(rows),
                 *(Notice(each) for each in self.notices),
                 noise_table(self.noise),
+                *map(Text, self.remarks),
                 stability_table(self.stability_deg_h),
                 allan_table(self.allan_deg_h),
                 Text(
                     "The record counts as gapless: each reading as the mean over its whole interval. Bounds hold the "
-                    f"true value with 95 %. Fitted from {self.fitted_from_s:g} s on (IEEE 952, annex C)."
+                    "true value with 95 % where the curve follows these powers of the time, of which the averages from "
+                    f"{self.fitted_from_s:g} to {self.fitted_to_s:g} s were fitted (IEEE 952, annex C)."
                 ),
                 allan_figure(self.allan_deg_h, 1.0),
             ]
@@ -127,6 +132,7 @@ def analyze_record(
     return RecordAnalysis(
         name.written, taken_as, tuple(notices), record.size, interval_s, float(record.mean()), found.coefficients,
         found.rows, found.stability, found.fitted_from_s,
+        found.fitted_to_s, found.described, found.remarks,
     )  # fmt: skip
 
 

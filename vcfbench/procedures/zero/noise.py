@@ -1,7 +1,7 @@
 """Noise of a record of rates: Allan curve with honest bounds, coefficients N, B, K, R, stability; tables and figure."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from msgspec import Struct
@@ -10,7 +10,8 @@ from msgspec.structs import replace
 from vcfbench.analysis import allan
 from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stability, deviation_factor
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.noise_fit import NoiseFit, fit_noise, fit_shown_noise
+from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
+from vcfbench.analysis.noise_model import NoiseModel, noise_model
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 
 _DEG_H = 3600.0
@@ -22,9 +23,10 @@ _ONE_SIDED = 1.645
 """Standard uncertainties up to a bound of 95 %."""
 _PER_OCTAVE = 2
 _ALWAYS = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY)
-_PERHAPS = (Term.RATE_RANDOM_WALK, Term.RATE_RAMP)
-_FIRST, _BEYOND, _LEAST_FITTED = 3, 5.0, 8
-"""A fit holds where none of so many shortest averages misses it by so many standard deviations; of so many points."""
+_USUAL_MARGIN = 2
+"""Points at the start of a curve that the fit always leaves as a margin."""
+_SLOW = 0.01
+"""Probability below which a curve has slow noise in it."""
 _UNITS = {
     Term.QUANTISATION: (3600.0, "arcsec"),
     Term.ANGLE_RANDOM_WALK: (_DEG_RTH, "deg/sqrt(h)"),
@@ -38,7 +40,8 @@ _UNITS = {
 class NoiseCoefficient(Struct, frozen=True):
     """A coefficient of the Allan curve; `u` None where it comes out as 0, and `upper_95` is all that can be said.
 
-    `value` is None as well where it is not known how much white noise a reading lets through: N may be anything below.
+    `value` is None as well where it may be anything below: of N where it is not known how much white noise a reading
+    lets through, of all where no sum of these noises describes the curve.
     """
 
     name: str
@@ -51,7 +54,8 @@ class NoiseCoefficient(Struct, frozen=True):
 class AllanRow(Struct, frozen=True):
     """The curve at one averaging time, deg/h: as the record shows it with 95 % bounds, and without its dead time.
 
-    `edf` are the degrees of freedom under the noise that was fitted; `fit` is the fitted curve of the gapless noise.
+    `edf` are the degrees of freedom under the noise that was fitted; `fit` is the fitted curve of the gapless noise,
+    None at times that are too short for it.
     """
 
     tau_s: float
@@ -73,6 +77,11 @@ class RecordNoise(Struct, frozen=True):
     walk_as_read_deg_rth: float
     """N of the record as it stands, deg/sqrt(h)."""
     fitted_from_s: float
+    fitted_to_s: float
+    described: bool
+    """Whether the fit describes the curve from there on, by chi-square."""
+    remarks: tuple[str, ...]
+    """What the curve does not tell, in sentences."""
 
 
 def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_bandwidth_hz: float) -> RecordNoise:
@@ -88,14 +97,16 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
     curve = allan.allan_deviation(rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE)
-    follows, fit = _followed(curve, size, fitted, gapless=sampling.gapless)
-    if fit is not None and not fit.coefficients.squares()[:-1].any():
-        fit = None  # a drift alone: of noise beside it nothing can be told
-    if fit is None:  # N is read off at the shortest time
+    noisy = all(point.deviation > 0.0 for point in curve)
+    model = noise_model(curve, size, fitted) if noisy else None
+    follows = curve if model is None else curve[model.begin : max(model.end, model.begin + 1)]
+    fit = None
+    if model is None:  # N is read off at the shortest time
         walk = follows[0].deviation * math.sqrt(follows[0].tau_s)
     else:
-        walk = fit_noise(follows, size, gapless, _ALWAYS).coefficients.angle_random_walk
-        fit = with_what_is_let_through(fit, fitted, u_bandwidth_hz)
+        walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
+        fit = with_what_is_let_through(model.fit, fitted, u_bandwidth_hz)
+    if fit is not None and fit.coefficients.squares()[:-1].any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
         law, points = fit.coefficients.phase_noise(fitted), []
         for tau_s, deviation in [(point.tau_s, point.deviation) for point in curve]:
@@ -105,20 +116,20 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
         curve = points
     # In the units of data sheets; where the noise bandwidth of a reading is not known, but corrected for, N is a bound
     passed = not corrected or sampling.gapless or sampling.noise_bandwidth_hz is not None
-    coefficients = []
-    for term, each in ({} if fit is None else fit.terms).items():
+    described, coefficients = model is None or model.described, []
+    for term, each in ({} if fit is None or model is None else fit.terms).items():
         factor, unit = _UNITS[term]
-        known = passed or term is not Term.ANGLE_RANDOM_WALK
+        known = (passed or term is not Term.ANGLE_RANDOM_WALK) and (each.u is not None or described)
         value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
         coefficients.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
     rows = []
     for point in curve:
         observed, low, high = (_DEG_H * each for each in (point.deviation, point.low, point.high))
         without = fit_deg_h = None
-        if fit is not None:
-            gapless_deg_s = math.sqrt(float(fit.coefficients.variance(point.tau_s)[0]))
-            seen = math.sqrt(fit.variance(fitted, round(point.tau_s / fitted.interval_s))[0])
-            without = _DEG_H * point.deviation * gapless_deg_s / seen if corrected else None
+        if fit is not None and point.tau_s >= follows[0].tau_s:
+            gapless_deg_s = math.sqrt(max(0.0, float(fit.coefficients.variance(point.tau_s)[0])))
+            seen = math.sqrt(max(0.0, fit.variance(fitted, round(point.tau_s / fitted.interval_s))[0]))
+            without = _DEG_H * point.deviation * gapless_deg_s / seen if corrected and seen else None
             fit_deg_h = _DEG_H * gapless_deg_s
         rows.append(AllanRow(point.tau_s, observed, low, high, point.edf, without, fit_deg_h))
     return RecordNoise(
@@ -128,7 +139,47 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
         bias_stability(rates_deg_s, sampling, curve, _DEG_H),
         _DEG_RTH * walk,
         follows[0].tau_s,
+        follows[-1].tau_s,
+        described,
+        () if model is None else tuple(_remarks(model, curve, coefficients)),
     )
+
+
+def _remarks(
+    model: NoiseModel, curve: Sequence[allan.AllanPoint], coefficients: Sequence[NoiseCoefficient]
+) -> Iterator[str]:
+    """Yield what a reader of the coefficients must know of the curve that they come of."""
+    last, begin = curve[-1].tau_s, curve[model.begin].tau_s
+    if not model.started:
+        yield (
+            "No sum of these noises describes the curve from any averaging time on, or the record is too short for "
+            "that: no coefficient is stated, below their bounds they are with 95 %. Where a drift outweighs the noise, "
+            "record at a constant temperature."
+        )
+        return
+    if model.begin > _USUAL_MARGIN:
+        yield (
+            f"N from averages of {begin:.4g} s on: shorter ones do not follow powers of the time (a filter, held "
+            "readings, a vibration)."
+        )
+    if not model.described:
+        found = f"chi-square {model.chi_square:.3g} of {model.dof}, p {model.p:.1g}"
+        piece = (
+            f"N is that of {begin:.4g} to {curve[model.end - 1].tau_s:.4g} s; B, K, R are"
+            if model.end > model.begin
+            else "N, B, K, R are"
+        )
+        yield (
+            f"No sum of these noises describes the curve from {begin:.4g} to {last:.4g} s ({found}): {piece} not "
+            "stated, below their bounds they are with 95 %."
+        )
+        return
+    slow = [each for each in coefficients if each.name != Term.ANGLE_RANDOM_WALK.value and each.u is not None]
+    if not slow and model.white_alone < _SLOW:
+        yield (
+            "Slow noise is there, but this record does not tell flicker from a random walk: four times its length "
+            "would."
+        )
 
 
 def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
@@ -143,7 +194,7 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
         return fit
     white = (deviation_factor(sampling, Term.ANGLE_RANDOM_WALK) * walk.value) ** 2 / sampling.interval_s
     folded = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
-    folded *= (allan.BIAS_INSTABILITY_FACTOR * fit.terms[Term.BIAS_INSTABILITY].value) ** 2
+    folded *= (allan.BIAS_INSTABILITY_FACTOR * fit.coefficients.bias_instability) ** 2
     let_through = u_bandwidth_hz / sampling.noise_bandwidth_hz if sampling.noise_bandwidth_hz else 0.0
     value = walk.value * (1.0 + 0.25 * folded / white)
     besides = 0.5 * walk.value * math.hypot(let_through, 0.5 * folded / white / math.sqrt(3.0))
@@ -152,36 +203,10 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
 
 
-def _followed(
-    curve: Sequence[allan.AllanPoint], samples: int, sampling: Sampling, *, gapless: bool
-) -> tuple[Sequence[allan.AllanPoint], NoiseFit | None]:
-    """Return the curve from the shortest averaging time on that the terms can describe, and their fit, None: no noise.
-
-    They are N and B, without gaps Q as well, as noise passed at the split falls as 1/tau; K and R where they are shown.
-    Short averages of many readings are known so well that one that no term describes would bend all others.
-    """
-    if any(point.deviation <= 0.0 for point in curve):
-        return curve, None
-    always = (Term.QUANTISATION, *_ALWAYS) if gapless else _ALWAYS
-
-    def misses(point: allan.AllanPoint, fit: NoiseFit) -> bool:
-        fitted = fit.variance(sampling, round(point.tau_s / sampling.interval_s))[0]
-        return abs(point.deviation**2 - fitted) > _BEYOND * fitted * math.sqrt(2.0 / point.edf)
-
-    for start in range(len(curve) - _LEAST_FITTED):
-        fit = fit_shown_noise(curve[start:], samples, sampling, always, _PERHAPS)
-        if not any(misses(point, fit) for point in curve[start : start + _FIRST]):
-            return curve[start:], fit
-    return curve, fit_shown_noise(curve, samples, sampling, always, _PERHAPS)
-
-
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
     """Return the coefficients, or words where there are none."""
     if not noise:
-        return Text(
-            "no noise: the readings scatter by less than the meter resolves, or a drift outweighs their noise at every "
-            "averaging time: record at a constant temperature"
-        )
+        return Text("no noise: the readings scatter by less than the meter resolves")
     columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
     return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in noise])
 
@@ -221,7 +246,8 @@ def allan_figure(all_rows: Sequence[AllanRow], white_noise_seen: float) -> Figur
     series = [Series("as the record shows it", tau, [row.observed for row in rows], low=low, high=high)]
     if all(row.corrected is not None for row in rows) and white_noise_seen > 1.0:
         series.append(Series("without dead time", tau, [row.corrected or 0.0 for row in rows]))
-    if all(row.fit is not None for row in rows):
-        series.append(Series("fit, gapless", tau, [row.fit or 0.0 for row in rows], kind="line"))
+    if fitted := [row for row in rows if row.fit]:
+        times, deviations = [row.tau_s for row in fitted], [row.fit or 0.0 for row in fitted]
+        series.append(Series("fit, gapless", times, deviations, kind="line"))
     axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "deg/h", "log")
     return Figure("Allan deviation of the output at rest", *axes, series, "The band holds the true value with 95 %.")

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from msgspec import Meta, Struct
-from msgspec.structs import replace
+from msgspec.structs import astuple, replace
 
 from vcfbench.analysis.allan import BiasStability, Sampling, Term, block_means, deviation_factor
 from vcfbench.analysis.arrays import Floats
@@ -172,6 +172,9 @@ class ZeroResult(Struct, frozen=True):
     fitted_from_s: float = 0.0
     """The shortest averaging time in the fit: where readings follow each other fast, noise passed at the mode split
     swings from one to the next, and shorter ones follow no power of the time."""
+    described: bool = True
+    """Whether the fit describes the curve: if not, B, K and R have bounds alone."""
+    remarks: tuple[str, ...] = ()
 
     def acceptance_values(self) -> Mapping[str, float | None]:
         return {"bias_v": self.bias_v, "bias_deg_s": self.bias_deg_s}
@@ -215,14 +218,16 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
     volts = block_means(readings_v, settings.readings_a_mean) if gapless else readings_v
     rates, corrected = volts / scale.value, settings.mode is not Mode.DEAD_TIME
     fitted = sampling if corrected else Sampling.without_gaps(sampling.interval_s)
-    noise = noises.record_noise(rates, sampling, corrected=corrected, u_bandwidth_hz=settings.u_passed_hz)
+    readings = readings_v / scale.value
+    # Without gaps the readings themselves, whose short averages tell N better than means over an interval
+    of_noise, each = (readings, Sampling.without_gaps(settings.aperture_s)) if gapless else (rates, sampling)
+    noise = noises.record_noise(of_noise, each, corrected=corrected, u_bandwidth_hz=settings.u_passed_hz)
     fit = noise.fit
     dead_share = 1.0 - sampling.aperture_s / sampling.interval_s
     if sampling.gapless:  # between bursts without gaps the times tell it
         seen_s = rates.size * sampling.interval_s
         dead_share = max(0.0, 1.0 - seen_s / (float(times_s[-1] - times_s[0]) + seen_s / times_s.size))
     output, bias, trend = (None, None, None) if fit is None else _stated(volts, fitted, scale, settings, fit)
-    readings = readings_v / scale.value
     return ZeroResult(
         mode=settings.mode.value,
         samples=rates.size,
@@ -242,6 +247,8 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
         bias_deg_s=float(rates.mean()),
         noise_bandwidth_hz=_noise_bandwidth(readings, settings.readings_a_mean, fit) if fit and gapless else None,
         fitted_from_s=noise.fitted_from_s,
+        described=noise.described,
+        remarks=noise.remarks,
     )
 
 
@@ -264,7 +271,7 @@ def _stated(
     """Return mean output (V), bias (deg/s) and trend ((deg/h)/h) with all that is known to make them uncertain."""
     known, per_deg_s, lasted_s = settings.station.sources, abs(scale.value), volts.size * sampling.interval_s
     # The flicker of the record, or the stated one where the record is too short to know it
-    square, variance = fit.terms[Term.BIAS_INSTABILITY].value ** 2, fit.covariance_of_squares[_FLICKER, _FLICKER]
+    square, variance = fit.coefficients.bias_instability**2, fit.covariance_of_squares[_FLICKER, _FLICKER]
     flicker = flicker_found(known, _DEG_H**2 * square, _DEG_H**2 * math.sqrt(float(variance)))
     middle, half = lasted_s / 2.0, known.horizon_h * 1800.0
     begin, end = np.array([0.0, middle - half]), np.array([lasted_s, middle + half])
@@ -302,14 +309,14 @@ def _noise_parts(
 ) -> Iterator[UncertaintyPart]:
     """Yield the contribution of each noise but flicker to a sum of means, `windows` (begins, ends, weights).
 
-    A ramp is what a trend shows, and is no noise.
+    A ramp is what a trend shows, and is no noise. What a filter takes from short averages is not taken off.
     """
     for place, term in enumerate(Term):
-        if term in {Term.BIAS_INSTABILITY, Term.RATE_RAMP} or term not in fit.terms or not fit.terms[term].value:
+        if term in {Term.BIAS_INSTABILITY, Term.RATE_RAMP} or not fit.coefficients.squares()[place] > 0.0:
             continue
         alone = np.zeros_like(fit.covariance_of_squares)
         alone[place, place] = fit.covariance_of_squares[place, place]
-        values = [math.sqrt(square) if place == n else 0.0 for n, square in enumerate(fit.coefficients.squares())]
+        values = [each if place == n else 0.0 for n, each in enumerate(astuple(fit.coefficients))]
         found = u_of_combination(NoiseFit(Coefficients(*values), {}, alone), sampling, *windows)
         yield UncertaintyPart(term.value, factor * found.u, finite(found.dof))
 
@@ -378,8 +385,5 @@ def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
             "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
             "with mode=gapless"
         )
-    if results.fitted_from_s > results.allan_deg_h[0].tau_s:
-        swings = "what passes at the mode split swings from reading to reading"
-        shorter = "shorter averages follow no power of the time"
-        lines.append(f"fitted from {results.fitted_from_s:g} s on: {swings}, and {shorter}")
+    lines += results.remarks
     return "\n".join(lines)
