@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import re
 import runpy
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 
+from simrack.device import Device
+from simrack.dialogue import DialogueFile
 from simrack.faults import FaultScript
 from simrack.models import SimulatedModel, model_named
 from simrack.own import OwnInstrument
 from simrack.serve import Offer
 from simrack.wired import Circuit, Through
+from simrack.world import World
 
 OFFERS: Mapping[str, Offer] = {"TCP": "tcp", "VXI-11": "vxi11", "HiSLIP": "hislip", "serial line": "pty"}
 UPSIDE_DOWN = {("E36312A", "output_3")}
@@ -33,6 +36,7 @@ class Place(Struct, frozen=True):
         wires: what it is served on; none are those of the real box.
         terminals: the node that each terminal goes to, `-NODE` the wrong way round, None nowhere.
         resource: its VISA resource name in this process; empty for one that is made up.
+        resources: instead of it, what makes a device of its own for each of several names.
     """
 
     name: str
@@ -40,6 +44,7 @@ class Place(Struct, frozen=True):
     wires: frozenset[Offer] = frozenset()
     terminals: Mapping[str, str | None] = field(default_factory=dict)
     resource: str = ""
+    resources: Mapping[str, Callable[[World], Device]] = field(default_factory=dict)
 
     @property
     def box(self) -> frozenset[Offer]:
@@ -81,14 +86,14 @@ class Plan(Struct, frozen=True):
 
 
 class OwnModel(SimulatedModel, frozen=True):
-    """An instrument of somebody's own: `made` is its class."""
+    """An instrument of somebody's own: `made` is its class, or makes it."""
 
-    made: type[OwnInstrument] = OwnInstrument
+    made: Any = OwnInstrument
 
     @property
     def feeds(self) -> tuple[str, ...]:
         """Its terminals that are outputs."""
-        return self.made.outputs
+        return getattr(self.made, "outputs", ())
 
     def load(self) -> Any:
         """Return its class."""
@@ -96,25 +101,30 @@ class OwnModel(SimulatedModel, frozen=True):
 
 
 def plan_of(words: Iterable[str]) -> Plan:
-    """Return the plan of a command's words, each a Python file or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
+    """Return the plan of a command's words, each a file or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
 
-    A file defines CIRCUIT, instruments of one's own, or both; those that no word names are there once. Without any
-    instrument it is the desk: a supply, a generator, a multimeter and an oscilloscope.
+    A file is one of pyvisa-sim's (.yaml), or Python that defines CIRCUIT, instruments of one's own, or both; those that
+    no word names are there once. Without any instrument it is the desk: a supply, a generator, a multimeter and an
+    oscilloscope.
 
     Raises:
         ValueError: there is no such model or wire, a name is given twice, or a file defines nothing of use.
         OSError: a file cannot be read.
     """
-    files, others = _sorted(words)
     circuit: Circuit | None = None
     own: dict[str, SimulatedModel] = {}
-    for file in files:
-        found = runpy.run_path(file)
-        made = own_models(found)
-        if not made or "CIRCUIT" in found:
-            circuit = _circuit(found, file)
-        own |= made
-    places: list[Place] = []
+    others, places = [], list[Place]()
+    for word in words:
+        if word.endswith((".yaml", ".yml")):
+            places += _dialogues(Path(word))
+        elif not word.endswith(".py"):
+            others.append(word)
+        else:
+            found = runpy.run_path(word)
+            made = own_models(found)
+            if not made or "CIRCUIT" in found:
+                circuit = _circuit(found, word)
+            own |= made
     for word in others:
         places.append(_placed(word, own, {each.name for each in places}))
     named = {place.model.name for place in places}
@@ -122,12 +132,13 @@ def plan_of(words: Iterable[str]) -> Plan:
     return Plan(_wired(places or DESK), {"output": Through("input", circuit)})
 
 
-def _sorted(words: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the files and the others."""
-    found: tuple[list[str], list[str]] = ([], [])
-    for word in words:
-        found[not word.endswith(".py")].append(word)
-    return found
+def _dialogues(file: Path) -> list[Place]:
+    """Return the devices of a file of pyvisa-sim's."""
+    said = DialogueFile(file)
+    return [
+        Place(name, OwnModel(name, "own", "", "", ("TCP", "serial line"), made=made), resources=said.by_resource(name))
+        for name, made in said.by_device().items()
+    ]
 
 
 def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:

@@ -75,10 +75,11 @@ class Rack(Struct, frozen=True):
             injector = FaultInjector(devices, self.world.clock)
             injector.play(self.plan.faults)
             devices = injector.devices
-        return {
-            place.resource or place.made_up(number): devices[place.name]
-            for number, place in enumerate(self.plan.places, start=1)
-        }
+        found: dict[str, Device] = {}
+        for number, place in enumerate(self.plan.places, start=1):
+            own = {name: made(self.world) for name, made in place.resources.items()}
+            found |= own or {place.resource or place.made_up(number): devices[place.name]}
+        return found
 
 
 def _fed(plan: Plan, kinds: set[str]) -> tuple[str, ...]:

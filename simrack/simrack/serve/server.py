@@ -235,11 +235,11 @@ class BenchServer:
         role, host, shown = instrument.role, self.settings.host, _address_for_clients(self.settings.host)
         offers = self.offered(role)
         wires = Wires(self.bench.models[role])
-        scpi = instrument.engine is not None
+        by_visa = instrument.engine is not None or getattr(instrument.device, "by_visa", False)
         names = {"inst0": instrument, role: instrument}
         if "tcp" in offers:
             port = self._tcp(instrument, ports)
-            wires.tcp = f"TCPIP0::{shown}::{port}::SOCKET" if scpi else f"socket://{shown}:{port}"
+            wires.tcp = f"TCPIP0::{shown}::{port}::SOCKET" if by_visa else f"socket://{shown}:{port}"
         if "vxi11" in offers:
             vxi11 = Vxi11Server(self.loop, (host, ports.take()), names)
             self._keep(role, vxi11, vxi11.listener)
@@ -250,7 +250,7 @@ class BenchServer:
             wires.hislip = f"TCPIP0::{shown}::hislip0,{hislip.port}::INSTR"
         if "pty" in offers:
             pty = self._pty(instrument)
-            wires.pty = f"ASRL{pty.path}::INSTR" if scpi else pty.path
+            wires.pty = f"ASRL{pty.path}::INSTR" if by_visa else pty.path
             self._leave_in_remote(role)
         if "lxi" in offers:
             lxi = LxiServer(self.loop, (host, ports.take()), instrument, shown, wires.places)
