@@ -35,7 +35,7 @@ from simrack.faulty_device import FaultInjector
 import vcfbench
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.shared.measurand import Measurand
+from vcfbench.records.stated import values_of
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.executor import StepFinished
@@ -122,13 +122,10 @@ class Windows:
             self.times_s.append((begin_s, begin_s + event.step.physical_s))
 
 
-def values_of(results: Any) -> dict[str, tuple[float, float]]:
+def stated_by(results: Any) -> dict[str, tuple[float, float]]:
     """Return every value that is stated with an uncertainty: value and U95."""
-    if statement := getattr(results, "uncertainty", None):
-        return {each.name: (each.value, each.u95) for each in statement.values}
-    names = getattr(results, "__struct_fields__", None) or getattr(results, "__dataclass_fields__", {})
-    found = ((name, getattr(results, name)) for name in names)
-    return {name: (each.value, each.expanded_u) for name, each in found if isinstance(each, Measurand)}
+    found = values_of(results).items()
+    return {name: (each.value, each.u95) for name, each in found if each.value is not None and each.u95 is not None}
 
 
 def run(case: Case, seed: int, devices: str, observers: Sequence[Any] = ()) -> Any:
@@ -167,7 +164,7 @@ def judged(results: Any, clean: dict[str, tuple[float, float]]) -> Line:
     """Return how a run ended: refused with its words, or by how much of its U95 its worst value is off."""
     if isinstance(results, BenchError):
         return {"end": "refused", "kind": type(results).__name__, "why": str(results)[:300]}
-    stated = {name: each for name, each in values_of(results).items() if name in clean}
+    stated = {name: each for name, each in stated_by(results).items() if name in clean}
     off = {name: abs(value - clean[name][0]) / u95 for name, (value, u95) in stated.items()}
     worst = max(off, key=off.__getitem__)
     return {"end": "complete", "worst": worst, "off": off[worst]}
@@ -186,7 +183,7 @@ def jumps(only: str, share: int, had: set[str], seed: int = 3) -> Iterator[Line]
             if isinstance(first, BenchError):
                 yield {"case": case.name, "fault": "none", **judged(first, {})}
                 continue
-            clean = values_of(first)
+            clean = stated_by(first)
             for number, (name, fault) in enumerate(faults_of(seen.times_s)):
                 if f"{case.name} / {name}" in had or zlib.crc32(f"{case.name}{number}".encode()) % share:
                     continue

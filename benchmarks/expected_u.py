@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING, Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import vcfbench
-from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.records.stated import values_of
 from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:
@@ -61,14 +61,8 @@ def compared(procedure: str, bench: str, seed: int, where: str) -> bool:
 
 def stated_by(run: Run) -> dict[str, float]:
     """Return each U95 that the results of a run state, those of its parts too."""
-    parts = getattr(run.results, "parts", None)
-    named = [(f"{each.name}.", each.results) for each in parts] if parts else [("", run.results)]
-    found = {before + name: value for before, of in named for name, value in named_values(of).items()}
-    return {
-        name: each.stated_u95
-        for name, each in found.items()
-        if each.stated_u95 and each.stated_u95 > 1e-9 * abs(each.value)
-    }
+    found = values_of(run.results).items()
+    return {name: each.u95 for name, each in found if each.u95 and each.u95 > 1e-9 * abs(each.value or 0.0)}
 
 
 def main() -> int:

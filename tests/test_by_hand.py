@@ -135,9 +135,9 @@ def lines_of(run: vcfbench.Run) -> list[dict[str, object]]:
 def test_a_turntable_calibration_by_hand_comes_to_its_values_and_a_record(bench: Path, tmp_path: Path) -> None:
     person = Person()
     run = vcfbench.run("turntable", bench, operator=person, runs=tmp_path / "runs", metadata={"dut": "G9"})
-    u95 = run.results.acceptance_u95()
-    assert abs(run.results.scale_factor.value - SCALE_FACTOR) <= u95["scale_factor_v_per_deg_s"] < 1e-4
-    assert abs(run.results.bias.value - BIAS_V) <= u95["bias_v"]
+    stated = run.results.uncertainty
+    assert abs(run.results.scale_factor.value - SCALE_FACTOR) <= stated.value("scale_factor").u95 < 1e-4
+    assert abs(run.results.bias.value - BIAS_V) <= stated.value("bias").u95
     assert not run.simulated
     assert (person.on, person.shown_deg_s) == (False, 0.0)
     header, *lines = lines_of(run)

@@ -138,5 +138,6 @@ from vcfbench.studies.result import StudyResult as StudyResult
 from vcfbench.studies.result import load_study as load_study
 from vcfbench.validation.validate import Validation as Validation
 from vcfbench.validation.validate import validate as validate
+from vcfbench.values.value import Value as Value
 
 __version__: str

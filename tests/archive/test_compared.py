@@ -17,11 +17,12 @@ from tests import warm
 from tests.archive.test_written import QUICK
 from vcfbench import Point, Quantity, Run, Status
 from vcfbench.archive.compared import compare_runs
-from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Figure, Heading, Table
 from vcfbench.reports.text import text_of
+from vcfbench.values.value import Value
 
 POINTS = (Point(1, 10.0, 0.0, 0.5, 3e-3, 9), Point(1, 0.0, 0.0, 0.25, 3e-3, 9))
 
@@ -48,21 +49,15 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_numbers_of_results_have_names_units_and_uncertainties() -> None:
-    assert values_of(made(2.0, 0.1)) == {
-        "gain": ResultValue("gain", 2.0, "V", 0.1),
-        "offset_v": ResultValue("offset_v", 0.5),
-    }
-    assert (ResultValue("a", 1.0, "V", 0.1).u95, ResultValue("a", 1.0, "V", 0.1).coverage_factor) == (0.2, 2.0)
-    assert ResultValue("a", 1.0, "V", 0.1, 0.19).coverage_factor == pytest.approx(1.9)
-    assert ResultValue("a", 1.0).u95 is None
-    assert values_of(Run("own", Status.COMPLETE)) == {}
+def test_values_of_results_are_found_by_type_with_names_units_and_uncertainties() -> None:
+    assert values_of(made(2.0, 0.1).results) == {"gain": Value("gain", 2.0, "V", 0.1)}
+    assert values_of(None) == {}
 
 
 def test_combined_uncertainties_come_before_those_of_the_fit(two: Path) -> None:
     run = vcfbench.load_run("last", two / "runs")
     stated = run.results.uncertainty.value("scale_factor")
-    found = values_of(run)["scale_factor"]
+    found = values_of(run.results)["scale_factor"]
     assert (found.value, found.u, found.u95) == (stated.value, stated.u, stated.u95)
     assert found.coverage_factor == pytest.approx(stated.coverage_factor)
 
@@ -71,8 +66,8 @@ def test_differences_have_their_uncertainty_and_e_n() -> None:
     gain, offset = compare_runs(made(2.0, 0.3), made(3.0, 0.4), made(1.5, 0.0)).results
     assert gain.values == (2.0, 3.0, 1.5)
     first, second = gain.differences
-    assert (first.value, first.u, first.e_n) == (1.0, 0.5, 1.0)
-    assert (second.value, second.u, second.e_n) == (-0.5, 0.3, pytest.approx(0.5 / 0.6))
+    assert (first.value, first.u, first.e_n) == (1.0, 0.5, pytest.approx(1.0 / (1.96 * 0.5), rel=1e-4))
+    assert (second.value, second.u, second.e_n) == (-0.5, 0.3, pytest.approx(0.5 / (1.96 * 0.3), rel=1e-4))
     assert offset.differences[0].e_n is None
 
 

@@ -17,9 +17,11 @@ from tests import warm
 from tests.archive.test_written import QUICK
 from vcfbench.archive.certificate import certificate_words
 from vcfbench.archive.dcc import dcc_of
-from vcfbench.archive.quantities import values_of
 from vcfbench.errors import ConfigError
+from vcfbench.records.stated import values_of
 from vcfbench.station.acceptance import Acceptance, Verdict
+from vcfbench.station.settings import Limit
+from vcfbench.values.value import Value
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -76,7 +78,7 @@ def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) ->
     assert not certificate.status_report.is_signed
     found = {name.split(": ")[-1]: quantity for name, quantity in certificate.get_calibration_results("name", "en")}
     found = {name: found[key] for name in ("scale factor", "output") for key in found if key.endswith(name)}
-    scale_factor, expected = found["scale factor"]["real"], values_of(quick)["scale_factor"]
+    scale_factor, expected = found["scale factor"]["real"], values_of(quick.results)["scale_factor"]
     assert float(scale_factor["value"]) == expected.value
     assert scale_factor["unit"] == r"\volt\degree\tothe{-1}\second"
     expanded = scale_factor["measurementUncertaintyUnivariate"]["expandedMU"]
@@ -190,8 +192,9 @@ def test_it_holds_the_report_for_people_and_its_day_of_issue(quick: Run, tmp_pat
 def test_within_the_guard_band_one_passes_or_fails_on_condition(
     quick: Run, values: tuple[float | None, ...], word: str
 ) -> None:
-    limits = tuple(Verdict(f"limit_{place}", value, 0.0, 1.0, u95=0.1) for place, value in enumerate(values))
-    of_none = Verdict("k_vc_deg_s_per_v", None, 0.0, 1.0, measured=False)
+    found = [None if value is None else Value("v", value, u95=0.1) for value in values]
+    limits = tuple(Verdict.of(Limit(f"limit_{at}", 0.0, 1.0, guarded=True), each) for at, each in enumerate(found))
+    of_none = Verdict("k_vc_deg_s_per_v", None, 0.0, 1.0)
     judged = replace(quick, verdict=Acceptance((*limits, of_none)))
     tree = ET.fromstring(dcc_of(judged, certificate_words(judged, WORDS)))  # noqa: S314  # our own
     (statement,) = tree.findall(".//dcc:statement[dcc:conformity]", SPACES)

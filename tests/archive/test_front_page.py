@@ -11,14 +11,15 @@ import vcfbench
 from tests.archive.test_written import QUICK
 from vcfbench.archive.batch_sheet import device_parts, device_rows
 from vcfbench.archive.front_page import BLANK, front_page, seal_of
-from vcfbench.archive.quantities import values_of
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.text import text_of
 from vcfbench.station.file import embedded_text
+from vcfbench.values.printing import grouped
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -65,16 +66,16 @@ def test_results_have_uncertainty_factor_limits_and_verdict(judged: Run) -> None
     _, rows, text = shown(judged)
     by_name = {row[0]: row[1:] for row in rows}
     value, u95, k, limits, verdict = by_name["scale factor"]
-    stated = values_of(judged)["scale_factor"]
+    stated = values_of(judged.results)["scale_factor"]
     assert float(value.partition("(")[0].replace(" ", "")) == pytest.approx(
         1e3 * stated.value, abs=1e3 * (stated.u or 0.0)
     )
     assert (value.endswith(") mV/(deg/s)"), u95.endswith(" mV/(deg/s)")) == (True, True)
     assert float(u95.removesuffix(" mV/(deg/s)").replace(" ", "")) == pytest.approx(1e3 * (stated.u95 or 0.0), rel=0.05)
-    assert (k, limits, verdict) == (f"{stated.coverage_factor:.2f}", "-13 to -12", "PASS")
-    assert by_name["bias (output)"][3:] == ("-50 to 50", "PASS")
-    assert by_name["reading noise"][1:] == ("not known", "", "0 to 1e-06", "FAIL")
-    assert "Decision rule: guarded acceptance" in text
+    assert (k, limits, verdict) == (f"{stated.coverage_factor:.2f}", "-13 to -12", "PASS; guarded, w = U95")
+    assert by_name["bias (output)"][3:] == ("-50 to 50", "PASS; guarded, w = U95")
+    assert by_name["reading noise"][1:] == ("not known", "", "0 to 1e-06", "FAIL; no U95: simple acceptance")
+    assert "Decision rule, guarded, w = U95: a value nearer to a limit than its U95 is marginal" in text
     assert "U95 does not contain: " in text
 
 
@@ -95,7 +96,10 @@ def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
     facts, rows, text = shown(lacking)
     assert facts["traceable by"] == f"34401A (multimeter) K-1, Lab Ltd, 2026-01-15; acl (rate table) {BLANK}"
     assert "Verdict: PASS with an incomplete U95, without temperature" in text
-    assert (rows[0][0][:36], rows[0][-1]) == ("scale factor; INCOMPLETE without tem", "PASS with an incomplete U95")
+    assert (rows[0][0][:36], rows[0][-1]) == (
+        "scale factor; INCOMPLETE without tem",
+        "PASS with an incomplete U95; guarded, w = U95",
+    )
     assert "\nPASS with an incomplete U95, without temperature" in text_of(lacking.report())
     sheet, footnote = device_parts(device_rows("G-1", lacking.directory.parent))[2:]
     assert footnote.text == "* U95 is incomplete: without temperature, demodulator phase."
@@ -115,23 +119,13 @@ def test_the_results_fit_on_the_first_page(lacking: Run) -> None:
     assert max(ends) < laid.width - 17.0 / 25.4 * 96.0 + 1.0  # its margin, in pixels of CSS
 
 
-def test_a_bias_without_a_limit_of_its_own_stands_there_once(tmp_path: Path) -> None:
-    run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path)
-    names = [row[0] for row in shown(run)[1]]
-    assert "bias" in names
-    assert "bias (output)" not in names
-
-
 def test_a_value_that_errors_alone_may_make_has_a_bound_among_the_results(tmp_path: Path) -> None:
     run = vcfbench.run("virtual-coriolis", seed=8, settings=QUICK, runs=tmp_path)
-    (said,) = [each for each in run.results.uncertainty.not_in_u if each.startswith("virtual.nonlinearity: ")]
-    others = sum("; it is below " in each for each in run.results.uncertainty.not_in_u) - 1
-    most = float(said.partition("below ")[2].partition(" ppm")[0])
+    *_, bound = run.results.uncertainty.bounds
     _, rows, text = shown(run)
-    *before, bound = [row for row in rows if row[1].startswith("below ")]
-    assert (len(before), bound[0]) == (others, "non-linearity, of the span, by V_Vc")
-    assert float(bound[1].removeprefix("below ").removesuffix(" ppm").replace(" ", "")) == most
-    assert bound[2:4] == ("not stated", "")
+    *before, row = [row for row in rows if row[1].startswith("below ")]
+    assert (len(before), row[0]) == (len(run.results.uncertainty.bounds) - 1, "non-linearity, of the span, by V_Vc")
+    assert row[1:4] == (f"below {grouped(bound.high)} ppm", "in its value", "-")
     assert "virtual.nonlinearity" not in text
     assert "rail_tolerance_v" not in text
 

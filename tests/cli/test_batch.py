@@ -23,6 +23,8 @@ from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
 from vcfbench.station.acceptance import Acceptance, Verdict
 from vcfbench.station.file import embedded_text
+from vcfbench.station.settings import Limit
+from vcfbench.values.value import Value
 
 if TYPE_CHECKING:
     import subprocess
@@ -223,7 +225,8 @@ def test_a_step_beyond_a_limit_is_refused_before_anything_is_measured(folder: Pa
 def test_a_verdict_by_an_incomplete_guard_band_says_so(
     high: float, word: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    verdict = Acceptance((Verdict("bias_v", 0.0, -1.0, high, u95=0.1, missing=("temperature",)),))
+    bias = Value("bias", 0.0, "V", u95=0.1, missing=("temperature",))
+    verdict = Acceptance((Verdict.of(Limit("bias_v", -1.0, high, guarded=True), bias),))
     run = vcfbench.Run("turntable", vcfbench.Status.COMPLETE, verdict=verdict)
     monkeypatch.setattr(module, "attended", lambda *_: run)
     asked = read_batch(folder / "plan.toml")

@@ -18,7 +18,6 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
 from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.shared.measurand import UncertaintyPart as Source
 from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.zero.noise import NoiseCoefficient
 from vcfbench.reports.document import Table, Text
@@ -35,6 +34,7 @@ from vcfbench.steps import (
     Settle,
     Step,
 )
+from vcfbench.values.value import UncertaintyPart as Source
 
 if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription
@@ -134,7 +134,7 @@ def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> 
 
 def test_what_a_calibration_finds_turns_volts_into_rates_for_the_others(run: Any) -> None:
     zero, _, turntable = (part.results for part in run.results.parts)
-    assert zero.scale_factor_v_per_deg_s.value == turntable.scale_factor.value
+    assert zero.scale_factor_v_per_deg_s.value == turntable.uncertainty.value("scale_factor").value
 
 
 def test_what_is_told_to_the_whole_goes_to_every_part_unless_it_is_told_otherwise(run: Any) -> None:
@@ -173,10 +173,8 @@ def test_the_record_tells_the_same(run: Any) -> None:
     again = vcfbench.load_run(run.directory)
     assert again.results == run.results
     assert vcfbench.text_of(again.report()) == vcfbench.text_of(run.report())
-    assert (
-        again.results.acceptance_values()["scale_factor_v_per_deg_s"]
-        == again.results.parts[2].results.scale_factor.value
-    )
+    factor = next(each for each in again.results.stated() if each.name == "turntable.scale_factor")
+    assert factor.value == again.results.parts[2].results.uncertainty.value("scale_factor").value
 
 
 # --- one session -----------------------------------------------------------------------------------------------
@@ -321,9 +319,7 @@ class Found:
     q: Any
     drive_hz: Any
     residuals: tuple[float, ...] = (1.0, 2.0)
-
-    def acceptance_values(self) -> dict[str, float | None]:
-        return {"drive_hz": self.drive_hz.value, "nonlinearity_ppm": 742.0, "e_n": None}
+    nonlinearity_ppm: float = 742.0
 
 
 def test_the_sheet_has_every_value_once() -> None:
@@ -332,7 +328,7 @@ def test_the_sheet_has_every_value_once() -> None:
     assert [(each.quantity, each.value, each.unit) for each in rows] == [
         ("Q", 1200.0, ""),
         ("drive", 3488.9, "Hz"),
-        ("nonlinearity", 742.0, "ppm"),
+        ("non-linearity, of the span", 742.0, "ppm"),
     ]
     assert rows[1].u95 == pytest.approx(0.196, rel=1e-3)
     assert (rows[2].u, rows[2].u95) == (None, None)

@@ -17,11 +17,12 @@ from vcfbench.procedures.health.check import checked, health_parts, not_measured
 from vcfbench.procedures.health.found import Health, beside
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
-from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from pathlib import Path

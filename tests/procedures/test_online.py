@@ -162,7 +162,7 @@ def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_pa
     assert not [each for each in sources if "gain of what V_Vc" in each]
     assert found.k_vc_from == "certificate 0001"
     assert found.drift.since == "certificate 0001 of 2020-01-01"
-    assert found.acceptance_values()["drift_ppm"] == found.drift.change_ppm.value
+    assert [each.value for each in found.stated() if each.kind == "drift_ppm"] == [found.drift.change_ppm.value]
     assert abs(found.drift.change_ppm.value) < 350.0
 
 

@@ -23,13 +23,14 @@ from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
 from vcfbench.procedures.shared.known.certificate import drift_of
 from vcfbench.procedures.shared.known.device import KnownDevice, Reference, level_for
-from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits
 from vcfbench.station.settings import Limit, PlacedInstrument
 from vcfbench.testing import serve_simulated
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from vcfbench.station.description import BenchDescription

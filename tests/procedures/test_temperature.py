@@ -151,9 +151,9 @@ def test_what_has_no_hysteresis_shows_none(run: Any) -> None:
     for name, most in (("scale_factor", 50.0), ("bias", 0.02), ("frequency", 50.0)):
         hysteresis = getattr(found, f"{name}_hysteresis")
         assert abs(hysteresis.value) < hysteresis.expanded_u < most
-    u_of = {name: each.u for name, each in found.quantities() if "hysteresis" in name}
-    assert list(u_of.values()) == [None, None, None]
-    assert "hysteresis of the bias, not seen, below (95 %)" in vcfbench.text_of(run.report())
+    forms = [each.form for each in found.stated() if "hysteresis" in each.name]
+    assert forms == ["size-below"] * 3
+    assert "size below" in vcfbench.text_of(run.report())
 
 
 def test_every_temperature_is_told_and_the_record_tells_the_same(run: Any) -> None:

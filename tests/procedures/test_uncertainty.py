@@ -310,7 +310,7 @@ def test_where_what_is_known_is_from_is_said() -> None:
 
 def test_a_statement_is_written_by_the_names_of_its_fields() -> None:
     written = plain(four(GENERATOR, std_v=NOISE))
-    assert list(written) == ["values", "correlation", "e_n", "not_in_u", "known_from", "complete", "missing"]
+    assert list(written) == ["values", "correlation", "e_n", "not_in_u", "known_from", "complete", "missing", "bounds"]
     value, same = written["values"][0], ["complete", "missing"]
     assert list(value) == ["name", "value", "unit", "u", "dof", "coverage_factor", "u95", "of", "contributions", *same]
     shares = [sum(each["share"] for each in v["contributions"]) for v in written["values"]]

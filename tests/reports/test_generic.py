@@ -10,6 +10,8 @@ from vcfbench.reports.document import Cell, Report
 from vcfbench.reports.generic import generic_report, points_table, results_table, verdict_table
 from vcfbench.reports.text import table_text, text_of
 from vcfbench.station.acceptance import Acceptance, Verdict
+from vcfbench.station.settings import Limit
+from vcfbench.values.value import Value
 
 POINTS = (Point(1, 10.0, 0.0, -0.125, 1e-4, 10),)
 
@@ -99,12 +101,16 @@ def test_results_of_one_number_have_no_name_of_their_own() -> None:
 
 
 def test_a_verdict_has_every_limit_with_its_value() -> None:
-    limits = (Verdict("bias_v", 0.25, 0.0, 0.5), Verdict("bias_deg_s", None, 0.0, 1.0))
+    found = Value("bias", 0.2512, "V", u95=0.012)
+    limits = (
+        Verdict.of(Limit("bias_v", 0.0, 0.26, guarded=True), found),
+        Verdict.of(Limit("bias_deg_s", 0.0, 1.0), None),
+    )
     assert table_text(verdict_table(Acceptance(limits))).splitlines() == [
         "FAIL",
-        "limit   value   low   high   unit    verdict",
-        "--------------------------------------------",
-        "bias     0.25     0    0.5   V          PASS",
-        "bias        -     0      1   deg/s      FAIL",
+        "limit           value   U95   low   high   unit                        verdict   rule",
+        "-------------------------------------------------------------------------------------",
+        "bias (output)     251    12     0    260   mV      MARGINAL (conditional pass)   guarded, w = U95",
+        "bias                -     -     0      1   deg/s                          FAIL   not found",
     ]
-    assert verdict_table(Acceptance(limits[:1])).title == "PASS"
+    assert verdict_table(Acceptance(limits[:1])).title == "MARGINAL"

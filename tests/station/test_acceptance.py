@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from vcfbench.procedures.shared.judged import Judged
-from vcfbench.procedures.shared.measurand import Measurand, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
-from vcfbench.station.acceptance import judged
+from vcfbench.station.acceptance import judged, limit_key
 from vcfbench.station.settings import Limit, Station
+from vcfbench.values.value import Value
 
 K, K_VC = -0.0125, 150.0
 RATES = (20.0, 10.0, 0.0, -10.0, -20.0)
@@ -49,11 +49,12 @@ def test_what_is_within_its_limits_passes_bounds_included() -> None:
     ppm = RESULTS.turntable.nonlinearity_ppm.max_span
     assert ppm is not None
     assert ppm > 100.0
+    stated = RESULTS.uncertainty
     limits = (
-        Limit("scale_factor_v_per_deg_s", RESULTS.turntable.scale_factor.value, -0.0120),
-        Limit("bias_v", -0.05, RESULTS.turntable.bias.value),
+        Limit("scale_factor_v_per_deg_s", stated.value("turntable.scale_factor").value, -0.0120),
+        Limit("bias_v", -0.05, stated.value("turntable.bias").value),
         Limit("bias_deg_s", 3.0, 3.5),
-        Limit("nonlinearity_ppm", 0.0, ppm),
+        Limit("nonlinearity_ppm", 0.0, ppm * (1.0 + 1e-9)),
         Limit("reading_noise_v", 0.0, 1.3e-4),
         Limit("k_vc_deg_s_per_v", 140.0, 160.0),
         Limit("scale_factor_error_percent", 1.4, 1.6),
@@ -62,16 +63,10 @@ def test_what_is_within_its_limits_passes_bounds_included() -> None:
 
 
 def test_values_are_those_of_the_column_measured_on_the_table() -> None:
-    values = RESULTS.acceptance_values()
-    assert values["scale_factor_v_per_deg_s"] == pytest.approx(K)
-    assert values["k_vc_deg_s_per_v"] == pytest.approx(K_VC)
-    assert values["scale_factor_error_percent"] == pytest.approx(1.5)
-    assert set(TURNTABLE.acceptance_values()) == {
-        "scale_factor_v_per_deg_s",
-        "bias_v",
-        "bias_deg_s",
-        "nonlinearity_ppm",
-    }
+    values = {limit_key(each): each for each in reversed([*RESULTS.stated()]) if isinstance(each, Value)}
+    assert values["scale_factor_v_per_deg_s"].value == pytest.approx(K)
+    assert values["k_vc_deg_s_per_v"].value == pytest.approx(K_VC)
+    assert values["scale_factor_error_percent"].value == pytest.approx(1.5)
 
 
 def test_one_limit_that_fails_fails_the_run() -> None:
@@ -108,40 +103,43 @@ def test_a_result_that_cannot_be_computed_does_not_pass() -> None:
     assert verdicts(Zero(None), Limit("bias_v", -1.0, 1.0)) == ["fail", "fail"]
 
 
+@dataclass(frozen=True, slots=True)
 class Stated:
-    """A result with an expanded uncertainty."""
+    """Results of one's own, with values that have a kind."""
 
-    def acceptance_values(self) -> dict[str, float | None]:
-        return {"bias_v": 0.010, "nonlinearity_ppm": 999.0}
+    offset: Value
+    bend: Value
 
-    def acceptance_u95(self) -> dict[str, float]:
-        return {"bias_v": 0.002}
+
+STATED = Stated(Value("offset", 0.010, "V", u95=0.002, kind="bias"), Value("bend", 999.0, "ppm", kind="nonlinearity"))
 
 
 @pytest.mark.parametrize(
     ("high", "word"), [(0.0125, "pass"), (0.0115, "marginal"), (0.0095, "marginal"), (0.0075, "fail")]
 )
 def test_a_guard_band_is_the_expanded_uncertainty_on_both_sides_of_a_limit(high: float, word: str) -> None:
-    assert verdicts(Stated(), Limit("bias_v", -1.0, high, guarded=True)) == [word] * 2
-    assert verdicts(Stated(), Limit("bias_v", -1.0, high))[1] == ("pass" if high >= 0.010 else "fail")
+    assert verdicts(STATED, Limit("bias_v", -1.0, high, guarded=True)) == [word] * 2
+    assert verdicts(STATED, Limit("bias_v", -1.0, high))[1] == ("pass" if high >= 0.010 else "fail")
 
 
 def test_one_marginal_limit_makes_a_run_marginal_and_not_passed() -> None:
     limits = (Limit("bias_v", -1.0, 0.011, guarded=True), Limit("nonlinearity_ppm", 0.0, 1000.0, guarded=True))
-    acceptance = judged(limits, Stated(), POINTS)
+    acceptance = judged(limits, STATED, POINTS)
     assert acceptance is not None
     assert not acceptance.passed
     written = acceptance.as_json()
     assert [written["verdict"], *(each["verdict"] for each in written["limits"])] == ["marginal", "marginal", "pass"]
     assert [each.get("u95") for each in written["limits"]] == [0.002, None]
-    assert verdicts(Stated(), limits[0], Limit("nonlinearity_ppm", 0.0, 1.0))[0] == "fail"
+    assert [each["rule"] for each in written["limits"]] == ["guarded, w = U95", "no U95: simple acceptance"]
+    assert acceptance.conditional == acceptance.limits[0].conditional == "conditional pass"
+    assert verdicts(STATED, limits[0], Limit("nonlinearity_ppm", 0.0, 1.0))[0] == "fail"
 
 
 def test_an_e_n_by_an_incomplete_u95_says_so() -> None:
-    class Found(Judged, frozen=True):
-        def judged(self) -> dict[str, Measurand | float]:
-            return {"drift_ppm": measurand(3.0, "ppm", [], ("temperature",)), "e_n": 0.4}
-
-    verdict = judged([Limit("e_n", 0.0, 1.5)], Found(), ())
+    found = measurand(3.0, "ppm", [], ("temperature",)).as_value("drift_ppm")
+    verdict = judged([Limit("e_n", 0.0, 1.5)], {"e": Value("e_n", 0.4, kind="e_n", missing=found.missing)}, ())
     assert verdict is not None
     assert (verdict.word, verdict.said) == ("pass", "PASS with an incomplete U95, without temperature")
+    guarded = judged([Limit("drift_ppm", 0.0, 5.0)], {"drift": found}, ())
+    assert guarded is not None
+    assert guarded.said == "PASS with an incomplete U95, without temperature"

@@ -17,10 +17,11 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, measurand
 from vcfbench.testing.soaking import cleaned, shrunk, trial, tried
 from vcfbench.testing.soaking.draw import Happening, drawn
-from vcfbench.testing.soaking.judge import values_of
+from vcfbench.testing.soaking.judge import reaches_of
+from vcfbench.values.value import UncertaintyPart
 
 LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))
 
@@ -125,7 +126,7 @@ def test_noise_of_few_readings_is_no_fault_and_a_shift_of_as_many_u95_of_many_re
     draws = np.random.default_rng(8).standard_normal((20_000, 2, 5))
     values, u = draws.mean(axis=2), draws.std(axis=2, ddof=1) / math.sqrt(5.0)
     reach = {
-        dof: values_of(Stated(measurand(0.0, "V", [UncertaintyPart("readings", 1.0, dof)])))["output"][1]
+        dof: reaches_of(Stated(measurand(0.0, "V", [UncertaintyPart("readings", 1.0, dof)])))["output"][1]
         for dof in (4, None)
     }
     apart = np.abs(values[:, 0] - values[:, 1]) / u.sum(axis=1)

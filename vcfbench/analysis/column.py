@@ -2,6 +2,9 @@
 
 from msgspec import Struct
 
+from vcfbench.values.kinds import kind_of
+from vcfbench.values.value import Value
+
 
 class Quantity(Struct, frozen=True):
     """A measured value with its combined standard uncertainty `u`, both in `unit`."""
@@ -15,6 +18,11 @@ class Quantity(Struct, frozen=True):
     complete: bool = True
     missing: tuple[str, ...] = ()
     """Contributions that `u` lacks because their size is unknown; empty if it is complete."""
+
+    def as_value(self, name: str) -> Value:
+        """Return it as a value of a run."""
+        unit = self.unit
+        return Value(name, self.value, unit, self.u, kind=kind_of(name, unit), missing=self.missing)
 
 
 class TypeA(Struct, frozen=True):

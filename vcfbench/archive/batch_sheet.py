@@ -11,8 +11,6 @@ from typing import Any, Final
 from msgspec import Struct, structs
 
 from vcfbench.archive.compared import difference
-from vcfbench.archive.front_page import LIMITED
-from vcfbench.archive.quantities import values_of
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.written import write_document
@@ -20,8 +18,9 @@ from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
-from vcfbench.values.kinds import in_words, named
+from vcfbench.values.kinds import limit_words
 from vcfbench.values.printing import digits_of_value, shorthand
 
 _UNITS: Final = (
@@ -29,6 +28,12 @@ _UNITS: Final = (
     "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u."
 )
 _COLUMNS: Final = heads("scale factor | U95:.0f | bias | non-lin.:.0f | drift (E_n) | verdict")
+
+
+_SLOPES: Final = {"scale_factor", "scale_factor_small", "scale_factor_by_v_vc"}
+_OUTPUTS: Final = {"bias", "bias_at_rest", "bias_by_v_vc"}
+_BENDS: Final = {"nonlinearity", "nonlinearity_by_v_vc"}
+"""Kinds that a column holds: of a procedure always the same one."""
 
 
 class SheetRow(Struct, frozen=True, kw_only=True):
@@ -134,11 +139,9 @@ def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
 
 def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     run = load_run(str(summary.directory))
-    values = values_of(run)
-    # the value of the run as a whole, else that on the table, else that by V_Vc
+    values = values_of(run.results)
     scale, bias, bend = (
-        next((values[key] for key in (name, f"turntable.{name}", f"virtual.{name}") if key in values), None)
-        for name in ("scale_factor", "bias", "nonlinearity")
+        next((each for each in values.values() if each.kind in kinds), None) for kinds in (_SLOPES, _OUTPUTS, _BENDS)
     )
     found: dict[str, Any] = {}
     for name, each in (("scale_factor_v_per_deg_s", scale), ("bias_v", bias)):
@@ -146,13 +149,13 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
             found |= {name: each.value, f"u_{name}": each.u, f"u95_{name}": each.u95}
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None:
-        then = values_of(earlier).get(scale.name)
-        if then is not None and then.unit == scale.unit and then.value:
+        then = values_of(earlier.results).get(scale.name)
+        if then is not None and then.kind == scale.kind and then.value:
             drift = difference(then, scale)
             found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
             found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
     judged = [] if run.verdict is None else [each for each in run.verdict.limits if each.measured]
-    limits = [(named(LIMITED.get(each.key, each.key), in_words(each.key)[1]), each) for each in judged]
+    limits = [(limit_words(each.key), each) for each in judged]
     lacks = [each.missing for each in (scale, bias, bend, *judged) if each is not None]
     return SheetRow(
         device=str(summary.dut),

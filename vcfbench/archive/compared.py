@@ -8,14 +8,15 @@ from typing import Any, Final
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.values.kinds import named
+from vcfbench.values.value import Value
 
 _OF_FITS: Final = frozenset(
     ("type_a", "polynomial", "s_v", "dof", "coverage_factor", "u95_fit_ppm", "covariance", "durbin_watson", "sign_runs")
@@ -45,6 +46,7 @@ class SharedResult(Struct, frozen=True):
     u: tuple[float | None, ...]
     differences: tuple[Difference, ...]
     missing: tuple[tuple[str, ...], ...] = ()  # Contributions missing from each `u`
+    words: str = ""
 
 
 class RunComparison(Struct, frozen=True):
@@ -63,6 +65,8 @@ class RunComparison(Struct, frozen=True):
     equipment: Mapping[str, tuple[str, ...]]
     instruments: tuple[str, ...]
     unnumbered: tuple[str, ...] = ()
+    of_others: tuple[str, ...] = ()
+    """Results of one name that are of another measurand in each, and so not compared."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench compare --json``."""
@@ -74,6 +78,7 @@ class RunComparison(Struct, frozen=True):
             "equipment": {name: list(each) for name, each in self.equipment.items()},
             "shared_instruments": list(self.instruments),
             "unnumbered_instruments": list(self.unnumbered),
+            "of_other_measurands": list(self.of_others),
         }
 
     def report(self) -> Report:
@@ -113,17 +118,21 @@ def compare_runs(*runs: Run) -> RunComparison:
             raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
     if not 2 <= len(runs) <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
-    of_each = [values_of(run) for run in runs]
-    results = []
+    of_each = [_compared(run) for run in runs]
+    results, others = [], []
     for name, first in of_each[0].items():
         found = [each[name] for each in of_each if name in each and each[name].unit == first.unit]
-        if len(found) == len(runs):  # V is not deg/s
-            numbers, u = tuple(each.value for each in found), tuple(each.u for each in found)
-            unlike = tuple(difference(first, each) for each in found[1:])
-            missing = tuple(each.missing for each in found)
-            results.append(SharedResult(name, first.unit, numbers, u, unlike, missing))
+        if len(found) < len(runs):  # V is not deg/s
+            continue
+        if len({each.kind for each in found}) > 1:
+            others.append(f"{name}: {', '.join(dict.fromkeys(each.named.words for each in found))}")
+            continue
+        numbers, u = tuple(each.value or 0.0 for each in found), tuple(each.u for each in found)
+        unlike = tuple(difference(first, each) for each in found[1:])
+        missing = tuple(tuple(each.missing) for each in found)
+        results.append(SharedResult(name, first.unit, numbers, u, unlike, missing, first.named.words))
     points = tuple(run.points for run in runs) if _alike(*(run.points for run in runs)) else ()
-    if not results and not points:
+    if not results and not points and not others:
         has = []
         for run, values in zip(runs, of_each, strict=True):
             few = f"{', '.join([*values][:5])}{', ...' if len(values) > 5 else ''}" if values else "no results"
@@ -144,7 +153,26 @@ def compare_runs(*runs: Run) -> RunComparison:
         _unlike([_circumstances(run) for run in runs]),
         tuple(each for each in shared if not each.endswith(" None")),
         unnumbered,
+        tuple(others),
     )
+
+
+def _compared(run: Run) -> dict[str, Value]:
+    """Return the values of a run that have a number, and then every other number of its results, by name."""
+    stated = {name: each for name, each in values_of(run.results).items() if each.value is not None}
+    results = plain(run.results)
+    numbers = _numbers(results, "") if isinstance(results, dict) else ()
+    return stated | {name: Value(name, number) for name, number in numbers if name not in stated}
+
+
+def _numbers(values: Mapping[str, Any], before: str) -> Iterator[tuple[str, float]]:
+    """Yield numbers by name, going down into what is nested by names; lists and quantities are left out."""
+    for key, value in values.items():
+        name = f"{before}{key}"
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            yield name, float(value)
+        elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
+            yield from _numbers(value, f"{name}.")
 
 
 def _reaching(run: Run) -> dict[str, str | None]:
@@ -162,9 +190,9 @@ def _name(run: Run) -> str:
     return run.name or run.procedure
 
 
-def difference(first: ResultValue, other: ResultValue) -> Difference:
+def difference(first: Value, other: Value) -> Difference:
     """Return by how much the value of one run differs from that of the first."""
-    value, u, e_n = other.value - first.value, None, None
+    value, u, e_n = (other.value or 0.0) - (first.value or 0.0), None, None
     if first.u is not None and other.u is not None and first.u95 is not None and other.u95 is not None:
         u, u95 = math.hypot(first.u, other.u), math.hypot(first.u95, other.u95)
         e_n = abs(value) / u95 if u95 > 0.0 else None
@@ -232,6 +260,8 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
             "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. Uncertainties of "
             f"the runs are taken as independent. {_said_of_instruments(comparison)}"
         )
+    if comparison.of_others:
+        yield Text(f"Of another measurand in each run, and not compared: {'; '.join(comparison.of_others)}.")
     names = {_named(each) for each in known}
     unknown = [
         each
@@ -265,7 +295,7 @@ def _said_of_instruments(comparison: RunComparison) -> str:
 def _named(shared: SharedResult) -> tuple[str, str]:
     """Return the words of a result, and the unit of its values."""
     of = named(shared.name, shared.unit)
-    return of.words, shared.unit or of.unit
+    return shared.words or of.words, shared.unit or of.unit
 
 
 def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:

@@ -12,18 +12,17 @@ from xml.etree import ElementTree as ET
 
 from vcfbench.archive.certificate import CertificateWords
 from vcfbench.archive.front_page import days_of
-from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.reported import method_of
 from vcfbench.archive.run import Run
 from vcfbench.archive.si_units import in_si
 from vcfbench.errors import ConfigError
 from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import values_of
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
-from vcfbench.station.acceptance import Verdict
-from vcfbench.values.kinds import named
-from vcfbench.values.printing import incomplete
+from vcfbench.values.printing import figure, incomplete
+from vcfbench.values.value import Value
 
 SCHEMA_VERSION: Final = "3.3.0"
 _DCC: Final = "https://ptb.de/dcc"
@@ -40,7 +39,12 @@ _REF_TYPES: Final = (
     ("basic", "terms of the DCC Wiki", "https://wiki.dcc.ptb.de/en/dccrefTypeDefinitions"),
     (_NAMESPACE, "names of results in vcfbench, in camel case", "vcfbench, docs/reports.md"),
 )
-_IN_WORDS: Final = {"conditionalPass": "conditional pass", "conditionalFail": "conditional fail"}
+_CONFORMITY: Final = {
+    "pass": "pass",
+    "fail": "fail",
+    "conditional pass": "conditionalPass",
+    "conditional fail": "conditionalFail",
+}
 
 
 def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None = None) -> bytes:
@@ -56,7 +60,8 @@ def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None
     """
     if run.status is not Status.COMPLETE:
         raise ConfigError(f"run {run.name}: a certificate needs a run that is complete, this one is {run.status.value}")
-    values = [each for each in values_of(run).values() if each.u is not None]
+    stated = values_of(run.results).values()
+    values = [each for each in stated if each.u95 is not None or each.form != "plus-minus"]
     if not values:
         raise ConfigError(f"run {run.name}: its results have no uncertainties, and a certificate without is none")
     for prefix, space in (("dcc", _DCC), ("si", _SI), ("xsi", _XSI)):
@@ -99,7 +104,7 @@ def _ref_type(name: str) -> str:
     return " ".join(f"{_NAMESPACE}_{each}" for each in of)
 
 
-def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[ResultValue]) -> None:
+def _administrative(parent: ET.Element, run: Run, words: CertificateWords, values: Sequence[Value]) -> None:
     software = _under(parent, "dccSoftware")
     for name, version in (run.header.get("versions") or {"vcfbench": "-"}).items():
         one = _under(software, "software")
@@ -111,7 +116,7 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
         _say(one, "name", said)
         _under(one, "namespace", namespace)
         _under(one, "link", link)
-    _core(_under(parent, "coreData"), run, words, german=any(named(each.name, each.unit).german for each in values))
+    _core(_under(parent, "coreData"), run, words, german=any(each.named.german for each in values))
     item = _under(_under(parent, "items"), "item")
     _say(item, "name", words.item)
     if words.item_manufacturer:
@@ -137,21 +142,9 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     if run.verdict is not None:
         one = _under(statements, "statement")
         one.set("refType", "basic_conformity")
-        found = [(each, _conformity(each)) for each in run.verdict.limits]
-        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {_IN_WORDS.get(word, word)}" for e, word in found]
+        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.stated}" for e in run.verdict.limits]
         _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
-        order = ("fail", "conditionalFail", "conditionalPass", "pass")
-        _under(one, "conformity", min((word for _, word in found if word in order), key=order.index))
-
-
-def _conformity(limit: Verdict) -> str:
-    """Return the verdict on a limit in the DCC's words.
-
-    Within the guard band a value inside its limit passes, one outside fails, both on condition: ILAC-G8:09/2019, 4.2.3.
-    """
-    if limit.word != "marginal" or limit.value is None:
-        return limit.word
-    return "conditionalPass" if limit.low <= limit.value <= limit.high else "conditionalFail"
+        _under(one, "conformity", _CONFORMITY[run.verdict.conditional or run.verdict.word])
 
 
 def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool) -> None:
@@ -187,7 +180,7 @@ def _contact(parent: ET.Element, name: str, email: str, address: str, country: s
     _say(location, "further", address)
 
 
-def _measured(parent: ET.Element, run: Run, values: Sequence[ResultValue]) -> None:
+def _measured(parent: ET.Element, run: Run, values: Sequence[Value]) -> None:
     _say(parent, "name", in_unicode(str(run.header.get("title") or run.procedure)))
     method = _under(_under(parent, "usedMethods"), "usedMethod")
     _say(method, "name", run.procedure)
@@ -237,15 +230,18 @@ def _equipment(parent: ET.Element, each: Equipment) -> None:
                 _identification(identifications, issuer, number, f"{name} number")
 
 
-def _quantity(parent: ET.Element, value: ResultValue) -> None:
+def _quantity(parent: ET.Element, value: Value) -> None:
     quantity = _under(parent, "quantity")
     quantity.set("refType", f"basic_measuredValue {_ref_type(value.name)}")
-    of = named(value.name, value.unit)
+    of = value.named
     _say(quantity, "name", in_unicode(of.words), german=of.german)
     if said := (value.of + incomplete(value.missing)).removeprefix("; "):
         _say(quantity, "description", in_unicode(said))
     in_words = in_si(value.unit)
-    if in_words is None:
+    if value.form != "plus-minus":
+        _say(quantity, "noQuantity", f"{figure(value)} {value.unit} (95 %)")
+        return
+    if value.value is None or in_words is None:
         _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")
         return
     real = _real(quantity, value.value, *in_words)

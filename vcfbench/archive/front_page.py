@@ -5,40 +5,29 @@ What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to 
 
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import datetime, timedelta
-from typing import Any, Final
+from typing import Final
 
 import msgspec
 
 from vcfbench.archive.certificate import stated_words
-from vcfbench.archive.quantities import ResultValue, values_of
 from vcfbench.archive.run import Run
 from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
-from vcfbench.station.acceptance import Verdict
-from vcfbench.values.kinds import named
-from vcfbench.values.printing import grouped, incomplete, shorthand
+from vcfbench.station.acceptance import Verdict, limit_key
+from vcfbench.values.kinds import limit_words
+from vcfbench.values.printing import figure, grouped, incomplete
+from vcfbench.values.value import Value as Stated
+from vcfbench.values.verdict import RULES
 
 BLANK: Final = "_" * 24  # Stands for what was not told
 _MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told
 _MOST: Final = 12  # So many results stand on the first page; the others follow
-LIMITED: Final = {
-    "scale_factor_v_per_deg_s": "scale_factor",
-    "bias_v": "bias",
-    "nonlinearity_ppm": "nonlinearity",
-    "k_vc_deg_s_per_v": "k_vc",
-}
-"""Results by the keys of ``[acceptance]`` that are not their names."""
-_RULES: Final = {
-    "none": "simple acceptance: a value within its limits passes, its uncertainty set aside (ILAC-G8, w = 0)",
-    "U95": "guarded acceptance: a value nearer to a limit than its U95 is marginal (ILAC-G8, w = U95)",
-}
-_BOUND: Final = re.compile(r"(\S+): .*; it is below (\S+) (\S+) \(95 %\)")
-"""Of a value that is not stated, since errors alone may make it."""
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
 
 
@@ -122,59 +111,63 @@ def checked(run: Run) -> str | None:
 
 def _results(run: Run) -> Iterator[Part]:
     """Yield the box of the results, and what is to be known of their uncertainties."""
-    known = {each.name: each for each in values_of(run).values() if each.u is not None}
-    limits = {} if run.verdict is None else {LIMITED.get(each.key, each.key): each for each in run.verdict.limits}
-    # a bias stands there once, as a rate, unless the other is limited
-    again = {name for name in known if f"{name}_deg_s" in known} | {"bias_difference_v"}
-    shown = [each for name, each in known.items() if name not in again or name.rpartition(".")[2] in limits]
+    table = results_table(run, most=_MOST)
+    if table is not None:
+        yield table
+        yield Text("\n".join(_said_of_results(run, values_of(run.results).values())))
+
+
+def results_table(run: Run, most: int | None = None) -> Table | None:
+    """Return the values that a run states, each in its form, with its limits; None where it states none.
+
+    `most` of them, those with limits all the same.
+    """
+    limits = {} if run.verdict is None else {each.key: each for each in run.verdict.limits}
     rows: list[tuple[Value, ...]] = []
-    for each in shown[:_MOST]:
-        of, u, u95, k = named(each.name, each.unit), each.u or 0.0, each.u95 or 0.0, each.coverage_factor
-        value = f"{shorthand(of.factor * each.value, abs(of.factor) * u)} {of.unit}".strip()
-        of_u = (f"{grouped(of.factor * u95)} {of.unit}".strip(), None if k is None else f"{k:.2f}")
-        window = _window(limits.pop(each.name.removeprefix("turntable."), None), of.factor)
-        rows.append((f"{of.words}{incomplete(each.missing)}", value, *of_u, *window))
-    left_out = _left_out(run)
-    for bound in filter(None, map(_BOUND.fullmatch, left_out)):
-        of = named(bound[1], bound[3])
-        value = f"below {grouped(of.factor * float(bound[2]))} {of.unit}".strip()
-        window = _window(limits.pop(bound[1].removeprefix("turntable."), None), of.factor)
-        rows.append((of.words, value, "not stated", "", *window))
-    for limit in limits.values():  # of values without an uncertainty
-        of = named(limit.key)
-        value = "-" if limit.value is None else f"{shorthand(limit.value, None)} {of.unit}".strip()
-        rows.append((of.words, value, "not known", "", *_window(limit, 1.0)))
-    if not rows:
-        return
+    for place, each in enumerate(values_of(run.results).values()):
+        limit = limits.pop(limit_key(each), None)
+        if most is not None and place >= most and limit is None:
+            continue
+        of, k = each.named, each.coverage_factor
+        value = f"{figure(each, of.factor)} {of.unit}".strip()
+        u95 = "in its value" if each.form != "plus-minus" else "not known"
+        if each.u95 is not None:
+            u95 = f"{grouped(abs(of.factor) * each.u95)} {of.unit}".strip()
+        window = _window(limit, of.factor)
+        rows.append((f"{of.words}{incomplete(each.missing)}", value, u95, None if k is None else f"{k:.2f}", *window))
+    for limit in limits.values():  # of what no results state
+        of = limit_words(limit.key)
+        value = "-" if limit.found is None else f"{figure(limit.found, of.factor)} {of.unit}".strip()
+        rows.append((of.words, value, "not known", "", *_window(limit, of.factor)))
     names = ("quantity", "value", "U95", "k", "limits", "verdict")
     judged = len(names) if run.verdict is not None else 4
     columns = [Column(each, align="left" if place in {0, 5} else "right") for place, each in enumerate(names[:judged])]
-    yield Table(columns, [row[:judged] for row in rows], "Results")
-    yield Text("\n".join(_said_of_results(run, shown)))
+    return Table(columns, [row[:judged] for row in rows], "Results") if rows else None
 
 
 def _window(limit: Verdict | None, factor: float) -> tuple[str, str]:
     if limit is None:
         return "", ""
-    return f"{factor * limit.low:g} to {factor * limit.high:g}", limit.said
+    rule = f"; {limit.rule}" if limit.rule else ""
+    return f"{factor * limit.low:g} to {factor * limit.high:g}", f"{limit.said}{rule}"
 
 
-def _said_of_results(run: Run, shown: Sequence[ResultValue]) -> Iterator[str]:
-    if shown:
+def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
+    if any(each.u is not None for each in stated):
         yield (
             "In parentheses: standard uncertainty u, in units of the last digits. U95 = k u: expanded uncertainty, the "
             "half width of an interval that covers the value with 95 % (JCGM 100)."
         )
-    if run.verdict is not None:
-        acceptance: Mapping[str, Any] = run.header.get("bench", {}).get("acceptance") or {}
-        yield f"Decision rule: {_RULES[acceptance.get('guard_band', 'none')]}."
-    left_out = [_KEY.sub("", each) for each in _left_out(run) if not _BOUND.fullmatch(each)]
-    if left_out:
+    applied = () if run.verdict is None else {each.rule for each in run.verdict.limits}
+    for rule, words in RULES.items():
+        if rule.value in applied:
+            yield f"Decision rule, {rule.value}: {words}."
+    if left_out := [_KEY.sub("", each) for each in _left_out(run)]:
         yield f"U95 does not contain: {'; '.join(left_out)}."
-    if len(left_out) < len(_left_out(run)):
+    if any(each.form == "below" for each in stated):
         yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
-    if len(shown) > _MOST:
-        yield f"{len(shown) - _MOST} results more are in the section Results."
+    if len(stated) > _MOST:
+        yield f"All {len(stated)} results are in the section Results."
 
 
 def _left_out(run: Run) -> Sequence[str]:

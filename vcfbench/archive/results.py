@@ -162,7 +162,7 @@ def _decoded(path: Path, decoder: msgspec.json.Decoder[Any]) -> Any:
 def _stored_verdict(acceptance: Any) -> Acceptance | None:
     """Return the verdict that was stored, None if there is none."""
     try:
-        limits = [{**each, "measured": each["verdict"] != "not measured"} for each in acceptance["limits"]]
+        limits = [{**each, "word": each["verdict"]} for each in acceptance["limits"]]
         return typed({"limits": limits}, Acceptance)
     except (KeyError, TypeError, msgspec.ValidationError):
         return None

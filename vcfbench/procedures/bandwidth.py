@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table
 from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -29,6 +29,7 @@ from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Routine, answer
+from vcfbench.values.value import UncertaintyPart
 
 RECORDS = 4
 _PERIODS = 4.0

@@ -15,7 +15,7 @@ from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsResistance
 from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
+from vcfbench.procedures.shared.measurand import Measurand, made_of, measurand, titled
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.specifications import HP_34401A, VoltmeterSpecification
@@ -24,6 +24,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import answer
+from vcfbench.values.value import UncertaintyPart, Value
 
 _Ohm = Annotated[float, Meta(ge=0.0, le=1e8)]
 _Window = tuple[_Ohm, _Ohm] | None
@@ -87,9 +88,10 @@ class ElectricalResult(Struct, frozen=True):
     lines: tuple[LineResistance, ...]
     wires: int
 
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+    def stated(self) -> Iterator[Value]:
+        """Yield its values."""
         for each in self.lines:
-            yield f"resistance, {each.of}", each.resistance
+            yield titled(f"resistance, {each.of}", each.resistance)
 
 
 def electrical(settings: ElectricalSettings) -> steps.Plan:

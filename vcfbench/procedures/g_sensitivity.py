@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table, titled
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.procedures.shared.window_sum import noise_v, windows_without_times
 from vcfbench.records.schema import Point
@@ -29,6 +29,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
+from vcfbench.values.value import UncertaintyPart, Value
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """One g (3rd CGPM, 1901)."""
@@ -76,8 +77,9 @@ class GSensitivityResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: float
     scale_factor_from: str
 
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
-        yield from ((f"bias by acceleration along {axis}", each) for axis, each in self.per_g.items())
+    def stated(self) -> Iterator[Value]:
+        """Yield its values."""
+        yield from (titled(f"bias by acceleration along {axis}", each) for axis, each in self.per_g.items())
 
 
 @routines.framed(routines.energised, routines.drive_seen)

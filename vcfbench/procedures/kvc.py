@@ -31,22 +31,13 @@ from vcfbench.procedures.health.plan import HEALTH, examined
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
-from vcfbench.procedures.shared.measurand import (
-    Measurand,
-    UncertaintyPart,
-    budget_table,
-    finite,
-    measurand,
-    quotient,
-    said_of,
-)
+from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
@@ -62,6 +53,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
+from vcfbench.values.value import UncertaintyPart, Value
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
@@ -119,7 +111,7 @@ class MatchedPair(Struct, frozen=True):
     """Difference left between the two outputs, V; it is interpolated."""
 
 
-class KVcResult(Judged, frozen=True, kw_only=True):
+class KVcResult(Struct, frozen=True, kw_only=True):
     """Result of the calibration of K_Vc."""
 
     k_vc: Measurand
@@ -149,13 +141,12 @@ class KVcResult(Judged, frozen=True, kw_only=True):
     holds_not: tuple[str, ...]
     """Sources that are in no uncertainty, with the reasons."""
 
-    def judged(self) -> Mapping[str, Measurand | float]:
-        return {
-            "scale_factor_v_per_deg_s": self.scale_factor,
-            "bias_v": self.bias,
-            "bias_deg_s": self.bias_deg_s,
-            "k_vc_deg_s_per_v": self.k_vc,
-        }
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; the characteristics, which an earlier run may have found, are none of them."""
+        yield self.k_vc.as_value("k_vc")
+        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
+        yield self.bias.as_value("bias", "bias_at_rest")
+        yield self.bias_deg_s.as_value("bias_deg_s", "bias_at_rest_deg_s")
 
 
 _HOLDS_NOT = (

@@ -21,7 +21,7 @@ from vcfbench.interfaces import FunctionGenerator
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import device_values
@@ -32,6 +32,7 @@ from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
+from vcfbench.values.value import UncertaintyPart
 
 LEAST_CYCLES: Final = 3
 

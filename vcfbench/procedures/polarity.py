@@ -28,6 +28,7 @@ from vcfbench.station.settings import V_VC_RANGE_V, Limit, ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine
+from vcfbench.values.value import Value
 
 AT_REST, TURNED, DRIVEN = 1, 2, 3
 """The steps, as in its points: at rest, on the table, with V_Vc."""
@@ -114,8 +115,9 @@ class PolarityResult(Struct, frozen=True):
     look_alikes: tuple[str, ...]
     expected_from: str
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return {"wrong_signs": float(self.wrong_signs)}
+    def stated(self) -> Iterator[Value]:
+        """Yield the number of wrong signs."""
+        yield Value("wrong_signs", float(self.wrong_signs), kind="wrong_signs")
 
 
 @routines.framed(routines.energised)

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.known.scale_factor import (
     scale_factor_used,
     tells_scale_factor,
 )
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, titled, value_table
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.sweep.agreement import SLOPES
 from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
@@ -37,6 +37,7 @@ from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
 from vcfbench.values.printing import incomplete
+from vcfbench.values.value import UncertaintyPart, Value
 
 _LINE, _RAISED, _BEYOND, _BACK = 1, 2, 3, 4
 """Steps of the points: small rates, the search, beyond the limit, at the small rate again."""
@@ -125,12 +126,16 @@ class RateLimitsResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: float
     scale_factor_from: str
 
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; of a limit that was not reached how far the bench went."""
         for name, each in (("positive", self.positive), ("negative", self.negative)):
             words = (f"{name} input rate limit", f"output beyond, {name}", f"after beyond less before, {name}")
+            if each.at_least_deg_s is not None:
+                size = f"{name}_input_rate_limit", None, "deg/s"
+                yield Value(*size, form="at-least", low=abs(each.at_least_deg_s), words=f"{words[0]}, its size")
             for said_of, found in zip(words, (each.limit, each.clipped, each.comes_back), strict=True):
                 if found is not None:
-                    yield said_of, found
+                    yield titled(said_of, found)
 
 
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
@@ -279,7 +284,7 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
     taken = [(settings.input_of(each), each.output_v) for each in measured if each.rate_deg_s]
     rates, more = [per * at for at, _ in sorted(taken)], [-100.0 * line.lacks(*each) for each in sorted(taken)]
     drawn = Figure("Output over the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)])
-    known = quantity_table(dict(found.quantities()))
+    known = value_table(found.stated())
     text = Text("\n".join(dict.fromkeys(filter(None, words))))
     return Report([*([known] if known.rows else []), text, drawn])
 

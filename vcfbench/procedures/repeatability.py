@@ -6,7 +6,7 @@ it. It is stated with the limits that so few switch-ons leave it (chi-square), b
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 from statistics import fmean, stdev
 from typing import Annotated
@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, quantity_table, titled
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.window_sum import windows_without_times
 from vcfbench.records.schema import Point
@@ -29,6 +29,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
+from vcfbench.values.value import Value
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 """Steps of the points: the chopped block when warm, the window just after the drive has locked."""
@@ -71,6 +72,11 @@ class Spread(Struct, frozen=True):
     by_noise: float
     unit: str
 
+    def as_value(self, name: str) -> Value:
+        """Return it as a value of a run."""
+        of = f"standard deviation from switch-on to switch-on; noise alone makes {self.by_noise:.2g} {self.unit}"
+        return Value(name, self.value, self.unit, form="interval", low=self.low, high=self.high, kind=name, of=of)
+
 
 class RepeatabilityResult(Struct, frozen=True):
     """Result of the repeatability over switch-ons."""
@@ -83,11 +89,11 @@ class RepeatabilityResult(Struct, frozen=True):
     scale_factor_v_per_deg_s: float
     scale_factor_from: str
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return {"bias_repeatability_deg_s": self.bias.value, "scale_factor_repeatability_ppm": self.scale_factor.value}
-
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
-        yield "turn-on transient", self.turn_on_transient
+    def stated(self) -> Iterator[Value]:
+        """Yield its values."""
+        yield self.bias.as_value("bias_repeatability")
+        yield self.scale_factor.as_value("scale_factor_repeatability")
+        yield titled("turn-on transient", self.turn_on_transient)
 
 
 @routines.framed(routines.off_afterwards, routines.held_at_rest)
@@ -178,7 +184,7 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
     return Report(
         [
             Table(spread, [(name, s.value, s.low, s.high, s.by_noise, s.unit) for name, s in spreads]),
-            quantity_table(dict(found.quantities())),
+            quantity_table({"turn-on transient": found.turn_on_transient}),
             Table(columns, rows, "Switch-ons"),
             Text(said),
             Figure("Bias from switch-on to switch-on", Axis("switch-on"), Axis("bias", "deg/s"), [biases]),

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import require_valid
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, finite, measurand, titled, value_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
 from vcfbench.records.devices import Certificate, last_certificate
 from vcfbench.records.schema import Point
@@ -33,6 +33,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.step import Routine
+from vcfbench.values.value import UncertaintyPart, Value
 
 _AT_REST, _AT_RATE, _SEARCH = 1, 2, 3
 """Steps of the points: the blocks about rest, those about a rate, and the search for the level of rest."""
@@ -121,6 +122,13 @@ class InputLimit(Struct, frozen=True):
     seen: bool
     at_most_deg_s: float
 
+    def as_value(self, name: str) -> Value:
+        """Return it as a value of a run: below what noise may make, where it is not seen."""
+        found = self.deg_s.as_value(name)
+        if self.seen:
+            return found
+        return replace(found, form="below", high=self.at_most_deg_s, u=None, dof=None, u95=None)
+
 
 class StepShare(Struct, frozen=True):
     """Share of the expected output that a step showed to either side, and its standard uncertainty."""
@@ -141,6 +149,12 @@ class ThresholdResult(Struct, frozen=True):
     shares: tuple[StepShare, ...]
     blocks: int
     """Blocks of each step."""
+
+    def stated(self) -> Iterator[Value]:
+        """Yield its values."""
+        yield replace(self.dead_band.as_value("dead_band"), words="dead band, half width")
+        yield self.threshold.as_value("threshold")
+        yield self.resolution.as_value("resolution")
 
 
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
@@ -312,7 +326,7 @@ def report(settings: ThresholdSettings, _points: Sequence[Point], found: Thresho
     ]
     return Report(
         [
-            quantity_table({**{name: each.deg_s for name, each in limits.items()}, **volts}),
+            value_table([*found.stated(), *(titled(*each) for each in volts.items())]),
             Text("\n".join([*words, method])),
             Table(columns, shown, "Share of the expected output"),
             Figure("Share of the expected output", Axis("step", "deg/s"), Axis("share", "%"), series),

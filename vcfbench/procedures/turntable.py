@@ -1,6 +1,6 @@
 """The turntable calibration: the gyro's output at rates of the table, generator off."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec.structs import asdict
@@ -22,6 +22,7 @@ from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Plan, Settle
 from vcfbench.steps.step import Routine
+from vcfbench.values.value import Unstated, Value
 
 STEP = 1
 """The number that the points of this procedure carry: it has one step."""
@@ -69,17 +70,9 @@ class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
     uncertainty: Statement
     """Combined uncertainties."""
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys."""
-        return columns.acceptance_values(self)
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these, by the same keys."""
-        return {key: each.u95 for key, each in columns.accepted(self.uncertainty)}
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        """Return what these uncertainties lack, by the same keys."""
-        return {key: each.missing for key, each in columns.accepted(self.uncertainty)}
+    def stated(self) -> Iterator[Value | Unstated]:
+        """Yield its values."""
+        yield from columns.stated(self.uncertainty)
 
 
 class SweptTurntableResult(TurntableResult, frozen=True, kw_only=True):

@@ -6,7 +6,7 @@ the same run, and from the closed form of the modes; both are compared at each f
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -21,7 +21,7 @@ from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, made_of, measurand
+from vcfbench.procedures.shared.measurand import Measurand, made_of, measurand
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -31,6 +31,7 @@ from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
 from vcfbench.values.quantile import t_of_largest
+from vcfbench.values.value import UncertaintyPart, Value
 from vcfbench.values.verdict import e_n
 
 _STATIC = 1
@@ -108,8 +109,13 @@ class VibrationResult(Struct, frozen=True):
     largest_e_n: float
     v_vc_is_measured: bool
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return {"e_n": self.largest_e_n}
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; a response of the table is none."""
+        missing = dict.fromkeys(
+            name for row in self.responses for name in (*row.response.missing, *row.expected.missing)
+        )
+        yield self.static_v_per_v.as_value("static_v_per_v", words="response at rest, V per V of V_Vc")
+        yield Value("e_n", self.largest_e_n, kind="e_n", missing=tuple(missing))
 
 
 NOT_HELD = (

@@ -24,7 +24,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, measurand
+from vcfbench.procedures.shared.measurand import Measurand, budget_table, measurand
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -34,6 +34,7 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Context, Reading, Step, StepResult, answer
+from vcfbench.values.value import UncertaintyPart, Value
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643
@@ -111,8 +112,11 @@ class WarmupResult(Struct, frozen=True):
     means_deg_s: tuple[float, ...]
     means_u_deg_s: tuple[float, ...]
 
-    def acceptance_values(self) -> dict[str, float | None]:
-        return {"bias_deg_s": self.bias_end.value}
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; those of an exponential that is not seen are none."""
+        yield self.bias_end.as_value("bias_end", "bias_at_rest_deg_s", "bias, warm")
+        named = (("amplitude", self.amplitude), ("time_constant", self.time_constant), ("warm_up", self.warm_up))
+        yield from (each.as_value(f"{name}") for name, each in named if each is not None)
 
     def curve_deg_s(self, t_s: float) -> float:
         """Return the fitted output at `t_s` after power-on, deg/s."""

@@ -7,8 +7,8 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
 from vcfbench.station.acceptance import Acceptance
-from vcfbench.values.kinds import named
-from vcfbench.values.printing import incomplete
+from vcfbench.values.kinds import limit_words
+from vcfbench.values.printing import figure, incomplete
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4  # So many numbers of a list are printed; its length is said where there are more
@@ -89,10 +89,12 @@ def _words(value: Any) -> Value:
 
 
 def verdict_table(acceptance: Acceptance) -> Table:
-    """Return PASS, MARGINAL or FAIL, what its guard bands lack, and below it every limit with its value."""
+    """Return PASS, MARGINAL or FAIL, what U95 lack, and below it every limit with its value and its rule."""
     rows = []
     for each in acceptance.limits:
-        of = named(each.key)
-        rows.append((of.words, each.value, each.low, each.high, of.unit, each.said))
-    columns = heads("<limit | value:.6g | low:g | high:g | <unit | verdict")
+        of = limit_words(each.key)
+        value = "-" if each.found is None else figure(each.found, of.factor)
+        u95, low, high = (None if e is None else of.factor * e for e in (each.u95, each.low, each.high))
+        rows.append((of.words, value, u95, low, high, of.unit, each.said, each.rule))
+    columns = heads("<limit | value | U95:.2g | low:g | high:g | <unit | verdict | <rule")
     return Table(columns, rows, title=acceptance.said)

@@ -15,11 +15,11 @@ import numpy as np
 from msgspec import Struct, field, structs, to_builtins
 from numpy.typing import NDArray
 
-from vcfbench.archive.quantities import named_values
 from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import values_of
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
@@ -199,10 +199,11 @@ def _stated(
     values, unknown = [], []
     for before, of, found in parts or [("", procedure, results)]:
         unknown += [(before + name, why) for name, why in of.unforeseen.items()]
-        for name, value in named_values(found).items():
-            u95 = value.stated_u95
-            if u95 and u95 > _DIGITS * abs(value.value) and name.rpartition(".")[2] not in of.unforeseen:
-                values.append(ExpectedValue(before + name, value.unit, u95, value.causes[:_LARGEST], value.missing))
+        for name, value in values_of(found).items():
+            u95, causes = value.u95, sorted(((each.source, abs(each.u)) for each in value.parts), key=lambda c: -c[1])
+            if u95 and u95 > _DIGITS * abs(value.value or 0.0) and name.rpartition(".")[2] not in of.unforeseen:
+                largest = tuple(causes[:_LARGEST])
+                values.append(ExpectedValue(before + name, value.unit, u95, largest, tuple(value.missing)))
     return tuple(values), tuple(unknown)
 
 

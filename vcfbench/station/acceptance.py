@@ -1,54 +1,91 @@
 """Acceptance of results: each limit of ``[acceptance]`` against its result."""
 
+import math
 from collections.abc import Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 
 from msgspec import Struct
 
-from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.records.stated import stated
 from vcfbench.station.settings import Limit
-from vcfbench.values.verdict import conformity
+from vcfbench.values.kinds import KINDS
+from vcfbench.values.value import Form, Unstated, Value
+from vcfbench.values.verdict import Word, judge
 
 INCOMPLETE: Final = " with an incomplete U95"
-"""Words behind a verdict whose guard band, or E_n, lacks a contribution: it may be another with all of them."""
+"""Words behind a verdict on a value whose U95, or E_n, lacks a contribution: it may be another with all of them."""
 
 
 class Verdict(Struct, frozen=True):
-    """One limit and its result; `value` is None where the result could not be computed, which does not pass.
+    """One limit and its result; `value` is None where only a bound was found, or nothing, which does not pass.
 
-    `measured` is False where the procedure does not measure this at all, as K_Vc in a turntable run.
-    `u95` is the guard band, the value's expanded uncertainty; None where there is none, or none of that value. It, or
-    the U95 in an E_n, is incomplete without what is `missing`.
+    `word` was found by `rule`; it is ``not measured`` where the procedure does not measure this at all, as K_Vc in a
+    turntable run. `u95` is the value's expanded uncertainty; of what is stated in another `form` `ends` are those of
+    what holds with 95 %, None where there is none. U95, or that in an E_n, is incomplete without what is `missing`.
     """
 
     key: str
     value: float | None
     low: float
     high: float
-    measured: bool = True
+    word: Word | Literal["not measured"] = "not measured"
+    rule: str = ""
     u95: float | None = None
     missing: tuple[str, ...] = ()
+    form: Form = "plus-minus"
+    ends: tuple[float | None, float | None] | None = None
+
+    @classmethod
+    def of(cls, limit: Limit, value: Value | None) -> Self:
+        """Judge one value; None is one that could not be found."""
+        found = judge(value, limit.low, limit.high, guarded=limit.guarded)
+        of_limit = (limit.low, limit.high, found.word, found.rule.value)
+        if value is None:
+            return cls(limit.key, None, *of_limit)
+        least, most = (each if math.isfinite(each) else None for each in value.ends)
+        ends = None if value.form == "plus-minus" else (least, most)
+        return cls(limit.key, value.value, *of_limit, value.u95, tuple(value.missing), value.form, ends)
 
     @property
-    def word(self) -> str:
-        """Return ``pass``, ``marginal``, ``fail``, or ``not measured``."""
-        if not self.measured:
-            return "not measured"
-        if self.value is None:
-            return "fail"
-        return conformity(self.value, self.u95 or 0.0, self.low, self.high)
+    def found(self) -> Value | None:
+        """What was judged, None where nothing was found."""
+        if self.value is None and self.ends is None:
+            return None
+        low, high = self.ends or (None, None)
+        return Value(self.key, self.value, u95=self.u95, form=self.form, low=low, high=high)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return limit, value and verdict, and the guard band where there is one."""
-        members = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
-        members |= {} if self.u95 is None else {"u95": self.u95}
-        return members | ({"missing": list(self.missing)} if self.missing else {})
+    @property
+    def measured(self) -> bool:
+        """Tell whether the procedure measures this."""
+        return self.word != "not measured"
+
+    @property
+    def conditional(self) -> str:
+        """Return ``conditional pass`` or ``conditional fail`` of a marginal value, as ILAC-G8 has it; else nothing."""
+        if self.word != "marginal" or self.value is None:
+            return ""
+        return f"conditional {'pass' if self.low <= self.value <= self.high else 'fail'}"
+
+    @property
+    def stated(self) -> str:
+        """Return the verdict as a certificate has it: word or condition, whether U95 is incomplete, and the rule."""
+        rule = f" ({self.rule})" if self.rule else ""
+        return f"{self.conditional or self.word}{INCOMPLETE if self.missing else ''}{rule}"
 
     @property
     def said(self) -> str:
-        """Return the word for people, and whether the guard band is incomplete."""
-        return self.word.upper() + (INCOMPLETE if self.missing else "")
+        """Return the word for people, which condition it has, and whether U95 is incomplete."""
+        condition = f" ({self.conditional})" if self.conditional else ""
+        return self.word.upper() + condition + (INCOMPLETE if self.missing else "")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return limit, value, verdict and rule, and what is stated of the value with 95 %."""
+        members = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
+        more: dict[str, Any] = {"rule": self.rule, "u95": self.u95, "missing": [*self.missing]}
+        if self.ends is not None:
+            more |= {"form": self.form, "ends": [*self.ends]}
+        return members | {name: each for name, each in more.items() if each not in (None, "", [])}
 
 
 class Acceptance(Struct, frozen=True):
@@ -62,14 +99,23 @@ class Acceptance(Struct, frozen=True):
         return self.word == "pass"
 
     @property
-    def word(self) -> Literal["pass", "marginal", "fail"]:
+    def word(self) -> Word:
         """Return ``fail`` when a limit failed, else ``marginal`` when one is, else ``pass``."""
         words = {limit.word for limit in self.limits}
         return "fail" if "fail" in words else "marginal" if "marginal" in words else "pass"
 
     @property
+    def conditional(self) -> str:
+        """Return the worst condition of a marginal verdict; a bound that leaves both has that of a failure."""
+        marginal = [limit for limit in self.limits if limit.word == "marginal"]
+        if self.word != "marginal":
+            return ""
+        passes = all(limit.conditional == "conditional pass" for limit in marginal)
+        return f"conditional {'pass' if passes else 'fail'}"
+
+    @property
     def said(self) -> str:
-        """Return the word for people, and what guard bands lack."""
+        """Return the word for people, and what U95 lack."""
         missing = dict.fromkeys(name for limit in self.limits for name in limit.missing)
         return self.word.upper() + (f"{INCOMPLETE}, without {', '.join(missing)}" if missing else "")
 
@@ -78,33 +124,26 @@ class Acceptance(Struct, frozen=True):
         return {"verdict": self.word, "limits": [limit.as_json() for limit in self.limits]}
 
 
-def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:
-    """Judge `results` (as a procedure gives them) and the noise of `points`; None when no limit is for this procedure.
+def limit_key(value: Value | Unstated) -> str:
+    """Return the key in ``[acceptance]`` of the limit that a value is held against: that of its kind, or its name."""
+    return (KINDS[value.kind].limit if value.kind else "") or value.name
 
-    Results with `acceptance_values` are judged by those (by the keys of ``[acceptance]``; None where one could not be
-    computed), of any others the numbers whose names are limits; with `acceptance_u95` by expanded uncertainties, too,
-    and `acceptance_missing` says what those lack.
+
+def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) -> Acceptance | None:
+    """Judge the values of `results` and the noise of `points`; None when no limit is for this procedure.
+
+    A limit is for the first value whose kind has its key, or whose name is its key.
     """
     if not limits:
         return None
-    values: dict[str, float | None]
-    if hasattr(results, "acceptance_values"):
-        values = dict(results.acceptance_values())
-    else:
-        flat = plain(results)
-        named = flat.items() if isinstance(flat, dict) else ()
-        values = {name: value for name, value in named if value is None or isinstance(value, int | float)}
+    found: dict[str, Value | None] = {}
     if any(point.n > 1 for point in points):
-        values["reading_noise_v"] = pooled_std_v(points)
-    guards: dict[str, float] = getattr(results, "acceptance_u95", dict)()
-    missing: dict[str, tuple[str, ...]] = getattr(results, "acceptance_missing", dict)()
+        noise = Value("reading_noise_v", pooled_std_v(points), "V", kind="reading_noise_v")
+        found["reading_noise_v"] = noise
+    for each in stated(results):
+        found.setdefault(limit_key(each), None if isinstance(each, Unstated) else each)
     verdicts = tuple(
-        Verdict(
-            *(limit.key, values.get(limit.key), limit.low, limit.high),
-            measured=limit.key in values,
-            u95=guards.get(limit.key) if limit.guarded else None,
-            missing=missing.get(limit.key, ()) if limit.guarded or limit.key not in guards else (),
-        )
+        Verdict.of(limit, found[limit.key]) if limit.key in found else Verdict(limit.key, None, limit.low, limit.high)
         for limit in limits
     )
     return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None

@@ -6,8 +6,10 @@ from typing import Any
 
 from vcfbench.archive.run import Run
 from vcfbench.records.plain import plain
+from vcfbench.records.stated import stated, values_of
 from vcfbench.station.description import BenchDescription
 from vcfbench.studies.truth import truth_of
+from vcfbench.values.kinds import KINDS
 
 PARTS = (".u", ".u95", ".truth", ".z", ".covered")
 """Endings of names beside a value: its uncertainties, the true value, (value - truth)/u, and whether U95 holds it."""
@@ -22,9 +24,9 @@ def metrics_of(run: Run, description: BenchDescription, patterns: Sequence[str])
     ``[acceptance]`` can limit, then every other number of the results that is no list.
     """
     truth = truth_of(run, description)
-    limited: dict[str, Any] = getattr(run.results, "acceptance_values", dict)()
     found: dict[str, Any] = {}
-    acceptance = ((f"acceptance.{name}", value) for name, value in limited.items())
+    limited = ((KINDS[each.kind].limit, each) for each in stated(run.results) if each.kind)
+    acceptance = ((f"acceptance.{key}", getattr(each, "value", None)) for key, each in limited if key)
     for name, value in (*_stated(run.results, truth), *acceptance, *_numbers(plain(run.results))):
         whole = next((name.removesuffix(part) for part in PARTS if name.endswith(part)), name)
         if any(fnmatchcase(whole, pattern) for pattern in patterns):
@@ -33,12 +35,14 @@ def metrics_of(run: Run, description: BenchDescription, patterns: Sequence[str])
 
 
 def _stated(results: Any, truth: Mapping[str, float]) -> Iterator[tuple[str, Any]]:
-    """Yield the values stated in the budget of the results, where they have one."""
-    for each in getattr(getattr(results, "uncertainty", None), "values", ()):
+    """Yield the values that results state."""
+    for each in values_of(results).values():
         yield each.name, each.value
+        if each.u is None or each.u95 is None:
+            continue
         yield f"{each.name}.u", each.u
         yield f"{each.name}.u95", each.u95
-        if each.name in truth:
+        if each.name in truth and each.value is not None:
             true = truth[each.name]
             yield f"{each.name}.truth", true
             if each.u > 0.0:

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Final
 from msgspec import structs
 from scipy.stats import binom
 
-from vcfbench.archive.quantities import named_values
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.records.stated import values_of
 from vcfbench.runs.conduct import run
 from vcfbench.runs.resumed import resume
 from vcfbench.safety.control import RunControl
@@ -106,10 +106,10 @@ class Calibrations:
 
 def _held(found: Run, bench: BenchDescription, names: Sequence[str], before: str) -> dict[str, Any]:
     """Return the errors over u of the values called `names`, and whether U95 holds the truth, by name."""
-    true, stated, row = truth_of(found, bench), named_values(found.results), dict[str, Any]()
+    true, stated, row = truth_of(found, bench), values_of(found.results), dict[str, Any]()
     for name in names:
         each = stated[name]
-        if not each.u or each.u95 is None:
+        if each.value is None or not each.u or each.u95 is None:
             raise MeasurementError(f"{before}{name} has no uncertainty")
         row[f"{before}{name}.z"] = (each.value - true[name]) / each.u
         row[f"{before}{name}.covered"] = abs(each.value - true[name]) <= each.u95

@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from vcfbench.values.value import Value
+
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
 
 
@@ -16,6 +18,24 @@ def shorthand(value: float, u: float | None) -> str:
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
     digits = format(u, ".1f") if _second_digit(u) == -1 else f"{u * 10.0 ** -min(0, _second_digit(u)):.0f}"
     return f"{_in_threes(figure)}({digits})" + (f"e{power}" if power else "")
+
+
+def figure(value: Value, factor: float = 1.0) -> str:
+    """Return what is stated of a value, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
+    size, (low, high) = abs(factor), sorted(factor * each for each in value.ends)
+    if value.form == "size-below":
+        return f"size below {grouped(high)}"
+    if value.form == "below":
+        return f"below {grouped(max(-low, high))}"
+    if value.form == "at-least":
+        return f"at least {grouped(size * value.ends[0])}"
+    found = factor * (value.value or 0.0)
+    if value.form == "interval":
+        middle, *ends = (f"{'-' * (each < 0.0)}{grouped(abs(each))}" for each in (found, low, high))
+        return f"{middle} ({' to '.join(ends)})"
+    if value.u is None and value.u95:
+        return _in_threes(format(found, digits_of_value(found, size * value.u95)))
+    return shorthand(found, None if value.u is None else size * value.u)
 
 
 def grouped(u: float) -> str:

@@ -14,9 +14,10 @@ from vcfbench.procedures.shared.budget.at_rest import (
     flicker_part,
     parts_at_rest,
 )
-from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.station.settings import PlacedInstrument, Sources, Station
+from vcfbench.values.value import UncertaintyPart
 
 METER = {"multimeter": PlacedInstrument(model="34401A", where="FAKE")}
 ROOT3 = math.sqrt(3.0)

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.procedures.shared.measurand import (
-    UncertaintyPart,
-    budget_table,
-    mean_of_records,
-    measurand,
-    quantity_table,
-    said_of,
-)
+from vcfbench.procedures.shared.measurand import budget_table, mean_of_records, measurand, quantity_table, said_of
 from vcfbench.reports.text import table_text
+from vcfbench.values.value import UncertaintyPart
 
 
 def test_a_value_has_the_digits_of_its_uncertainty() -> None:

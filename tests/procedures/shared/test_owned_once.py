@@ -16,8 +16,9 @@ from tests.procedures.test_online import FAST
 from tests.procedures.test_self_calibration import aged
 from vcfbench.procedures.resonance import ResonanceSettings, resonance_characteristics
 from vcfbench.procedures.shared.known.k_vc_since import with_temperature
-from vcfbench.procedures.shared.measurand import UncertaintyPart, difference, measurand, quotient
+from vcfbench.procedures.shared.measurand import difference, measurand, quotient
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE, frequency_of
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from pathlib import Path

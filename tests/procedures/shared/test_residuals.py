@@ -93,7 +93,7 @@ def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
     stated = turntable_statement(settings(Sources()), points_of(outputs))
     with pytest.raises(KeyError):
         stated.value("nonlinearity")
-    assert any(each.startswith("nonlinearity: ") and "below" in each for each in stated.not_in_u)
+    assert [(each.name, each.form, each.u95) for each in stated.bounds] == [("nonlinearity", "below", None)]
     assert [each.name for each in stated.values] == ["scale_factor", "bias", "bias_deg_s", "asymmetry"]
     assert len(stated.correlation) == 4
 
@@ -138,7 +138,7 @@ def test_two_points_have_no_non_linearity() -> None:
     ends = [each for each in points_of(curved(0.0, 0.0)) if abs(each.rate_deg_s) == 200.0]
     stated = turntable_statement(settings(Sources()), ends)
     assert [each.name for each in stated.values] == ["scale_factor", "bias", "bias_deg_s"]
-    assert not any("nonlinearity" in each for each in stated.not_in_u)
+    assert stated.bounds == ()
 
 
 def spread(found: list[float], normal: np.ndarray, common: np.ndarray | None = None) -> ResidualSpread:
@@ -304,4 +304,6 @@ def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
     points = four_steps_of(driven(np.array(RATES) / K_VC, 0.0), NOISE)
     stated = four_step_statement(settings(GENERATOR), points, Matching.of(points, Match.ZERO, 10.0))
     assert "virtual.nonlinearity" not in [each.name for each in stated.values]
-    assert any(each.startswith("virtual.nonlinearity: errors alone") for each in stated.not_in_u)
+    (bound,) = (each for each in stated.bounds if each.name == "virtual.nonlinearity")
+    assert bound.kind == "nonlinearity_by_v_vc"
+    assert "errors alone may make as much" in bound.of

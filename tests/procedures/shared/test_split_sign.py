@@ -17,7 +17,7 @@ from vcfbench.procedures.health.check import checked, not_measured
 from vcfbench.procedures.health.found import _feedthrough  # type: ignore[attr-defined]
 from vcfbench.procedures.health.plan import Modes
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_change, k_vc_sensitivities
-from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, together
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
@@ -26,6 +26,7 @@ from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import RotationRecord
 from vcfbench.testing.gyroscopes import drawn_sheet
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -1,18 +1,13 @@
 """The data sheet: every value with an uncertainty that results hold, and their own remarks."""
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 from msgspec import Struct
 
 from vcfbench.procedures.shared.measurand import stated_cells
-from vcfbench.records.plain import field_names
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table, Text, heads
-from vcfbench.values.kinds import in_words
-
-_SAME = 1e-5
-"""Two values so close, relative, are one that is told twice."""
 
 
 class SheetRow(Struct, frozen=True):
@@ -28,50 +23,24 @@ class SheetRow(Struct, frozen=True):
 
 
 def sheet_rows(procedure: str, results: Any, conditions: str) -> Iterator[SheetRow]:
-    """Yield the rows that `results` of `procedure` put on a data sheet.
-
-    That is what its method ``quantities()`` yields, names and values, where it has one; else its statement of
-    uncertainties (``uncertainty.values``) or every field with a value and an uncertainty; then what acceptance judges.
-    """
-    if results is None:
-        return
-    seen: list[float] = []
-    quantities = getattr(results, "quantities", None)
-    named = list(quantities()) if quantities is not None else list(_quantities(results))
-    for name, found in named:
-        seen.append(found.value)
-        if found.u is None and (most := getattr(found, "upper_95", None)) is not None:  # not seen: its bound is told
-            yield SheetRow(f"{name}, below (95 %)", most, None, None, found.unit, conditions, procedure)
-            continue
-        expanded = (getattr(found, each, None) for each in ("expanded_u", "u95", "u_95"))
-        u95 = next((each for each in expanded if each is not None), None)  # None where the value has none
-        yield SheetRow(name, found.value, found.u, u95, found.unit, conditions, procedure)
-    tell = getattr(results, "acceptance_values", None)
-    if quantities is not None or tell is None:
-        return
-    for key, value in tell().items():
-        if value is not None and not any(math.isclose(value, each, rel_tol=_SAME) for each in seen):
-            words, unit = _words_and_unit(key)
-            yield SheetRow(words, value, None, None, unit, conditions, procedure)
+    """Yield the rows that `results` of `procedure` put on a data sheet: the values that they state."""
+    for each in values_of(results).values():
+        words, value = each.named.words, each.value
+        least, most = each.ends
+        match each.form:
+            case "size-below":
+                words, value = f"size of the {words}{_BOUND}", most
+            case "below":
+                words, value = f"{words}{_BOUND}", most
+            case "at-least":
+                words, value = f"{words}, at least", least
+            case "interval":
+                words = f"{words}, from {least:.2g} to {most:.2g} (95 %)"
+        if value is not None:
+            yield SheetRow(words, value, each.u, each.u95, each.unit, conditions, procedure)
 
 
-def _quantities(results: Any) -> Iterator[tuple[str, Any]]:
-    stated = getattr(getattr(results, "uncertainty", None), "values", None)
-    if stated is not None:
-        yield from ((_words_and_unit(each.name)[0], each) for each in stated)
-        return
-    for name in field_names(results) or ():
-        found = getattr(results, name)
-        for each in found if isinstance(found, tuple) else (found,):
-            value, unit = getattr(each, "value", None), getattr(each, "unit", None)
-            if isinstance(value, float) and isinstance(unit, str) and hasattr(each, "u"):
-                yield getattr(each, "name", None) or _words_and_unit(name)[0], each
-
-
-def _words_and_unit(name: str) -> tuple[str, str]:
-    """Return a field's name in words, and the unit that its end tells."""
-    parts = [in_words(each) for each in name.split(".")]
-    return ": ".join(words for words, _ in parts), parts[-1][1]
+_BOUND = ", below (95 %)"
 
 
 def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]], common: str) -> Report:
@@ -90,7 +59,6 @@ def data_sheet_report(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str
     return Report([sheet, Text("\n".join(said)), *_model_equation(rows), *_ieee_2700(rows, not_measured)])
 
 
-_BOUND = ", below (95 %)"
 _TERMS = (
     ("S", "sensitivity", "scale factor", "V/(deg/s)"),
     ("D_F", "zero-rate output", "bias", "deg/s"),
@@ -102,7 +70,7 @@ _TERMS = (
     ("E_U", "zero-rate output over supply", "bias by both rails", ""),
     ("eps_T", "sensitivity over temperature", "temperature coefficient of the scale factor", ""),
     ("eps_U", "sensitivity over supply", "scale factor by both rails", ""),
-    ("eps_L", "non-linearity", "nonlinearity", "ppm"),
+    ("eps_L", "non-linearity", "non-linearity, of the span", "ppm"),
     ("", "bandwidth", "-3 dB", "Hz"),
     ("", "supply current", "supply current, positive rail", "A"),
     ("", "turn-on time", "time to valid output, both rails together", "s"),
@@ -159,7 +127,7 @@ _SHEET = (
     ("zero-rate output", "bias", "deg/s", "turntable", ""),
     ("zero-rate output over temperature", "temperature coefficient of the bias", "", "temperature", ""),
     ("noise density", "angle random walk", "deg/sqrt(h)", "zero", ""),
-    ("non-linearity", "nonlinearity", "ppm", "turntable", ""),
+    ("non-linearity", "non-linearity, of the span", "ppm", "turntable", ""),
     ("turn-on time", "time to valid output, both rails together", "s", "power", ""),
     ("bandwidth", "-3 dB", "Hz", "bandwidth", ""),
     *(

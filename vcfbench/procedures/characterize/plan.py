@@ -26,6 +26,7 @@ from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.devices import NewEntry, together
+from vcfbench.records.stated import stated
 from vcfbench.reports.document import Report
 from vcfbench.station.bounds import said, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -35,6 +36,8 @@ from vcfbench.steps import DisableSupply, Done, EnableSupply, NotChecked, Plan, 
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
+from vcfbench.values.kinds import KINDS
+from vcfbench.values.value import Unstated, Value
 
 _CERTIFIES = "kvc"
 _OFF_S = 10.0
@@ -355,20 +358,11 @@ class CharacterizeResult(Struct, frozen=True):
     not_measured: tuple[NotMeasured, ...]
     parts: tuple[PartResult, ...]
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return self._first("acceptance_values")
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        return self._first("acceptance_u95")
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        return self._first("acceptance_missing")
-
-    def _first(self, method: str) -> dict[str, Any]:
-        found: dict[str, Any] = {}
+    def stated(self) -> Iterator[Value | Unstated]:
+        """Yield the values of its parts, each under the name of its part."""
         for part in self.parts:
-            found = {**getattr(part.results, method, dict)(), **found}
-        return found
+            for each in stated(part.results):
+                yield structs.replace(each, name=f"{part.name}.{each.name}")
 
 
 def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeResult:
@@ -414,12 +408,10 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
     if not hasattr(own, _SCALE_FACTOR) or getattr(own, _SCALE_FACTOR) is not None:
         return own
     for part in sorted(found.values(), key=lambda each: each.name != _CERTIFIES):
-        values: Mapping[str, float | None] = getattr(part.results, "acceptance_values", dict)()
-        if value := values.get(_SCALE_FACTOR):
-            u95: Mapping[str, float] = getattr(part.results, "acceptance_u95", dict)()
-            expanded = u95.get(_SCALE_FACTOR)
-            u = {_U_SCALE_FACTOR: expanded / _TWO_SIDED} if expanded and hasattr(own, _U_SCALE_FACTOR) else {}
-            return structs.replace(own, **{_SCALE_FACTOR: value}, **u)
+        values = (each for each in stated(part.results) if each.kind and KINDS[each.kind].limit == _SCALE_FACTOR)
+        if isinstance(factor := next(values, None), Value) and factor.value:
+            u = {_U_SCALE_FACTOR: factor.u} if factor.u and hasattr(own, _U_SCALE_FACTOR) else {}
+            return structs.replace(own, **{_SCALE_FACTOR: factor.value}, **u)
     return own
 
 

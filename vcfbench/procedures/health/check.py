@@ -10,10 +10,10 @@ from msgspec import Struct, structs
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import inputs_of, k_vc_change
-from vcfbench.procedures.shared.measurand import UncertaintyPart
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.reports.document import Table, Text, heads
+from vcfbench.values.value import UncertaintyPart
 
 NOT_MEASURED: Final = "not measured"
 AMPLITUDES: Final = "carrier over drive, amplitudes"

@@ -15,12 +15,13 @@ from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level
 from vcfbench.procedures.resonance import rang_down
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, mean_of_records, measurand
+from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
 from vcfbench.steps.measured import Measured
+from vcfbench.values.value import UncertaintyPart
 
 _GAIN = 0.02
 """DSO7104B: vertical gain, of full scale (unverified), rectangular."""

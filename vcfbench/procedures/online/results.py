@@ -7,7 +7,7 @@ the record and taken out, so that of the curve of K_Vc its slope at 0 V is all t
 
 import cmath
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from statistics import median
 
 import numpy as np
@@ -21,15 +21,15 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
 from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, made_of, measurand, said_of
+from vcfbench.procedures.shared.measurand import Measurand, budget_table, made_of, measurand, said_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
+from vcfbench.values.value import UncertaintyPart, Value
 
 _U_SHARE = 0.05
 """Standard uncertainty of the share of the in-phase mode in the response at rest."""
@@ -73,7 +73,7 @@ class AllanOfScaleFactor(Struct, frozen=True):
     noise_ppm: float
 
 
-class OnlineResult(Judged, frozen=True, kw_only=True):
+class OnlineResult(Struct, frozen=True, kw_only=True):
     """Result of a calibration while measuring."""
 
     scale_factor: Measurand
@@ -114,8 +114,12 @@ class OnlineResult(Judged, frozen=True, kw_only=True):
     drift: Drift | None
     """Since the certificate of the device; None where nothing earlier is known."""
 
-    def judged(self) -> Mapping[str, Measurand | float]:
-        return {"scale_factor_v_per_deg_s": self.scale_factor, **({} if self.drift is None else self.drift.judged())}
+    def stated(self) -> Iterator[Value]:
+        """Yield its values, the drift last."""
+        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
+        yield self.disturbance.as_value("disturbance")
+        if self.drift is not None:
+            yield from self.drift.stated()
 
 
 class _Run(Struct, frozen=True):

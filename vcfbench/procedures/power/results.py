@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, titled, value_table
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.bounds import ranged, several
@@ -21,6 +21,7 @@ from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Reading, Step, StepResult
+from vcfbench.values.value import UncertaintyPart, Value
 
 Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]
@@ -172,17 +173,18 @@ class PowerResult(Struct, frozen=True):
     by: str
     scale_factor_v_per_deg_s: ScaleFactor
 
-    def quantities(self) -> Iterator[tuple[str, Measurand]]:
+    def stated(self) -> Iterator[Value]:
+        """Yield its values."""
         for rail in self.rails:
-            yield f"supply current, {rail.rail} rail", rail.current
-            yield f"largest current at power-on, {rail.rail} rail", rail.inrush
-        yield "power", self.power
+            yield titled(f"supply current, {rail.rail} rail", rail.current)
+            yield titled(f"largest current at power-on, {rail.rail} rail", rail.inrush)
+        yield titled("power", self.power)
         for on in self.power_on:
             if on.valid_output is not None:
-                yield f"time to valid output, {_words_of(on.order)}", on.valid_output
+                yield titled(f"time to valid output, {_words_of(on.order)}", on.valid_output)
         for effect in self.effects:
-            yield f"scale factor by {_rails_words(effect.rails)}", effect.scale_factor
-            yield f"bias by {_rails_words(effect.rails)}", effect.bias
+            yield titled(f"scale factor by {_rails_words(effect.rails)}", effect.scale_factor)
+            yield titled(f"bias by {_rails_words(effect.rails)}", effect.bias)
 
 
 def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
@@ -430,4 +432,4 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
     said += f"for deg/s {scale.value:.6g} V/(deg/s), {scale.source}"
     if late:
         said += f"\nno valid output within {settings.log_s:g} s: {', '.join(map(_words_of, late))}"
-    return Report([quantity_table(dict(results.quantities())), halves, Text(f"{said}\n{NOT_HELD}"), *figures])
+    return Report([value_table(results.stated()), halves, Text(f"{said}\n{NOT_HELD}"), *figures])

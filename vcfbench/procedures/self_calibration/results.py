@@ -6,7 +6,7 @@ share has the same effect on both, so it cancels in their difference; a part say
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated
 
 import numpy as np
@@ -27,21 +27,12 @@ from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.columns import combined
-from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, k_vc_since, with_temperature
-from vcfbench.procedures.shared.measurand import (
-    Measurand,
-    UncertaintyPart,
-    budget_table,
-    finite,
-    measurand,
-    quotient,
-    said_of,
-)
+from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
@@ -51,6 +42,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import Rate, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
+from vcfbench.values.value import UncertaintyPart, Unstated, Value
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
@@ -94,7 +86,7 @@ class Level(Struct, frozen=True):
     output_v: float
 
 
-class SelfCalibrationResult(Judged, frozen=True, kw_only=True):
+class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
     """Result of a self-calibration."""
 
     scale_factor: Measurand
@@ -127,14 +119,15 @@ class SelfCalibrationResult(Judged, frozen=True, kw_only=True):
     drift: Drift | None
     """Since the certificate; None where nothing earlier is known."""
 
-    def judged(self) -> Mapping[str, Measurand | float]:
-        return {
-            "scale_factor_v_per_deg_s": self.scale_factor,
-            "bias_v": self.bias,
-            "bias_deg_s": self.bias_deg_s,
-            "nonlinearity_ppm": self.nonlinearity,
-            **({} if self.drift is None else self.drift.judged()),
-        }
+    def stated(self) -> Iterator[Value]:
+        """Yield its values, the drift last."""
+        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
+        yield self.line.as_value("line", "scale_factor_by_v_vc")
+        yield self.bias.as_value("bias", "bias_at_rest")
+        yield self.bias_deg_s.as_value("bias_deg_s", "bias_at_rest_deg_s")
+        yield self.nonlinearity.as_value("nonlinearity", "nonlinearity_by_v_vc")
+        if self.drift is not None:
+            yield from self.drift.stated()
 
 
 class NotStated(Struct, frozen=True, kw_only=True):
@@ -149,10 +142,11 @@ class NotStated(Struct, frozen=True, kw_only=True):
         """Say why nothing is stated."""
         return f"K_Vc of {self.k_vc_from} does not hold any more: {'; '.join(self.health.refused)}"
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits: those by K_Vc could not be computed."""
-        keys = ("scale_factor_v_per_deg_s", "bias_deg_s", "nonlinearity_ppm", "drift_ppm", "e_n")
-        return {**dict.fromkeys(keys), "bias_v": self.bias.value}
+    def stated(self) -> Iterator[Value | Unstated]:
+        """Yield the bias: what goes by K_Vc could not be found."""
+        yield self.bias.as_value("bias", "bias_at_rest")
+        kinds = ("scale_factor_small", "bias_at_rest_deg_s", "nonlinearity_by_v_vc", "drift_ppm", "e_n")
+        yield from (Unstated(kind, kind) for kind in kinds)
 
 
 class _Measured(Struct, frozen=True):

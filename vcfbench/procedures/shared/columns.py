@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from types import MappingProxyType
 from typing import TypeGuard
 
 from msgspec.structs import replace
@@ -14,40 +13,18 @@ from vcfbench.procedures.shared.measurand import Measurand, stated_cells
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
-from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
+from vcfbench.reports.document import Axis, Cell, Figure, Series, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.values.kinds import named
-from vcfbench.values.printing import incomplete
+from vcfbench.values.printing import figure, incomplete
+from vcfbench.values.value import Unstated, Value
 
 
-def acceptance_values(column: CalibrationColumn) -> dict[str, float | None]:
-    """Return the values of a column that ``[acceptance]`` limits, by its keys."""
-    scale_factor, bias_v = column.scale_factor.value, column.bias.value
-    return {
-        "scale_factor_v_per_deg_s": scale_factor,
-        "bias_v": bias_v,
-        "bias_deg_s": bias_v / scale_factor if scale_factor else None,
-        "nonlinearity_ppm": column.nonlinearity_ppm.max_span,
-    }
-
-
-_STATED = MappingProxyType(
-    {
-        "scale_factor": "scale_factor_v_per_deg_s",
-        "bias": "bias_v",
-        "bias_deg_s": "bias_deg_s",
-        "k_vc": "k_vc_deg_s_per_v",
-        "scale_factor_error_percent": "scale_factor_error_percent",
-    }
-)
-"""The keys of ``[acceptance]`` by the names of stated values, those of the table's column without its name."""
-
-
-def accepted(statement: Statement) -> Iterator[tuple[str, StatedValue]]:
-    """Yield the stated values that ``[acceptance]`` limits, with its keys."""
-    for each in statement.values:
-        if key := _STATED.get(each.name.removeprefix("turntable.")):
-            yield key, each
+def stated(statement: Statement) -> Iterator[Value | Unstated]:
+    """Yield the values of a statement, and the non-linearity where the points are too few for one."""
+    yield from statement.stated()
+    if not any(each.kind == "nonlinearity" for each in statement.stated()):
+        yield Unstated("nonlinearity", "nonlinearity")
 
 
 def with_statement(column: CalibrationColumn, statement: Statement, before: str = "") -> CalibrationColumn:
@@ -145,8 +122,9 @@ _LEAST_SHARE = 0.001
 def statement_tables(statement: Statement) -> list[Table | Text]:
     """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
     columns = heads("<value | :.7g | U95:.2g | u:.2g | k:.2f | <unit | <of what")
+    rows: list[tuple[Cell | str | float | None, ...]] = []
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
-    rows, lines, names = [], [], {each.name for each in statement.values}
+    lines, names = [], {each.name for each in statement.values}
     for each in statement.values:
         words = named(each.name, each.unit).words
         value, u, u95 = stated_cells(each.value, each.u, each.u95)
@@ -161,17 +139,13 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         for place, (cause, share) in enumerate(shown):
             of = "" if place else words
             lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
-    left_out = [
-        f"{named(name, 'ppm').words}: {words}" if name.endswith("nonlinearity") else left
-        for left in statement.not_in_u
-        for name, _, words in [left.partition(": ")]
-    ]
+    rows += [(bound.named.words, figure(bound), None, None, None, bound.unit, bound.of) for bound in statement.bounds]
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
         Table(shares, lines, f"Uncertainty budget (causes below {100.0 * _LEAST_SHARE:g} % are left out)"),
         Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
-        Text("\n  ".join(["not in these uncertainties:", *left_out])),
+        Text("\n  ".join(["not in these uncertainties:", *statement.not_in_u])),
     ]
 
 

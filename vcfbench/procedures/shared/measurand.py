@@ -1,6 +1,7 @@
 """Measured values as they are reported: one combined uncertainty, its contributions, and its omissions."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from statistics import fmean, stdev
 
@@ -10,25 +11,12 @@ from msgspec.structs import replace
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
 from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
-from vcfbench.values.printing import digits_of_u, digits_of_value, incomplete
+from vcfbench.values.kinds import kind_of
+from vcfbench.values.printing import digits_of_u, digits_of_value, figure, incomplete
+from vcfbench.values.value import UncertaintyPart, Unstated, Value
 
 _ROUNDING = 1e-9
 """A part of u that is smaller, against all of it, is left by rounding."""
-
-
-class UncertaintyPart(Struct, frozen=True):
-    """Contribution of one source to a standard uncertainty, in the unit of the value; the sign is that of its effect.
-
-    `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
-    certificate. None is this result's own.
-    """
-
-    source: str
-    u: float
-    dof: float | None = None
-    of: str | None = None
-    rectangular: bool = False
-    """True if any value within a limit is as likely; else it is normal, or Student's t."""
 
 
 class Measurand(Struct, frozen=True):
@@ -52,6 +40,17 @@ class Measurand(Struct, frozen=True):
         """Return value, u and U95 as they are printed: two digits of either, the value to the last one of u."""
         return stated_cells(self.value, self.u, self.expanded_u)
 
+    def as_value(self, name: str, kind: str = "", words: str = "", of: str = "") -> Value:
+        """Return it as a value of a run."""
+        return Value(
+            *(name, self.value, self.unit, self.u, self.dof, self.expanded_u),
+            kind=kind or kind_of(name, self.unit),
+            words=words,
+            of=of,
+            parts=self.parts,
+            missing=self.missing,
+        )
+
     def kept(self) -> Measured:
         """Return it as it is kept of a device."""
         shares = tuple(Share(source=part.source, u=part.u, of=part.of, dof=part.dof) for part in self.parts)
@@ -61,6 +60,11 @@ class Measurand(Struct, frozen=True):
 def stated_cells(value: float, u: float, u95: float) -> tuple[Cell, Cell, Cell]:
     """Return value, u and U95 as they are printed: two digits of either uncertainty, the value to the last one of u."""
     return Cell(value, digits_of_value(value, u)), Cell(u, digits_of_u(u)), Cell(u95, digits_of_u(u95))
+
+
+def titled(words: str, found: Measurand, kind: str = "") -> Value:
+    """Return a value that is called by its words, by programs too."""
+    return found.as_value(re.sub(r"\W+", "_", words).strip("_").lower(), kind, words)
 
 
 def finite(dof: float) -> float | None:
@@ -134,6 +138,21 @@ QUANTITY_COLUMNS = heads("<quantity | value:.6g | u:.2g | U95:.2g | <unit | <u i
 def quantity_table(quantities: Mapping[str, Measurand], title: str = "") -> Table:
     """Return a table of values by name."""
     return Table(QUANTITY_COLUMNS, [quantity_row(*each) for each in quantities.items()], title)
+
+
+def value_table(values: Iterable[Value | Unstated]) -> Table:
+    """Return a table of the values that results state, each in its form."""
+    rows: list[tuple[Cell | str | None, ...]] = []
+    for each in values:
+        if isinstance(each, Unstated):
+            continue
+        parts = ", ".join(f"{part.source} {part.u:.2g}" for part in each.parts)
+        words = each.named.words
+        if each.value is None or each.u is None or each.u95 is None:
+            rows.append((words, figure(each), None, None, each.unit, parts))
+        else:
+            rows.append((words, *stated_cells(each.value, each.u, each.u95), each.unit, parts))
+    return Table(QUANTITY_COLUMNS, rows)
 
 
 def quantity_row(name: str, found: Measurand) -> tuple[Cell | str, ...]:

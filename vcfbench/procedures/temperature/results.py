@@ -15,7 +15,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import QUANTITY_COLUMNS, Measurand, UncertaintyPart, measurand, quantity_row
+from vcfbench.procedures.shared.measurand import Measurand, measurand, titled, value_table
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -23,6 +23,7 @@ from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
 from vcfbench.values.quantile import t_of_largest
+from vcfbench.values.value import UncertaintyPart, Value
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
@@ -52,15 +53,6 @@ class AtTemperature(Step, Struct, frozen=True):
 
     def command(self, bench: Bench) -> None:
         """Do nothing."""
-
-
-class _NotSeen(Struct, frozen=True):
-    """A hysteresis that is not more than its U95: its upper limit with 95 %, as a data sheet has it."""
-
-    value: float
-    unit: str
-    upper_95: float
-    u: None = None
 
 
 class PointOfTemperature(Struct, frozen=True):
@@ -109,24 +101,29 @@ class TemperatureResult(Struct, frozen=True):
     points: tuple[PointOfTemperature, ...]
     scale_factor_v_per_deg_s: ScaleFactor
 
-    def quantities(self) -> Iterator[tuple[str, Measurand | _NotSeen]]:
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; a hysteresis that is not seen as its bound."""
         named = {
             f"scale factor at {self.reference_c:g} degC": self.scale_factor,
             "temperature coefficient of the scale factor": self.scale_factor_tc,
             "its change with temperature": self.scale_factor_tc2,
-            "hysteresis of the scale factor": _seen_or_bound(self.scale_factor_hysteresis),
+            "hysteresis of the scale factor": self.scale_factor_hysteresis,
             f"bias at {self.reference_c:g} degC": self.bias,
             "temperature coefficient of the bias": self.bias_tc,
-            "hysteresis of the bias": _seen_or_bound(self.bias_hysteresis),
+            "hysteresis of the bias": self.bias_hysteresis,
             f"drive frequency at {self.reference_c:g} degC": self.frequency,
             "temperature coefficient of the drive frequency": self.frequency_tc,
-            "hysteresis of the drive frequency": _seen_or_bound(self.frequency_hysteresis),
+            "hysteresis of the drive frequency": self.frequency_hysteresis,
             f"mode split at {self.reference_c:g} degC": self.split,
             "temperature coefficient of the mode split": self.split_tc,
         }
         for name, found in named.items():
-            if found is not None:
-                yield name, found
+            if found is None:
+                continue
+            value = titled(name, found)
+            if "hysteresis" in name and abs(found.value) <= found.expanded_u:
+                value = replace(value, form="size-below", high=_bound(found), u=None, dof=None, u95=None)
+            yield value
 
 
 class _Seen(Struct, frozen=True):
@@ -384,21 +381,8 @@ def _bound(difference: Measurand) -> float:
     return abs(difference.value) + difference.expanded_u
 
 
-def _seen_or_bound(difference: Measurand | None) -> Measurand | _NotSeen | None:
-    """Return a hysteresis that is seen, else its upper limit."""
-    if difference is None or abs(difference.value) > difference.expanded_u:
-        return difference
-    return _NotSeen(difference.value, difference.unit, _bound(difference))
-
-
 def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:
     """Report the coefficients, every temperature, and the figures over it."""
-    rows = [
-        (f"{name}, not seen, below (95 %)", each.upper_95, None, None, each.unit, "")
-        if isinstance(each, _NotSeen)
-        else quantity_row(name, each)
-        for name, each in results.quantities()
-    ]
     unit = results.scale_factor.unit
     of_points = heads(
         f"temperature [degC]:.1f | <direction | scale factor [{unit}]:.7g | u [{unit}]:.1g | "
@@ -434,5 +418,5 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         axes = Axis("temperature", "degC"), Axis(name, unit)
         figures.append(Figure(f"{name} over temperature", *axes, series))
     return Report(
-        [Table(QUANTITY_COLUMNS, rows), Table(of_points, points), Text("\n".join(filter(None, said))), *figures]
+        [value_table(results.stated()), Table(of_points, points), Text("\n".join(filter(None, said))), *figures]
     )

@@ -1,7 +1,7 @@
 """Results of a four-step calibration: pure arithmetic on its points, the same again from a record; their report."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from msgspec import Struct
@@ -21,6 +21,7 @@ from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSetting
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.settings import Match
+from vcfbench.values.value import Unstated, Value
 
 
 class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
@@ -60,22 +61,9 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     uncertainty: Statement
     """Combined uncertainties."""
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        """Return the values that ``[acceptance]`` limits, by its keys; the column is that measured on the table."""
-        return {
-            **columns.acceptance_values(self.turntable),
-            "k_vc_deg_s_per_v": self.k_vc.value,
-            "scale_factor_error_percent": self.scale_factor_error_percent,
-            **({} if self.uncertainty.e_n is None else {"e_n": self.uncertainty.e_n}),
-        }
-
-    def acceptance_u95(self) -> Mapping[str, float]:
-        """Return the expanded uncertainties of these, by the same keys."""
-        return {key: each.u95 for key, each in columns.accepted(self.uncertainty)}
-
-    def acceptance_missing(self) -> Mapping[str, tuple[str, ...]]:
-        """Return what these uncertainties lack, by the same keys."""
-        return {key: each.missing for key, each in columns.accepted(self.uncertainty)}
+    def stated(self) -> Iterator[Value | Unstated]:
+        """Yield its values; limits are those of the column that was measured on the table."""
+        yield from columns.stated(self.uncertainty)
 
 
 class SweptVirtualCoriolisResult(VirtualCoriolisResult, frozen=True, kw_only=True):

@@ -13,6 +13,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.analysis.noise_model import NoiseModel, noise_model
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
+from vcfbench.values.value import Value
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -49,6 +50,13 @@ class NoiseCoefficient(Struct, frozen=True):
     u: float | None
     upper_95: float
     unit: str
+
+    def as_value(self, name: str = "") -> Value:
+        """Return it as a value of a run: below its bound where no `u` is known."""
+        name = name or self.name.replace(" ", "_")
+        if self.u is None:
+            return Value(name, self.value, self.unit, form="below", high=self.upper_95, words=self.name)
+        return Value(name, self.value, self.unit, self.u, words=self.name)
 
 
 class AllanRow(Struct, frozen=True):

@@ -1,7 +1,7 @@
 """Results of a static record: Allan curve, noise coefficients, bias stability, mean and trend, and their report."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from enum import Enum
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -17,12 +17,13 @@ from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, fl
 from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, budget_table, finite, measurand
+from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.values.printing import incomplete
+from vcfbench.values.value import UncertaintyPart, Value
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -176,8 +177,18 @@ class ZeroResult(Struct, frozen=True):
     """Whether the fit describes the curve: if not, B, K and R have bounds alone."""
     remarks: tuple[str, ...] = ()
 
-    def acceptance_values(self) -> Mapping[str, float | None]:
-        return {"bias_v": self.bias_v, "bias_deg_s": self.bias_deg_s}
+    def stated(self) -> Iterator[Value]:
+        """Yield its values; of a record without noise the means alone."""
+        if self.output_v is None or self.bias is None or self.trend is None:
+            yield Value("output_v", self.bias_v, "V", kind="bias_at_rest")
+            yield Value("bias", self.bias_deg_s, "deg/s", kind="bias_at_rest_deg_s")
+            return
+        yield self.output_v.as_value("output_v", "bias_at_rest")
+        yield self.bias.as_value("bias", "bias_at_rest_deg_s")
+        yield from (each.as_value() for each in self.noise)
+        yield self.trend.as_value("trend")
+        if self.noise_bandwidth_hz is not None:
+            yield self.noise_bandwidth_hz.as_value("noise_bandwidth_hz")
 
     @property
     def flicker(self) -> tuple[float, float] | None:

@@ -24,8 +24,8 @@ from vcfbench.records.schema import Status
 from vcfbench.testing.soaking.draw import Draw, drawn
 from vcfbench.testing.soaking.judge import (
     VALUE_FAULTS,
+    reaches_of,
     shifted_throughout,
-    values_of,
     wrong_of,
     wrong_record,
     wrong_values,
@@ -64,7 +64,7 @@ def cleaned(draw: Draw) -> Clean:
         ended = start(_without_happenings(draw), 0, Clean(), folder, None)
         clean = Clean(ended.end_s, ended.operations)
         wrong = tuple(f"without a fault: {each}" for each in wrong_of(ended, clean))
-        return replace(clean, values={} if ended.run is None else values_of(ended.run.results), wrong=wrong)
+        return replace(clean, values={} if ended.run is None else reaches_of(ended.run.results), wrong=wrong)
 
 
 def tried(draw: Draw, clean: Clean | None = None) -> Verdict:

@@ -7,9 +7,9 @@ from typing import Any
 from scipy.stats import t
 
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
-from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import values_of
 from vcfbench.testing.soaking.draw import Draw
 from vcfbench.testing.soaking.trial import Clean, Ended
 
@@ -28,14 +28,12 @@ VALUE_FAULTS = frozenset({"offset", "overload", "current_limit", "power_cycle", 
 """Faults that change readings: a resumed run may refuse those recorded under them."""
 
 
-def values_of(results: Any) -> dict[str, tuple[float, float]]:
+def reaches_of(results: Any) -> dict[str, tuple[float, float]]:
     """Return every value that results state with an uncertainty: value, and how far noise alone may take it."""
-    if statement := getattr(results, "uncertainty", None):
-        return {each.name: (each.value, _reach(each.u95, each.dof)) for each in statement.values}
-    names = getattr(results, "__struct_fields__", None) or getattr(results, "__dataclass_fields__", {})
-    found = ((name, getattr(results, name)) for name in names)
     return {
-        name: (each.value, _reach(each.expanded_u, each.dof)) for name, each in found if isinstance(each, Measurand)
+        name: (each.value, _reach(each.u95, each.dof))
+        for name, each in values_of(results).items()
+        if each.value is not None and each.u95 is not None
     }
 
 
@@ -121,7 +119,7 @@ def wrong_values(ended: Ended, clean: Mapping[str, tuple[float, float]], *, shif
     """
     if ended.run is None or ended.error is not None or ended.died:
         return
-    stated = values_of(ended.run.results)
+    stated = reaches_of(ended.run.results)
     # of a line that is straight there is a bound alone
     if missing := {name for name in clean.keys() - stated.keys() if not name.endswith("nonlinearity")}:
         yield f"complete without {', '.join(sorted(missing))}"

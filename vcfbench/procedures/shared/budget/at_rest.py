@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
+from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
 from vcfbench.procedures.shared.sweep.windows import ENOUGH_DOF, Flicker
 from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.values.value import UncertaintyPart
 
 _CONTRADICTS = 1.645
 """Excess of the observed flicker, in its own uncertainties, from which it replaces the stated one."""

@@ -27,6 +27,7 @@ from vcfbench.procedures.shared.budget.statement import (
 )
 from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.values.value import Value
 
 Places: TypeAlias = "NDArray[np.intp]"
 
@@ -192,14 +193,16 @@ def line_statement(
         return {**around.applied(model(q), q), **{each.sum.name: each.value(q) for each in worst}}
 
     every, cannot_be = budget_of([*windows, *sources, *own, *around.sources], both, correlations)
-    values, said, kept = list(stated.values), list(stated.not_in_u), list(range(len(stated.values)))
+    values, kept, bounds = list(stated.values), list(range(len(stated.values))), list[Value]()
     for number, each in enumerate(worst, len(stated.values)):
         result = every.results[number]
         value = each.moved(stated_value(result, every, "ppm", _LARGEST, cannot_be.get(result.name, ())))
         by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
         why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
         if why:  # no truth is further from what is found than the largest error of a residual
-            said.append(f"{value.name}: {why}; it is below {value.value + by_errors:.2g} ppm (95 %)")
+            found = value.as_value(value.name, _BY_V_VC[value.name.startswith("virtual.")])
+            most, of = value.value + by_errors, f"{found.of}; {why}"
+            bounds.append(structs.replace(found, form="below", high=most, u=None, dof=None, u95=None, of=of))
         else:
             values.append(value)
             kept.append(number)
@@ -207,10 +210,11 @@ def line_statement(
     for row, old in zip(correlation, stated.correlation, strict=False):
         row[: len(old)] = old
     return structs.replace(
-        stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), not_in_u=tuple(said)
+        stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), bounds=tuple(bounds)
     )
 
 
+_BY_V_VC = "nonlinearity", "nonlinearity_by_v_vc"
 _LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
 
 

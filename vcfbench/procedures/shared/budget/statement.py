@@ -6,7 +6,7 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 from msgspec import Struct, structs
@@ -18,6 +18,8 @@ from vcfbench.procedures.shared.measurand import finite
 from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.values.kinds import kind_of
+from vcfbench.values.value import UncertaintyPart, Value
 
 
 class StatedContribution(Struct, frozen=True):
@@ -54,6 +56,16 @@ class StatedValue(Struct, frozen=True):
     missing: tuple[str, ...] = ()
     """Contributions that `u` lacks because the bench file does not tell them; none where it is complete."""
 
+    def as_value(self, name: str, kind: str = "") -> Value:
+        """Return it as a value of a run."""
+        return Value(
+            *(name, self.value, self.unit, self.u, self.dof, self.u95),
+            kind=kind or kind_of(name, self.unit),
+            of=self.of,
+            parts=[UncertaintyPart(each.source, each.u, each.dof) for each in self.contributions],
+            missing=self.missing,
+        )
+
 
 class Statement(Struct, frozen=True):
     """All values with an uncertainty, their correlations, and the omissions of the uncertainties."""
@@ -69,6 +81,17 @@ class Statement(Struct, frozen=True):
     complete: bool = True
     missing: tuple[str, ...] = ()
     """Contributions that `u` of some of them lacks."""
+    bounds: tuple[Value, ...] = ()
+    """Values that errors alone may have made: what is known is below what they are."""
+
+    def stated(self) -> Iterator[Value]:
+        """Yield the values, bounds after them; those that V_Vc gave are of a kind of their own."""
+        for each in self.values:
+            column, _, last = each.name.rpartition(".")
+            yield each.as_value(each.name, _BY_V_VC.get(last, "") if column == "virtual" else "")
+        yield from self.bounds
+        if self.e_n is not None:
+            yield Value("e_n", self.e_n, kind="e_n", missing=self.missing)
 
     def value(self, name: str) -> StatedValue:
         """Return one value; KeyError when it has no uncertainty."""
@@ -225,6 +248,12 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     )
 
 
+_BY_V_VC = {
+    "scale_factor": "scale_factor_by_v_vc",
+    "bias": "bias_by_v_vc",
+    "bias_deg_s": "bias_by_v_vc_deg_s",
+    "nonlinearity": "nonlinearity_by_v_vc",
+}
 _OUTSIDE = (
     "lack of fit: how far the outputs are from a line is in the non-linearity",
     "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)",

@@ -5,7 +5,7 @@ run hides in its noise by the cumulative sum over all entries.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -14,15 +14,16 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
-from vcfbench.procedures.shared.judged import Judged
 from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.procedures.shared.known.v_vc import v_vc_error
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import Measurand, measurand
 from vcfbench.records.device_values import Measured
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
+from vcfbench.values.kinds import KINDS
 from vcfbench.values.printing import incomplete
+from vcfbench.values.value import UncertaintyPart, Value
 from vcfbench.values.verdict import e_n
 
 
@@ -39,7 +40,7 @@ class Change(Struct, frozen=True):
     """Change over its expanded uncertainty: above 1 it is seen."""
 
 
-class Drift(Change, Judged, frozen=True):
+class Drift(Change, frozen=True):
     """Change of the scale factor since the certificate, and its drift over the entries since then."""
 
     last: Change | None
@@ -52,10 +53,15 @@ class Drift(Change, Judged, frozen=True):
     limits: tuple[Verdict, ...]
     """Limits of its verdict."""
 
-    def judged(self) -> dict[str, Measurand | float]:
-        of_last = {} if self.last is None else {"e_n_since_last": self.last.e_n}
-        seen = {"e_n": self.e_n, **of_last, "cusum": self.cusum, "failed_before": float(len(self.failed_before))}
-        return {"drift_ppm": self.change_ppm, **seen}
+    def stated(self) -> Iterator[Value]:
+        """Yield the change, and what of it is held against limits; an E_n is by the U95 of the change."""
+        missing = self.change_ppm.missing
+        yield self.change_ppm.as_value("drift_ppm")
+        yield Value("e_n", self.e_n, kind="e_n", missing=missing)
+        if self.last is not None:
+            yield Value("e_n_since_last", self.last.e_n, kind="e_n_since_last", missing=missing)
+        yield Value("cusum", self.cusum, kind="cusum")
+        yield Value("failed_before", float(len(self.failed_before)), kind="failed_before")
 
 
 def curve_parts(settings: KnownDeviceSettings) -> tuple[list[tuple[str, Floats, float | None, str]], bool]:
@@ -102,7 +108,8 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     summed = float(cusum(residuals)[-1])
     seen = first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before
     found = Drift(*seen, "pass", ())
-    own = judged([limit for limit in limits if limit.key in found.judged()], found, ())
+    keys_of_own = {KINDS[each.kind].limit for each in found.stated()}
+    own = judged([limit for limit in limits if limit.key in keys_of_own], found, ())
     return found if own is None else replace(found, verdict=own.word, limits=own.limits)
 
 

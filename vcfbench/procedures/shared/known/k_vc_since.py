@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import temperature_coefficient
 from vcfbench.procedures.shared.known.v_vc import TEMPERATURE
-from vcfbench.procedures.shared.measurand import UncertaintyPart, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.settings import Sources
+from vcfbench.values.value import UncertaintyPart
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"

@@ -10,11 +10,12 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, p
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level
-from vcfbench.procedures.shared.measurand import Measurand, UncertaintyPart, finite, measurand
+from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.windows import Flicker, window_times
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench.values.value import UncertaintyPart
 
 
 def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:

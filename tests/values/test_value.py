@@ -1,0 +1,57 @@
+"""What a value can be, and how it is printed."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import pytest
+
+from vcfbench.errors import ConfigError
+from vcfbench.values.kinds import KINDS, LIMITED
+from vcfbench.values.printing import figure
+from vcfbench.values.value import Value
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (Value("k", -0.012541, "V/(deg/s)", 5.8e-7, u95=1.1e-6, kind="scale_factor"), "-12.541 00(58)"),
+        (Value("b", 823.3, "ppm", u95=13.0), "823"),
+        (Value("s", 6.6, "ppm", form="interval", low=3.4, high=41.2), "6.6 (3.4 to 41)"),
+        (Value("h", -10.0, "ppm", form="size-below", high=35.1), "size below 35"),
+        (Value("t", None, "deg/s", form="below", high=9.1e-4), "below 0.000 91"),
+        (Value("r", None, "deg/s", form="at-least", low=540.0), "at least 540"),
+        (Value("x", 1.5), "1.5"),
+    ],
+)
+def test_each_form_has_its_line_of_print(value: Value, said: str) -> None:
+    assert figure(value, value.named.factor) == said
+
+
+def test_a_u_without_u95_gets_the_factor_of_its_degrees_of_freedom() -> None:
+    assert Value("own", 1.0, u=0.1, dof=3.0).u95 == pytest.approx(0.318, abs=5e-4)
+    assert Value("own", 1.0, u=0.1).u95 == pytest.approx(0.196, abs=5e-4)
+    assert Value("own", 1.0, u=0.1, u95=0.37).coverage_factor == pytest.approx(3.7)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"value": math.nan},
+        {"value": 1.0, "u": -0.1},
+        {"value": None},
+        {"value": 1.0, "form": "interval", "low": 2.0, "high": 3.0},
+        {"value": 1.0, "form": "below"},
+        {"value": 50.0, "form": "size-below", "high": 35.0},
+        {"value": 7.4, "unit": "ppm", "kind": "scale_factor"},
+    ],
+)
+def test_what_no_value_can_be_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="own: "):
+        Value("own", **wrong)
+
+
+def test_each_key_of_acceptance_is_that_of_a_kind() -> None:
+    assert LIMITED["scale_factor_v_per_deg_s"] == "scale_factor"
+    assert all(KINDS[kind].limit == key for key, kind in LIMITED.items())

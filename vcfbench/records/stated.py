@@ -1,0 +1,111 @@
+"""The values of a run: what its results state, each with unit, uncertainty and form, in their order."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from vcfbench.errors import ConfigError
+from vcfbench.records.plain import field_names, plain
+from vcfbench.values.kinds import KINDS, LIMITED, kind_of
+from vcfbench.values.value import UncertaintyPart, Unstated, Value
+
+
+@runtime_checkable
+class StatesValues(Protocol):
+    """Results that say themselves which values they state, under which names and in which order."""
+
+    def stated(self) -> Iterator[Value | Unstated]:
+        """Yield the values, and those that could not be found."""
+        ...
+
+
+@runtime_checkable
+class BecomesValue(Protocol):
+    """A quantity that is a value once it has a name."""
+
+    def as_value(self, name: str) -> Value:
+        """Return it as a value."""
+        ...
+
+
+def values_of(results: object) -> dict[str, Value]:
+    """Return the values that the results of a run state, by name, in their order.
+
+    Raises:
+        ConfigError: two of them have one name.
+    """
+    found: dict[str, Value] = {}
+    for each in stated(results):
+        if each.name in found:
+            raise ConfigError(f"results: expected one value of a name, came two named {each.name}")
+        if isinstance(each, Value):
+            found[each.name] = each
+    return found
+
+
+def stated(results: object) -> Iterator[Value | Unstated]:
+    """Yield the values that results state, and those that could not be found.
+
+    Results that say themselves which they are (``stated()``) are asked. In any others they are found by type: in
+    fields, mappings, and tuples of them; and of plain numbers those that have the name of a limit.
+    """
+    if isinstance(results, StatesValues):
+        yield from results.stated()
+    elif isinstance(results, Mapping) and "uncertainty" in results:
+        yield from _of_before(results)
+    else:
+        yield from _found(results, "")
+
+
+def _found(of: object, name: str) -> Iterator[Value | Unstated]:
+    """Yield the values in `of`, going down by names."""
+    if isinstance(of, Value):
+        yield of
+    elif isinstance(of, BecomesValue):
+        yield of.as_value(name)
+    elif isinstance(of, tuple | list):
+        yield from (each for each in of if isinstance(each, Value))
+    else:
+        names = of.keys() if isinstance(of, Mapping) else field_names(of) or ()
+        members = {str(key): of[key] if isinstance(of, Mapping) else getattr(of, key) for key in names}
+        if "value" in members:
+            yield from _quantity(name, members)
+            return
+        for key, each in members.items():
+            if name or key not in LIMITED or not (each is None or _number(each) is not None):
+                yield from _found(each, f"{name}.{key}" if name else key)
+            elif (number := _number(each)) is None:
+                yield Unstated(key, LIMITED[key])
+            else:
+                yield Value(key, number, KINDS[LIMITED[key]].si, kind=LIMITED[key])
+
+
+def _of_before(results: Mapping[str, Any]) -> Iterator[Value | Unstated]:
+    """Yield the values of stored results whose code is not known: those of their statement, then those beside it."""
+    statement = results["uncertainty"]
+    listed = statement.get("values", ()) if isinstance(statement, Mapping) else ()
+    known = {each.name: each for of in listed for each in _quantity(str(of.get("name")), of)}
+    yield from known.values()
+    yield from (each for each in _found({**results, "uncertainty": None}, "") if each.name not in known)
+
+
+def _quantity(name: str, members: Mapping[str, Any]) -> Iterator[Value]:
+    """Yield what has a value, and perhaps a unit and uncertainties, under any names that they ever had."""
+    number, unit = _number(members["value"]), str(members.get("unit") or "")
+    if number is not None:
+        expanded = (_number(members.get(each)) for each in ("u95", "expanded_u", "u_95"))
+        parts = [
+            UncertaintyPart(str(each["source"]), float(each["u"]))
+            for each in plain(members.get("parts") or members.get("contributions") or ())
+        ]
+        yield Value(
+            *(name, number, unit, _number(members.get("u")), _number(members.get("dof"))),
+            next((each for each in expanded if each is not None), None),
+            kind=kind_of(name, unit),
+            of=str(members.get("of") or ""),
+            parts=parts,
+            missing=tuple(map(str, members.get("missing") or ())),
+        )
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -1,0 +1,123 @@
+"""One value of a run's results: a number that keeps its kind, its unit, its uncertainty and its form."""
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from msgspec import Struct
+from msgspec.structs import force_setattr
+
+from vcfbench.errors import ConfigError
+from vcfbench.values.kinds import KINDS, Named, named
+from vcfbench.values.quantile import t_quantile
+
+Form = Literal["plus-minus", "interval", "size-below", "below", "at-least"]
+"""What is stated with 95 %: value +- U95; a value with a lopsided interval; |value| below; from 0 to below; at least.
+
+A value in the first form may have no uncertainty, then it is a number alone.
+"""
+_UNCOVERED = 0.05
+"""Chance of a true value outside of what is stated."""
+
+
+class UncertaintyPart(Struct, frozen=True):
+    """Contribution of one source to a standard uncertainty, in the unit of the value; the sign is that of its effect.
+
+    `of` says whose it is where other results have the same, so that it cancels between them: an instrument, a
+    certificate. None is this result's own.
+    """
+
+    source: str
+    u: float
+    dof: float | None = None
+    of: str | None = None
+    rectangular: bool = False
+    """True if any value within a limit is as likely; else it is normal, or Student's t."""
+
+
+class Value(Struct, frozen=True):
+    """A value as it is stated of a run, in SI units but for rates (deg/s).
+
+    `name` is unique in the run (``turntable.scale_factor``), `kind` says what it is of: a key of
+    :data:`vcfbench.values.kinds.KINDS`, or nothing. `low` and `high` are the ends of what holds with 95 % where that is
+    not value +- U95; of a bound `value` is what was found, if anything was. A `u` without `u95` gets the factor of
+    Student's t for its `dof` (None: as many as one likes).
+
+    Raises:
+        ConfigError: a number is not finite, an uncertainty negative, the form lacks its ends, or the kind has another
+            unit.
+    """
+
+    name: str
+    value: float | None
+    unit: str = ""
+    u: float | None = None
+    dof: float | None = None
+    u95: float | None = None
+    form: Form = "plus-minus"
+    low: float | None = None
+    high: float | None = None
+    kind: str = ""
+    words: str = ""
+    """What it is called, where neither its kind nor its name says that."""
+    of: str = ""
+    """What it is, in a sentence."""
+    parts: Sequence[UncertaintyPart] = ()
+    missing: Sequence[str] = ()
+    """Contributions that its uncertainty lacks because nobody tells them; none where it is complete."""
+
+    def __post_init__(self) -> None:
+        """Refuse what no value can be."""
+        force_setattr(self, "parts", tuple(self.parts))
+        force_setattr(self, "missing", tuple(self.missing))
+        numbers = (self.value, self.u, self.dof, self.u95, self.low, self.high)
+        if wrong := [each for each in numbers if each is not None and not math.isfinite(each)]:
+            raise ConfigError(f"{self.name}: expected finite numbers, came {wrong[0]}")
+        if wrong := [each for each in (self.u, self.u95) if each is not None and each < 0.0]:
+            raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, came {wrong[0]:g}")
+        if self.kind and (kind := KINDS[self.kind]).si != self.unit:
+            raise ConfigError(f"{self.name}: expected {kind.words} in {kind.si or 'no unit'}, came {self.unit!r}")
+        if self.u is not None and self.u95 is None and self.form == "plus-minus":
+            force_setattr(self, "u95", t_quantile(_UNCOVERED, self.dof or math.inf) * self.u)
+        low, high = self.ends
+        within = self.value is None or low <= abs(self.value) <= high if self.form == "size-below" else True
+        if self.form == "interval":
+            within = self.value is not None and low <= self.value <= high
+        if self.form != "plus-minus" and not (low <= high and within):
+            raise ConfigError(f"{self.name}: {self.form} cannot be {self.value}, from {self.low} to {self.high}")
+        if self.form == "plus-minus" and self.value is None:
+            raise ConfigError(f"{self.name}: expected a value, came none")
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The ends of what holds with 95 %; of a value without U95 both are the value."""
+        low, high = (math.nan if each is None else each for each in (self.low, self.high))
+        match self.form:
+            case "size-below":
+                return -high, high
+            case "below":
+                return 0.0, high
+            case "at-least":
+                return low, math.inf
+            case "interval":
+                return low, high
+        value, u95 = self.value or 0.0, self.u95 or 0.0
+        return value - u95, value + u95
+
+    @property
+    def coverage_factor(self) -> float | None:
+        """The expanded uncertainty over the standard one; None where there is none."""
+        return self.u95 / self.u if self.u and self.u95 is not None else None
+
+    @property
+    def named(self) -> Named:
+        """Words for it, and the unit in which people read it."""
+        found = named(self.name, self.unit, self.kind)
+        return found._replace(words=self.words, german="") if self.words else found
+
+
+class Unstated(Struct, frozen=True):
+    """A value that a run should have found and could not: no limit of it is kept."""
+
+    name: str
+    kind: str = ""
