@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from datetime import date, timedelta
+import time
+from datetime import UTC, date, datetime, timedelta
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import pytest
 
 import vcfbench
 from tests import warm
+from vcfbench import clock
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
@@ -247,3 +249,18 @@ def test_a_day_may_stand_in_quotes() -> None:
     description = parse_bench(embedded_text("ideal").replace(METER, f'{METER}calibrated = "2026-01-15"\n'), "station")
     assert description.multimeter is not None
     assert description.multimeter.calibrated == date(2026, 1, 15)
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="the time zone of the process cannot be set")
+@pytest.mark.parametrize(("zone", "day"), [("UTC0", "2026-05-05"), ("XXX8", "2026-05-04"), ("XXX-14", "2026-05-05")])
+def test_a_calibration_is_due_by_the_calendar_of_the_station(
+    monkeypatch: pytest.MonkeyPatch, zone: str, day: str
+) -> None:
+    monkeypatch.setenv("TZ", zone)
+    time.tzset()
+    try:
+        monkeypatch.setattr(clock, "utc_now", lambda: datetime(2026, 5, 5, 3, 0, tzinfo=UTC))
+        assert str(clock.today()) == day
+    finally:
+        monkeypatch.undo()
+        time.tzset()

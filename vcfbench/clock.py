@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 from msgspec import Struct
 from simrack.clock import Clock, ScaledClock, VirtualClock, WallClock, sleep
@@ -24,6 +24,7 @@ __all__ = [
     "WallClock",
     "sleep",
     "start_thread",
+    "today",
     "uptime_s",
     "utc_now",
     "within",
@@ -33,6 +34,11 @@ __all__ = [
 def utc_now() -> datetime:
     """Return the date and time of day, for records and locks; never for pacing."""
     return datetime.now(UTC)
+
+
+def today() -> date:
+    """Return the day of the station, by the time zone of its computer: calibrations are due by the calendar there."""
+    return utc_now().astimezone().date()
 
 
 def uptime_s() -> float:

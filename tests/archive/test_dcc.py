@@ -177,6 +177,12 @@ def test_it_holds_the_report_for_people_and_its_day_of_issue(quick: Run, tmp_pat
         vcfbench.write_certificate(quick, tmp_path / "run.xml", WORDS, report)
 
 
+def test_the_days_of_the_readings_have_their_time_zone(written: Path, quick: Run) -> None:
+    tree = ET.parse(written).getroot()  # noqa: S314  # our own
+    for name in ("beginPerformanceDate", "endPerformanceDate"):
+        assert text_at(tree, f".//dcc:{name}") == f"{str(quick.header['utc'])[:10]}Z"
+
+
 @pytest.mark.parametrize(
     ("values", "word"),
     [

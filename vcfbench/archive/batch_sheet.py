@@ -203,7 +203,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
     said = f"Yield: {good} of {len(devices)} devices ({100.0 * good / len(devices):.0f} %)"
     parts: list[Part] = [
         Heading(f"Batch {batch}"),
-        Text(f"Measured {' to '.join(dict.fromkeys((days[0], days[-1])))}; operator: {operators}."),
+        Text(f"Measured {' to '.join(dict.fromkeys((days[0], days[-1])))} (UTC); operator: {operators}."),
         *([Notice("Measured on a simulated bench: no device stands behind these numbers.")] if simulated else []),
         Notice(f"{said}; not good: {', '.join(bad)}." if bad else f"{said}.", "fail" if bad else "pass"),
         *([Text(f"Not measured yet: {', '.join(waiting)}.")] if waiting else []),
@@ -241,7 +241,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     """Return the runs of one device as a table, a row each."""
-    columns = [*heads("day | <procedure"), *_COLUMNS]
+    columns = [*heads("day (UTC) | <procedure"), *_COLUMNS]
     mixed = len({each.simulated for each in rows}) > 1
     names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in rows)
     cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(each)] for each, name in zip(rows, names, strict=True)]

@@ -11,7 +11,7 @@ from typing import Final
 from xml.etree import ElementTree as ET
 
 from vcfbench.archive.certificate import CertificateWords
-from vcfbench.archive.front_page import days_of
+from vcfbench.archive.days import days_of
 from vcfbench.archive.reported import method_of
 from vcfbench.archive.run import Run
 from vcfbench.archive.si_units import in_si
@@ -156,8 +156,8 @@ def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool
     _under(parent, "uniqueIdentifier", words.identifier)
     if run.name is not None:
         _identification(_under(parent, "identifications"), "calibrationLaboratory", run.name, "name of the record")
-    _under(parent, "beginPerformanceDate", began)
-    _under(parent, "endPerformanceDate", ended)
+    _under(parent, "beginPerformanceDate", f"{began}Z")  # days of UTC: xs:date has its zone behind it
+    _under(parent, "endPerformanceDate", f"{ended}Z")
     _under(parent, "performanceLocation", "laboratory")
     if words.issued:
         _under(parent, "issueDate", words.issued)

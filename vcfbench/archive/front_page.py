@@ -6,12 +6,12 @@ What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to 
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from datetime import datetime, timedelta
 from typing import Final
 
 import msgspec
 
 from vcfbench.archive.certificate import stated_words
+from vcfbench.archive.days import days_of
 from vcfbench.archive.run import Run
 from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
@@ -69,6 +69,7 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
     def said(*keys: str) -> str:
         return ", ".join(filter(None, map(words.get, keys))) or BLANK
 
+    days = days_of(run)
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
     traced = [
         f"{each.model} ({each.role.replace('_', ' ')}) {each.certificate or BLANK}"
@@ -84,20 +85,11 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         ("serial number", said("serial")),
         ("record", f"{run.name or 'not recorded'}{revision}"),
         ("procedure", run.procedure),
-        ("measured on", " to ".join(dict.fromkeys(days_of(run) or (BLANK,)))),
+        ("measured on", BLANK if days is None else f"{' to '.join(dict.fromkeys(days))} (UTC)"),
         ("operator", run.metadata.operator or BLANK),
         ("checked by", checked(run) or BLANK),
         ("traceable by", "; ".join(traced) or BLANK),
     ]
-
-
-def days_of(run: Run) -> tuple[str, str] | None:
-    """Return the days on which a run began and ended; simulated bench time passed on no calendar."""
-    if (utc := run.header.get("utc")) is None:
-        return None
-    began = datetime.fromisoformat(str(utc))
-    took_s = 0.0 if run.simulated else run.bench_seconds or 0.0
-    return f"{began:%Y-%m-%d}", f"{began + timedelta(seconds=took_s):%Y-%m-%d}"
 
 
 def checked(run: Run) -> str | None:
@@ -106,7 +98,7 @@ def checked(run: Run) -> str | None:
     if check is None:
         return None
     since = "" if check.revision == run.revision else f"; revision {run.revision} is not checked"
-    return f"{check.by}, {check.utc[:10]}, revision {check.revision}{since}"
+    return f"{check.by}, {check.utc[:10]} (UTC), revision {check.revision}{since}"
 
 
 def _results(run: Run) -> Iterator[Part]:

@@ -216,15 +216,15 @@ def command_of(header: Mapping[str, Any]) -> str | None:
         return None
     own, bench, resumed = header.get("procedure_file"), header.get("bench") or {}, header.get("resumed_from")
     words = ["vcfbench", "run", str(own["path"] if isinstance(own, dict) else header.get("procedure"))]
-    told = {**options, "metadata": options.get("metadata") or header.get("metadata")}
+    stated = {**options, "metadata": options.get("metadata") or header.get("metadata")}
     if header.get("simulated") and bench.get("served") is None:
-        told["seed"] = header.get("seed")
+        stated["seed"] = header.get("seed")
     if isinstance(resumed, dict):  # seed, settings and metadata are those of the record that is gone on with
         words = ["vcfbench", "resume", str(resumed.get("directory"))]
-        told = {
-            key: value for key, value in told.items() if key not in {"resume", "runs", "seed", "settings", "metadata"}
+        stated = {
+            key: value for key, value in stated.items() if key not in {"resume", "runs", "seed", "settings", "metadata"}
         }
-    for key, value in told.items():
+    for key, value in stated.items():
         if key == "settings" and isinstance(value, dict):
             for path, keys in nested_tables(value):
                 words += chain.from_iterable(

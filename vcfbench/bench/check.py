@@ -6,7 +6,7 @@ from msgspec import Struct
 
 from vcfbench.bench.ground import UnopenedBench, require_instruments_apart, station
 from vcfbench.bench.opening import open_role
-from vcfbench.clock import WallClock, utc_now
+from vcfbench.clock import WallClock, today
 from vcfbench.drivers.calls import Calls
 from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.errors import BenchError, InterlockError
@@ -137,5 +137,5 @@ def _check(role: Role, description: BenchDescription, stand: UnopenedBench, safe
     except BenchError as error:
         problem = str(error)
     known = {} if identity is None else {role.name: identity}
-    [equipment] = equipment_on(utc_now().date(), description, [role.name], known)
+    [equipment] = equipment_on(today(), description, [role.name], known)
     return CheckedInstrument(role.name, equipment.resource, identity, problem, equipment, answers)

@@ -20,7 +20,7 @@ from zlib import crc32
 
 from msgspec import ValidationError, structs, to_builtins
 
-from vcfbench.clock import utc_now
+from vcfbench.clock import today
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.models import ROLES, data_sheet_of
@@ -271,7 +271,7 @@ def _age_days(part: Any, role: str) -> tuple[float, str]:
     calibrated = getattr(part, "calibrated", None)
     if calibrated is None:
         return _USUAL_AGE_DAYS, f"assumed: the bench file has no {role}.calibrated"
-    days = (utc_now().date() - calibrated).days
+    days = (today() - calibrated).days
     if days < -1:  # where the bench stands it may be a day later
         raise refusal(f"{role}.calibrated", "a day that is past", str(calibrated))
     return float(max(days, 0)), f"calibrated {calibrated}"

@@ -17,7 +17,7 @@ from msgspec import Struct, field, to_builtins
 from vcfbench.archive.results import Evaluation, evaluate, nothing
 from vcfbench.archive.run import Run, breaks
 from vcfbench.bench.bench import Bench, open_bench
-from vcfbench.clock import utc_now
+from vcfbench.clock import today, utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import read_text, shown
 from vcfbench.interfaces import Identity, Operator, SafeReport, nobody
@@ -151,7 +151,7 @@ def _perform(under_way: _UnderWay, signals: StopSignals) -> None:
     opened_roles = [each.name for each in needed_roles(description, needs)]
     for words in prepared.left_out():
         request.warn(words)
-    for words in overdue_words(equipment_on(utc_now().date(), description, opened_roles, {})):
+    for words in overdue_words(equipment_on(today(), description, opened_roles, {})):
         request.warn(words)
     under_way.observers = {
         f"{number} ({type(each).__name__})": Shielded(partial[AbstractContextManager[Observer]](nullcontext, each))
@@ -343,7 +343,7 @@ class _UnderWay(Struct):
         journal = MemoryJournal() if kept is None else on_disk(kept.journal)
         procedure, bench = prepared.procedure, to_builtins(description)
         del bench["notify"]  # resuming a record elsewhere runs no program that it names
-        equipment = equipment_on(utc_now().date(), description, identities, identities)
+        equipment = equipment_on(today(), description, identities, identities)
         self.header = {
             "run": "" if kept is None else kept.run,
             "procedure": procedure.name,
