@@ -18,7 +18,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike
 
-from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.arrays import Floats, plain_numbers
 from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
 from vcfbench.errors import ConfigError
 
@@ -88,7 +88,7 @@ def allan_deviation(
     Raises:
         ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time.
     """
-    values = np.asarray(record, dtype=np.float64)
+    values = plain_numbers(record, "record")
     if not np.isfinite(values).all():
         raise ConfigError("a sample of the record is not a finite number")
     if not 0.0 < interval_s < math.inf:
@@ -215,7 +215,7 @@ def block_means(record: ArrayLike, readings: int) -> Floats:
     Raises:
         ConfigError: the record does not fill one block.
     """
-    values = np.asarray(record, dtype=np.float64)
+    values = plain_numbers(record, "record")
     blocks = values.size // readings if readings > 0 else 0
     if blocks < 1:
         raise ConfigError(f"{values.size} readings do not fill a block of {readings}")
@@ -252,7 +252,7 @@ def bias_stability(
     Raises:
         ConfigError: fewer than three readings.
     """
-    values = np.asarray(record, dtype=np.float64)
+    values = plain_numbers(record, "record")
     if values.size < 3:
         raise ConfigError(f"bias stability needs at least three readings, got {values.size}")
     means = []

@@ -1,8 +1,49 @@
-"""Type of arrays of numbers."""
+"""Arrays of numbers: their type, and the door at which those of others are taken in."""
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vcfbench.errors import ConfigError
+
 Floats: TypeAlias = NDArray[np.float64]
+
+
+def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
+    """Return what somebody hands in as plain numbers, shape (n,) or (): a column (n, 1) is a row.
+
+    Quantities of astropy and pint are converted to `unit`. What would silently become another number is refused.
+
+    Args:
+        values: anything that NumPy takes for an array.
+        what: the thing, for messages.
+        unit: that in which the numbers count; empty where any will do, as plain numbers.
+
+    Raises:
+        ConfigError: masked, complex, of dates or words, of more than one dimension, or in a unit that is no such one.
+    """
+    if hasattr(values, "to") and (hasattr(values, "units") or hasattr(values, "unit")):
+        written = str(getattr(values, "units", None) or getattr(values, "unit", ""))
+        if not unit:
+            raise ConfigError(f"{what}: came in {written}; hand in plain numbers, in the unit of the result")
+        try:
+            converted = values.to(unit)
+        except Exception as error:  # each library has errors of its own
+            raise ConfigError(f"{what}: expected a unit such as {unit}, came {written}") from error
+        values = converted.magnitude if hasattr(converted, "magnitude") else converted.value
+    masked = getattr(values, "mask", False)
+    if np.any(masked):
+        raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; leave them out, or the whole up to them")
+    found = np.asarray(values)
+    if found.dtype.kind not in "fiubO" or (found.dtype.kind == "O" and any(isinstance(e, complex) for e in found.flat)):
+        raise ConfigError(f"{what}: expected real numbers, came {found.dtype}")
+    try:
+        numbers = np.asarray(found, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{what}: expected real numbers: {error}") from error
+    if numbers.ndim == 2 and 1 in numbers.shape:
+        numbers = numbers.ravel()
+    if numbers.ndim > 1:
+        raise ConfigError(f"{what}: expected one dimension, came the shape {numbers.shape}")
+    return numbers

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import ArrayLike
 
-from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.arrays import Floats, plain_numbers
 from vcfbench.analysis.column import Pair
 from vcfbench.errors import ConfigError
 from vcfbench.values.quantile import t_quantile
@@ -100,8 +100,7 @@ def fit_line(rate_deg_s: ArrayLike, output_v: ArrayLike) -> LineFit:
 
 def checked_points(rate_deg_s: ArrayLike, output_v: ArrayLike) -> tuple[Floats, Floats]:
     """Return both as arrays a line can be fitted to; raises ConfigError otherwise."""
-    rate = np.asarray(rate_deg_s, dtype=np.float64)
-    output = np.asarray(output_v, dtype=np.float64)
+    rate, output = plain_numbers(rate_deg_s, "rates", "deg/s"), plain_numbers(output_v, "outputs", "V")
     if rate.ndim != 1 or rate.shape != output.shape:
         raise ConfigError(f"as many outputs as rates are needed, got {output.shape} and {rate.shape}")
     if rate.size < 3:

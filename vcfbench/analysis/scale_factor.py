@@ -9,7 +9,7 @@ from msgspec.structs import asdict
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis import regression
-from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.arrays import Floats, plain_numbers
 from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Pair, Quantity, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.errors import ConfigError
@@ -110,7 +110,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
     if (
         u_output_v is not None
     ):  # the noise of the points through the least-squares sums, each with its own weight in them
-        variance = np.broadcast_to(np.asarray(u_output_v, dtype=np.float64) ** 2, rate.shape)
+        variance = np.broadcast_to(plain_numbers(u_output_v, "uncertainties", "V") ** 2, rate.shape)
         slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
         bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
         mean_variance = float(variance.mean())

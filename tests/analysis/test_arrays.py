@@ -1,0 +1,68 @@
+"""What somebody hands in as numbers is taken as such, or refused; nothing becomes another number silently."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vcfbench
+from vcfbench.errors import ConfigError
+
+RATES, OUTPUTS = np.array([-100.0, 0.0, 100.0]), np.array([1.25, 0.0, -1.25])
+
+
+class Quantity:
+    """A value with a unit, as astropy (`unit`, `value`) and pint (`units`, `magnitude`) have them."""
+
+    def __init__(self, values: Any, unit: str, library: str) -> None:
+        setattr(self, *{"astropy": ("unit", unit), "pint": ("units", unit)}[library])
+        setattr(self, {"astropy": "value", "pint": "magnitude"}[library], values)
+        self._of, self._values, self._library = unit, values, library
+
+    def to(self, unit: str) -> Quantity:
+        factors = {("rad/s", "deg/s"): 180.0 / np.pi, ("mV", "V"): 1e-3}
+        return Quantity(factors[self._of, unit] * self._values, unit, self._library)
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return self._values
+
+
+@pytest.mark.parametrize("library", ["astropy", "pint"])
+def test_quantities_are_converted(library: str) -> None:
+    rates, outputs = Quantity(np.radians(RATES), "rad/s", library), Quantity(1e3 * OUTPUTS, "mV", library)
+    assert vcfbench.characterise(rates, outputs).line.scale_factor == pytest.approx(-0.0125)
+    with pytest.raises(ConfigError, match="outputs: expected a unit such as V, came furlong"):
+        vcfbench.characterise(RATES, Quantity(OUTPUTS, "furlong", library))
+    with pytest.raises(ConfigError, match="came in rad/s; hand in plain numbers"):
+        vcfbench.allan_deviation(rates, 1.0)
+
+
+@pytest.mark.parametrize(
+    "given", [OUTPUTS.tolist(), OUTPUTS.reshape(-1, 1), OUTPUTS.reshape(1, -1), [Decimal(str(v)) for v in OUTPUTS]]
+)
+def test_columns_and_lists_are_rows(given: Any) -> None:
+    assert vcfbench.characterise(RATES, given).line.scale_factor == pytest.approx(-0.0125)
+    assert vcfbench.characterise(RATES, np.ma.masked_invalid(OUTPUTS)).line.scale_factor == pytest.approx(-0.0125)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (np.ma.masked_equal(OUTPUTS, 0.0), "outputs: 1 values are masked"),
+        (OUTPUTS + 0.1j, "expected real numbers, came complex128"),
+        (["1", "2", "3"], "expected real numbers, came <U1"),
+        (np.arange(3).astype("datetime64[s]"), r"expected real numbers, came datetime64\[s\]"),
+        (np.ones((3, 2)), r"expected one dimension, came the shape \(3, 2\)"),
+        ([1.0, None, 2.0], "not a finite number"),
+        ([1.0, "a", 2.0], "expected real numbers"),
+    ],
+)
+def test_what_is_no_number_is_refused(given: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.characterise(RATES, given)
+    if "masked" not in words and "finite" not in words:
+        with pytest.raises(ConfigError, match=words):
+            vcfbench.allan_deviation(given, 1.0)
