@@ -189,8 +189,9 @@ def open_bench(
     and `speed` are for simulated benches. By default they are the seed of the bench file, and as fast as possible.
 
     While it opens, and inside of a ``with``, SIGINT and SIGTERM raise Aborted at the next safe point, a second one at
-    once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe. A caller
-    that watches for signals already, before and after, passes its own `signals`.
+    once. Outside of a ``with``, SIGINT is Python's, and SIGTERM ends Python with code 4, the bench made safe; at a
+    prompt or in a notebook, where an interrupt ends nothing, it brings the table to rest and leaves the bench open. A
+    caller that watches for signals already, before and after, passes its own `signals`.
 
     `build` replaces `SimulatedBench.build`, to put something between simulated instruments and their drivers, or to
     look behind them. `needs` are the roles that are needed, all by default. Other roles that drive nothing are left
@@ -251,6 +252,9 @@ def open_bench(
             _left_by(stand),
             stand.hands,
         )
+        fastest_deg_s2 = description.limits.max_acceleration_deg_s2
+        if "rate_table" in instruments and fastest_deg_s2 is not None:
+            holding.stop_table = partial(instruments["rate_table"].stop, fastest_deg_s2)
         watch.end()
     except BaseException as error:
         if isinstance(error, BenchError) and (left := _left_by(stand)):

@@ -9,12 +9,14 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from mmap import mmap
 from types import FrameType
 from typing import Any, Final
 
 from vcfbench.bench.ground import UnopenedBench
+from vcfbench.bench.interrupted import at_each_interrupt
 from vcfbench.errors import Aborted, BenchError, NotSafe
 from vcfbench.interfaces import SafeReport
 from vcfbench.safety.signals import StopSignals
@@ -67,6 +69,8 @@ class Holding:
         self._stack = stack
         self._watch = watch
         self.watchdog: Watchdog | None = None
+        self.stop_table: Callable[[], None] | None = None
+        """Brings the table to rest, its servo kept; None on a bench without one."""
         self.reserve: mmap | None = None
         """Memory that is given back before the bench is made safe, for that needs some."""
         self._closed = False
@@ -124,6 +128,17 @@ class Holding:
             error.hint = f"{error.hint}; before that: {under_way}"
         raise error from under_way
 
+    def interrupted(self) -> None:
+        """Bring the table to rest, for the person at the prompt has stopped what turned it; say so on stderr."""
+        if self.stop_table is None or self.closed:
+            return
+        try:
+            self.stop_table()
+            said = "its table was told to stop, and stays enabled"
+        except BenchError as error:
+            said = f"its table could not be told to stop ({error}): `close` makes the bench safe"
+        _say(f"interrupted while bench {self.name} is open; {said}")
+
     def abandon(self, when: str) -> None:
         """Leave a bench that nobody is there to leave, and say so on stderr; NotSafe is code 5 when Python ends."""
         try:
@@ -132,9 +147,13 @@ class Holding:
         except NotSafe as error:
             _STILL_OPEN.unsafe = True
             said = str(error)
-        with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
-            sys.stderr.write(f"vcfbench: bench {self.name} was still open when {when}; {said}\n")
-            sys.stderr.flush()
+        _say(f"bench {self.name} was still open when {when}; {said}")
+
+
+def _say(words: str) -> None:
+    with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
+        sys.stderr.write(f"vcfbench: {words}\n")
+        sys.stderr.flush()
 
 
 class _StillOpen:
@@ -157,6 +176,7 @@ class _StillOpen:
             # atexit alone comes too late: no thread can be started any more (3.12), or one is waited for for ever
             atexit.register(self._leave_with_code)
             atexit.register(self._end)
+            at_each_interrupt(self._interrupted)
             with suppress(AttributeError, RuntimeError):  # it is not there, or Python is ending already
                 threading._register_atexit(self._end)  # type: ignore[attr-defined]  # noqa: SLF001  # no other is in time
 
@@ -186,6 +206,10 @@ class _StillOpen:
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         raise SystemExit(Aborted.exit_code)
+
+    def _interrupted(self) -> None:
+        for holding in tuple(self._held):
+            holding.interrupted()
 
     def _end(self) -> None:
         """Make safe the benches still open; Python is ending."""
