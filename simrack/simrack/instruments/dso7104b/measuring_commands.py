@@ -141,7 +141,7 @@ def _row(model: SimulatedDso7104B, installed: Installed) -> Generator[None, None
 # --- declarations
 
 
-def _measurement(
+def measurement(
     name: str, of: Callable[[MeasuredTrace], float | None], prepare: Preparation | None = None
 ) -> scpi.Command:
     """Declare `:MEASure:<name> [<source>]` (install) and `:MEASure:<name>? [<source>]`."""
@@ -154,7 +154,7 @@ def _measurement(
     )
 
 
-def _averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> scpi.Command:
+def averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) -> scpi.Command:
     """Declare VAVerage or VRMS, whose words before the source are all optional."""
 
     def sorted_out(words: tuple[str | None, ...]) -> tuple[str | None, set[str], Preparation | None]:
@@ -303,19 +303,19 @@ MEASURE_COMMANDS = (
         scpi.Choice(("ON", "CURRent", "MINimum", "MAXimum", "MEAN", "STDDev", "COUNt")),
         "state.measure.statistics",
     ),
-    _measurement("VPP", MeasuredTrace.peak_to_peak),
-    _measurement("VMAX", MeasuredTrace.maximum),
-    _measurement("VMIN", MeasuredTrace.minimum),
-    _measurement("VAMPlitude", MeasuredTrace.amplitude, MeasuredTrace.leveling),
-    _measurement("VTOP", MeasuredTrace.top, MeasuredTrace.leveling),
-    _measurement("VBASe", MeasuredTrace.base, MeasuredTrace.leveling),
-    _averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
-    _averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
-    _measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
-    _measurement("OVERshoot", MeasuredTrace.overshoot, MeasuredTrace.leveling),
-    _measurement("PREShoot", MeasuredTrace.preshoot, MeasuredTrace.leveling),
-    _measurement("FREQuency", MeasuredTrace.frequency, EDGES),
-    _measurement("PERiod", MeasuredTrace.period, EDGES),
+    measurement("VPP", MeasuredTrace.peak_to_peak),
+    measurement("VMAX", MeasuredTrace.maximum),
+    measurement("VMIN", MeasuredTrace.minimum),
+    measurement("VAMPlitude", MeasuredTrace.amplitude, MeasuredTrace.leveling),
+    measurement("VTOP", MeasuredTrace.top, MeasuredTrace.leveling),
+    measurement("VBASe", MeasuredTrace.base, MeasuredTrace.leveling),
+    averaging("VAVerage", lambda trace, words: trace.average(cycle=_of_cycle(trace, words))),
+    averaging("VRMS", lambda trace, words: trace.rms(cycle=_of_cycle(trace, words), ac="AC" in words)),
+    measurement("SDEViation", lambda trace: trace.rms(cycle=False, ac=True)),
+    measurement("OVERshoot", MeasuredTrace.overshoot, MeasuredTrace.leveling),
+    measurement("PREShoot", MeasuredTrace.preshoot, MeasuredTrace.leveling),
+    measurement("FREQuency", MeasuredTrace.frequency, EDGES),
+    measurement("PERiod", MeasuredTrace.period, EDGES),
     scpi.Command(
         "MEASure:COUNter",
         (declarations.OPTIONAL_SOURCE,),
@@ -323,13 +323,13 @@ MEASURE_COMMANDS = (
         query=counted,
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     ),
-    _measurement("RISetime", MeasuredTrace.rise_time, EDGES),
-    _measurement("FALLtime", MeasuredTrace.fall_time, EDGES),
-    _measurement("PWIDth", MeasuredTrace.positive_width, EDGES),
-    _measurement("NWIDth", MeasuredTrace.negative_width, EDGES),
-    _measurement("DUTYcycle", MeasuredTrace.duty_cycle, EDGES),
-    _measurement("XMAX", MeasuredTrace.time_of_maximum),
-    _measurement("XMIN", MeasuredTrace.time_of_minimum),
+    measurement("RISetime", MeasuredTrace.rise_time, EDGES),
+    measurement("FALLtime", MeasuredTrace.fall_time, EDGES),
+    measurement("PWIDth", MeasuredTrace.positive_width, EDGES),
+    measurement("NWIDth", MeasuredTrace.negative_width, EDGES),
+    measurement("DUTYcycle", MeasuredTrace.duty_cycle, EDGES),
+    measurement("XMAX", MeasuredTrace.time_of_maximum),
+    measurement("XMIN", MeasuredTrace.time_of_minimum),
     _pair_measurement("PHASe", lambda one, two: one.phase_to(two), EDGES),
     _pair_measurement("VRATio", _ratio_db),
 )

@@ -8,14 +8,17 @@ and sample rates are general knowledge of the data sheets.
 Beside a DSO7104B it has the voltmeter (from the record on the screen, three digits; its frequency from the counter),
 annotation, and an MSO the settings of digital channels: headers of the maker's SCPI description of the 2000 X-Series
 and of the 3000T guide. All but the voltmeter is kept and told; defaults, and that the voltmeter switched off answers
-9.9E+37, are unverified. Not simulated beside what a DSO7104B's twin leaves out: the X series' own measurements, what is
-on digital channels, the generator inside, reference waveforms, the second math trace.
+9.9E+37, are unverified. So is what its own measurements count, and that a bit rate is one over the shortest width. Not
+simulated beside what a DSO7104B's twin leaves out: slew rate, measurements of spectra, what is on digital channels, the
+generator inside, reference waveforms, the second math trace.
 """
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, ClassVar, Self
 
+import numpy as np
 from msgspec.structs import replace
 
 from simrack import scpi
@@ -23,7 +26,13 @@ from simrack.instruments.dso7104b import COMMANDS, Dso7104BTwin, ScopeErrors
 from simrack.instruments.dso7104b.installed import INVALID
 from simrack.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
-from simrack.instruments.dso7104b.measuring_commands import EDGES, counted, measured
+from simrack.instruments.dso7104b.measuring_commands import (
+    EDGES,
+    averaging,
+    counted,
+    measured,
+    measurement,
+)
 
 _LENGTHS = (*(100, 250, 500, 1000, 2000, 5000, 10_000, 20_000, 50_000, 62_500), *(100_000, 200_000, 500_000, 1_000_000))
 
@@ -86,7 +95,46 @@ def _switch(header: str, *, on: bool = False) -> scpi.Command:
     return scpi.remembered(header, scpi.Boolean(), default=on, reply=scpi.boolean)
 
 
+def _edges(trace: MeasuredTrace, *, rising: bool) -> float:
+    return float(np.count_nonzero(trace.edges().rising == rising))
+
+
+def _pulses(trace: MeasuredTrace, *, positive: bool) -> float:
+    """Return how many edges have the opposite one behind them: edges alternate."""
+    return float(np.count_nonzero(trace.edges().rising[:-1] == positive))
+
+
+def _bit_rate_hz(trace: MeasuredTrace) -> float | None:
+    widths_s = np.diff(trace.edges().middle_s)
+    return 1.0 / float(widths_s.min()) if len(widths_s) else None
+
+
+def _burst_s(trace: MeasuredTrace) -> float | None:
+    middles_s = trace.edges().middle_s
+    return float(middles_s[-1] - middles_s[0]) if len(middles_s) > 1 else None
+
+
+def _area_v_s(trace: MeasuredTrace, words: set[str]) -> float | None:
+    cycle = "CYCL" in words
+    mean_v, lasts_s = trace.average(cycle=cycle), trace.period() if cycle else float(np.ptp(trace.times_s))
+    return None if mean_v is None or lasts_s is None else mean_v * lasts_s
+
+
+_MEASUREMENTS = (
+    averaging("AREa", _area_v_s),
+    measurement("BRATe", _bit_rate_hz, EDGES),
+    measurement("BWIDth", _burst_s, EDGES),
+    *(
+        measurement(f"{letter}EDGes", partial(_edges, rising=rising), EDGES)
+        for letter, rising in (("P", True), ("N", False))
+    ),
+    *(
+        measurement(f"{letter}PULses", partial(_pulses, positive=positive), EDGES)
+        for letter, positive in (("P", True), ("N", False))
+    ),
+)
 _OWN = (
+    *_MEASUREMENTS,
     *(_switch(each) for each in (_ENABLED, _NOTE, "MEASure:STATistics:DISPlay")),
     _switch("DVM:ARANge", on=True),
     scpi.remembered(_SOURCE, scpi.Choice(("CHANnel<1-4>",)), "CHAN1"),

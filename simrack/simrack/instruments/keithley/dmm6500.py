@@ -162,14 +162,19 @@ def _make_buffer(meter: KeithleyDMM6500Twin, name: str, points: int, _style: str
 @ROWS.do(
     "TRIGger:LOAD",
     (
-        *(scpi.Text(), scpi.Integer(limits=scpi.Limits(1, 268_435_455), named=False)),
+        *(scpi.Text(), scpi.Integer(limits=scpi.Limits(1, 268_435_455), named=False, required=False)),
         *(scpi.Number(unit="S", limits=scpi.Limits(0.0, 10_000.0), required=False), scpi.Text(required=False)),
     ),
 )
-def _load(meter: KeithleyDMM6500Twin, model: str, count: int, delay_s: float | None, buffer: str | None) -> None:
+def _load(meter: KeithleyDMM6500Twin, model: str, count: int | None, delay_s: float | None, buffer: str | None) -> None:
     _require_buffer(meter, buffer)
+    if model.upper() == "EMPTY":
+        meter.loop = None
+        return
     if model.upper() != "SIMPLELOOP":
         raise scpi.ScpiError(-224)
+    if count is None:
+        raise scpi.ScpiError(-109)
     meter.loop = (count, delay_s or 0.0)
 
 
@@ -304,9 +309,11 @@ _COMMANDS = (
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.remembered(_PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
     scpi.Command("SYSTem:EVENtlog:NEXT", query=scpi.next_error),
-    *(
-        scpi.Command(f"SYSTem:{log}:COUNt", query=lambda meter: len(meter.engine.errors))
-        for log in ("ERRor", "EVENtlog")
+    scpi.Command("SYSTem:ERRor:COUNt", query=lambda meter: len(meter.engine.errors)),
+    scpi.Command(
+        "SYSTem:EVENtlog:COUNt",
+        query=lambda meter, kind: 0 if kind in {"WARN", "INF"} else len(meter.engine.errors),
+        query_parameters=(scpi.Choice(("ALL", "ERRor", "WARNing", "INFormational"), required=False),),
     ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),

@@ -8,6 +8,8 @@ from simrack.instruments.truevolt.kinds import MeterKind
 
 _SELF_TEST_S = 2.0
 """*TST? (unverified)."""
+_WHOLE_TEST_S = 10.0
+"""TEST:ALL? (unverified)."""
 _STATES = scpi.Integer(limits=scpi.Limits(0, 4))
 _TEXT_LIMIT = 40
 """Characters on the display (users' drivers)."""
@@ -39,6 +41,20 @@ def _up_time(meter: SimulatedTruevolt) -> str:
     return ",".join(scpi.signed_integer(each) for each in (minutes // 1440, minutes // 60 % 24, minutes % 60, seconds))
 
 
+def _lan() -> tuple[scpi.Command, ...]:
+    """Return the settings of its network port, which change nothing here; their defaults are unverified."""
+    lan, addresses = "SYSTem:COMMunicate:LAN:", ("IPADdress", "SMASk", "GATeway", "DNS<1-2>", "WINS<1-2>")
+    return (
+        scpi.remembered(f"{lan}DHCP", scpi.Boolean(), default=True, reply=scpi.boolean),
+        scpi.remembered(f"{lan}HOSTname", scpi.Text(limit=15), "K-34461A-00001", scpi.quoted),
+        *(scpi.remembered(f"{lan}{each}", scpi.Text(limit=15), "0.0.0.0", scpi.quoted) for each in addresses),  # noqa: S104  (what a box says that has none)
+        scpi.Command(f"{lan}DOMain", query=lambda _: "", reply=scpi.quoted),
+        scpi.Command(f"{lan}MAC", query=lambda _: "0030D3000001", reply=scpi.quoted),
+        scpi.Command(f"{lan}CONTrol", query=lambda _: 0, reply=scpi.signed_integer),
+        scpi.Command(f"{lan}UPDate", do=lambda _: None),
+    )
+
+
 def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     """Return the system commands of a model."""
     return (
@@ -66,6 +82,8 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("*RCL", (_STATES,), do=lambda meter, place: meter.recall(place)),
         scpi.Command("*OPT", query=lambda _meter: "0,0,0"),
         scpi.Command("*TST", query=lambda meter: meter.forget() or "+0", query_takes_s=_SELF_TEST_S),
+        scpi.Command("TEST:ALL", query=lambda meter: meter.forget() or "+0", query_takes_s=_WHOLE_TEST_S),
+        *_lan(),
         *scpi.status_commands("OPERation", "operation"),
         *scpi.status_commands("QUEStionable", "questionable"),
         scpi.remembered("FORMat[:DATA]", scpi.Choice(("ASCii", "REAL")), "ASC"),

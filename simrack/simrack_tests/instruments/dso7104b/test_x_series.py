@@ -64,3 +64,26 @@ def test_a_dso_has_no_digital_channels(header: str) -> None:
     bench = bench_of("DSOX3024A")
     bench.send(header)
     assert bench.errors() == [-113]
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("PEDG", 5.0),
+        ("NEDG", 4.0),
+        ("PPUL", 4.0),
+        ("NPUL", 4.0),
+        ("BRAT", 2 * F),
+        ("BWID", 4.0 / F),
+        ("ARE", 0.1 * 5 / F),
+        ("ARE? CYCL,CHAN1", 0.1 / F),
+    ],
+)
+def test_its_own_measurements_count_and_integrate_what_is_on_the_screen(header: str, expected: float) -> None:
+    """Five cycles of a sine from a rising edge to the next but four, 0.1 V above ground."""
+    bench = bench_of("MSOX3104T")
+    bench.send(f":CHAN1:DISP ON;SCAL 0.5;:TRIG:LEV 0.1;:TIM:REF LEFT;SCAL {0.5 / F}")
+    bench.send(f":TIM:POS {-0.05 / F:.6e}")
+    query, _, words = header.partition("?")
+    assert bench.number(f":MEAS:{query}? {words}") == pytest.approx(expected, rel=0.03)
+    assert bench.errors() == []
