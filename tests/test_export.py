@@ -117,6 +117,15 @@ def test_matlab_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> 
     assert (found["about"]["dut"], found["about"]["tag_batch"]) == ("G-1", "7")
 
 
+def test_tags_that_matlab_would_take_for_one_keep_their_names_apart(tmp_path: Path) -> None:
+    about = {"tag a-b": "1", "tag a_b": "2", "tag a.b": "3", "x" * 70: "4", f"{'x' * 70}y": "5"}
+    table = ExportTable("points", (ExportColumn("t_s", "s", "time", np.array([0.0, 1.0])),), about)
+    export_formats.WRITERS["mat"](table, tmp_path / "out.mat")
+    found = loadmat(tmp_path / "out.mat", simplify_cells=True)["about"]
+    assert sorted(found.values()) == ["1", "2", "3", "4", "5"]
+    assert found["tag_a_b"] == "1"
+
+
 def test_points_as_csv_are_those_of_the_record(run: Run, tmp_path: Path) -> None:
     assert run.directory is not None
     done = export_run(run, tmp_path / "out.csv")

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from msgspec import structs
+from msgspec import Struct, structs
 
 import vcfbench
 from tests.procedures import test_bandwidth, test_resonance
@@ -16,13 +16,22 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
-from vcfbench.procedures.characterize.plan import PARTS, BeginPart, CharacterizeSettings, _kept_on, _Session
+from vcfbench.procedures.characterize.plan import (
+    PARTS,
+    BeginPart,
+    CharacterizeResult,
+    CharacterizeSettings,
+    PartResult,
+    _kept_on,
+    _Session,
+)
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.zero.noise import NoiseCoefficient
 from vcfbench.reports.document import Table, Text
+from vcfbench.station.acceptance import judged
 from vcfbench.station.file import embedded_text
-from vcfbench.station.settings import Sources, Station
+from vcfbench.station.settings import Limit, Sources, Station
 from vcfbench.steps import (
     Acquire,
     AskOperator,
@@ -35,8 +44,11 @@ from vcfbench.steps import (
     Step,
 )
 from vcfbench.values.value import UncertaintyPart as Source
+from vcfbench.values.value import Value
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from vcfbench.station.description import BenchDescription
     from vcfbench.steps.step import Plan
 
@@ -70,6 +82,31 @@ def test_resumed_it_is_warm_before_it_goes_on() -> None:
     assert warm_again_s() == 1800.0
     assert warm_again_s(warmup={"shortest_s": 240.0}) == 240.0
     assert warm_again_s(parts=["turntable", "zero"], warm_up_s=60.0) == 60.0
+
+
+class StatesAs(Struct, frozen=True):
+    """Results that state these values."""
+
+    values: tuple[Value, ...]
+
+    def stated(self) -> Iterator[Value]:
+        yield from self.values
+
+
+def test_a_limit_is_for_the_value_that_the_sheet_shows() -> None:
+    """The first part is warmup, which states a bias, too: its own, of a warm end."""
+    end = StatesAs((Value("bias_end", 3.298, "deg/s", 0.0019, u95=0.0038, kind="bias_deg_s"),))
+    line = StatesAs(
+        (
+            Value("scale_factor", -0.0125, "V/(deg/s)", 2e-7, u95=4e-7, kind="scale_factor"),
+            Value("bias_deg_s", 3.352, "deg/s", 0.0024, u95=0.0047, kind="bias_deg_s"),
+        )
+    )
+    parts = tuple(PartResult(name, "", results) for name, results in (("warmup", end), ("turntable", line)))
+    rows = tuple(row for part in parts for row in sheet_rows(part.name, part.results, ""))
+    found = judged([Limit("bias_deg_s", 3.2, 3.35, guarded=True)], CharacterizeResult(rows, (), parts), ())
+    assert found is not None
+    assert (found.limits[0].value, found.limits[0].u95) == (3.352, 0.0047)
 
 
 def test_the_model_equation_is_filled_in(run: Any) -> None:

@@ -46,6 +46,22 @@ def test_bare_keys_with_dots_are_paths_too(tmp_path: Path) -> None:
     assert list(read_study(file).labels) == ["settings.samples", "limits.max_rate_deg_s"]
 
 
+@pytest.mark.parametrize(
+    ("ends", "values"),
+    [
+        ({"from": 3, "to": 7, "steps": 3}, (3, 5, 7)),
+        ({"from": 1, "to": 100, "steps": 3, "spacing": "log"}, (1, 10, 100)),
+        ({"from": 3, "to": 4, "steps": 3}, (3.0, 3.5, 4.0)),
+        ({"from": 100_000, "to": 100_001, "steps": 3}, (100_000.0, 100_000.5, 100_001.0)),
+        ({"from": 3.0, "to": 7.0, "steps": 3}, (3.0, 5.0, 7.0)),
+    ],
+)
+def test_a_range_of_whole_numbers_is_of_whole_numbers(ends: dict[str, Any], values: tuple[float, ...]) -> None:
+    study = study_of({**SMALL, "vary": {"settings.samples": ends}})
+    found = tuple(case.values["settings.samples"] for case in study.cases)
+    assert (found, *map(type, found)) == (values, *map(type, values))
+
+
 def test_values_can_be_paired() -> None:
     study = study_of({**SMALL, "combine": "paired", "vary": {"settings.samples": [3, 5], Q: [900.0, 800.0]}})
     assert [case.values[Q] for case in study.cases] == [900.0, 800.0]

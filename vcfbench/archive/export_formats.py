@@ -226,7 +226,13 @@ def _as_text(openpyxl: Any, sheet: Any, value: str | float) -> Any:
 
 def _mat(table: ExportTable, path: Path) -> None:
     """Write a struct of columns, one of their units, and one of the facts of the record (MATLAB 5)."""
-    about = {re.sub("[^A-Za-z0-9]", "_", key)[:63]: value for key, value in table.about.items()}
+    about = dict[str, str | float]()
+    for key, value in table.about.items():
+        name = re.sub("[^A-Za-z0-9]", "_", key)[:63]
+        if name in about:  # a_b beside a-b: MATLAB's names are fewer than tags
+            ends = (f"_{number}" for number in range(2, len(table.about) + 2))
+            name = next(each for end in ends if (each := name[: 63 - len(end)] + end) not in about)
+        about[name] = value
     units = {each.name: each.unit for each in table.columns}
     columns = {each.name: each.values for each in table.columns}
     import_module("scipy.io").savemat(  # it takes a while to load

@@ -39,10 +39,10 @@ class _Listed(_Form, frozen=True):
 
 
 class _Range(_Form, frozen=True, rename={"begin": "from", "end": "to"}):
-    """``{ from = 1.0, to = 2.0, steps = 5 }``: both ends are in it."""
+    """``{ from = 1.0, to = 2.0, steps = 5 }``: both ends are in it; whole numbers, where all of them are."""
 
-    begin: float
-    end: float
+    begin: int | float
+    end: int | float
     steps: Annotated[int, Meta(ge=2, le=10_000)]
     spacing: Literal["linear", "log"] = "linear"
 
@@ -147,7 +147,13 @@ def _varied(path: str, value: Any, where: str) -> Varied:
         if said.spacing == "log" and not (said.begin > 0.0 and said.end > 0.0):
             raise refusal(where, "both ends above 0 for logarithmic steps", f"{said.begin:g} to {said.end:g}")
         space = np.geomspace if said.spacing == "log" else np.linspace
-        return Listed(path, label, tuple(space(said.begin, said.end, said.steps).tolist()))
+        values = space(said.begin, said.end, said.steps)
+        whole = (
+            isinstance(said.begin, int)
+            and isinstance(said.end, int)
+            and np.allclose(values, values.round(), rtol=1e-12, atol=0.0)
+        )
+        return Listed(path, label, tuple(values.round().astype(int).tolist() if whole else values.tolist()))
     if isinstance(said, _Uniform) and said.uniform[0] > said.uniform[1]:
         raise refusal(f"{where}.uniform", "the lower end first", words(list(said.uniform)))
     if isinstance(said, _Normal) and said.normal[1] < 0.0:

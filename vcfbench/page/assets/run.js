@@ -253,7 +253,7 @@ function drawEnd() {
     if (part.part === "heading") return made(`h${Math.min(4, part.level + 2)}`, part.text);
     if (part.part === "text") return made("pre", part.text);
     if (part.part === "figure") return figureOf(part);
-    if (part.part === "notice") return made("p", part.text, `banner ${part.kind === "pass" ? "good" : part.kind === "fail" ? "bad" : ""}`);
+    if (part.part === "notice") return made("p", part.text, `banner ${{ pass: "good", marginal: "warn", fail: "bad" }[part.kind] ?? ""}`);
     const holder = made("div", null, "scroll");
     holder.append(tableOf(part));
     if (part.rows.length <= FOLDED_FROM) return holder;

@@ -101,9 +101,14 @@ def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
     return [Table(columns, found, "Model equation"), Text("\n".join(said))]
 
 
+def line_of(rows: Sequence[SheetRow]) -> str:
+    """Return the procedure of the first line: scale factor, bias and what else several measure are stated from it."""
+    return next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
+
+
 def _row_of(rows: Sequence[SheetRow], quantity: str, unit: str) -> SheetRow | None:
     """Return the row of a quantity, that of the first line before those of others: scale factor and bias are of one."""
-    line = next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
+    line = line_of(rows)
     fitting = [
         each
         for each in rows

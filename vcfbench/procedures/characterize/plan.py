@@ -19,7 +19,7 @@ from vcfbench.errors import BenchError
 from vcfbench.files import dotted
 from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, sheet_rows
+from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, line_of, sheet_rows
 from vcfbench.procedures.layers import meter_worth
 from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
 from vcfbench.procedures.shared.kept import Keeps
@@ -359,8 +359,8 @@ class CharacterizeResult(Struct, frozen=True):
     parts: tuple[PartResult, ...]
 
     def stated(self) -> Iterator[Value | Unstated]:
-        """Yield the values of its parts, each under the name of its part."""
-        for part in self.parts:
+        """Yield the values of its parts, each under the name of its part; first those of the line, as on the sheet."""
+        for part in sorted(self.parts, key=lambda each: each.name != line_of(self.data_sheet)):
             for each in stated(part.results):
                 yield structs.replace(each, name=f"{part.name}.{each.name}")
 
