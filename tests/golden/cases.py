@@ -21,7 +21,9 @@ from tests.conformance import walk
 from tests.conformance.test_exchanges import act
 from vcfbench.records.export import result_text
 from vcfbench.records.plain import plain
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.station.file import embedded_text
+from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -54,6 +56,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
 BENCHES = {"vibration": ("lab",)}
 MANY = ("turntable", "virtual-coriolis", "self-calibration", "polarity")
 """Procedures that take less than a second: they have three seeds on both benches, the others one on the ideal one."""
+DRAWN = {
+    **dict.fromkeys(("turntable", "virtual-coriolis", "polarity"), range(6)),
+    "kvc": range(2),
+    "bandwidth": range(2),
+}
+"""Procedures on drawn gyroscopes, by the seeds of these."""
+DRAWN_BENCH = "gyroscope"
 MODELS = (*walk.MODELS, *walk.SUCCESSORS)
 WIRED = ("turntable", "virtual-coriolis", "polarity")
 WIRES = ("tcp", "pty", "vxi11", "hislip")
@@ -61,7 +70,7 @@ WIRES = ("tcp", "pty", "vxi11", "hislip")
 
 @dataclass(frozen=True)
 class GoldenRun:
-    """One run on an embedded bench."""
+    """One run on an embedded bench, or on that of a drawn gyroscope."""
 
     procedure: str
     bench: str
@@ -74,10 +83,10 @@ class GoldenRun:
 
     def hashes(self) -> dict[str, str]:
         """Run it; return the hashes of its points, of what its steps saw, and of its results."""
+        drawn = self.bench == DRAWN_BENCH
+        bench = parse_bench(drawn_bench(self.seed), f"gyroscope-{self.seed}") if drawn else self.bench
         with TemporaryDirectory() as folder:
-            run = vcfbench.run(
-                self.procedure, self.bench, seed=self.seed, settings=SETTINGS[self.procedure], runs=folder
-            )
+            run = vcfbench.run(self.procedure, bench, seed=self.seed, settings=SETTINGS[self.procedure], runs=folder)
             return hashes_of_record(run.directory)
 
 
@@ -98,7 +107,7 @@ RUNS = [
     for procedure in SETTINGS
     for bench in BENCHES.get(procedure, ("paper", "ideal") if procedure in MANY else ("ideal",))
     for seed in range(3 if procedure in MANY else 1)
-]
+] + [GoldenRun(procedure, DRAWN_BENCH, seed) for procedure, seeds in DRAWN.items() for seed in seeds]
 
 
 def replies_hash(model: str) -> str:
