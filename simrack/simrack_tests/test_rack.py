@@ -241,9 +241,22 @@ def test_models_in_this_process_have_names_and_attributes_as_on_a_network() -> N
     assert meter.get_visa_attribute(attributes.tcpip_address) == "34461A"
     assert meter.get_visa_attribute(attributes.tcpip_device_name) == "inst0"
     assert "34461A" in meter.query("*IDN?")
+    assert meter.get_visa_attribute(attributes.tcpip_hostname) == "34461A"
+    assert meter.get_visa_attribute(attributes.resource_manager_session) == manager.session
+    hislip: Any = manager.open_resource("TCPIP0::dmm::hislip0::INSTR")
+    hislips = (meter, hislip)
+    assert [each.get_visa_attribute(attributes.tcpip_is_hislip) for each in hislips] == [False, True]
     manager.close()
     with pytest.raises(OSError, match="expected speed and models"):
         pyvisa.ResourceManager("?sped=max@simrack")
+
+
+def test_a_usb_instrument_says_maker_and_model() -> None:
+    manager = pyvisa.ResourceManager("?speed=max@simrack")
+    generator: Any = manager.open_resource(next(place.resource for place in DESK if place.name == "generator"))
+    assert (generator.manufacturer_name, generator.model_name) == ("Agilent Technologies", "33220A")
+    assert generator.is_4882_compliant
+    manager.close()
 
 
 def test_the_command_lists_its_models_and_its_version() -> None:

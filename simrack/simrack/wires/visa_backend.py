@@ -343,6 +343,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Return an attribute, its VISA default when it was never set."""
         opened = self._session(session)
         known = known_attribute(opened, attribute)
+        if attribute == ResourceAttribute.resource_manager_session:
+            return self._manager, self._done(session)
         if attribute == ResourceAttribute.resource_lock_state:
             return opened.place.lock_state(), self._done(session)
         if attribute == ResourceAttribute.asrl_avalaible_number:

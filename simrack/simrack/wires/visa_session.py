@@ -12,6 +12,7 @@ from pyvisa.typing import VISASession
 from simrack.attendance import AttendedClock
 from simrack.clock import Clock
 from simrack.device import Device
+from simrack.scpi import ScpiTwin
 from simrack.wires import visa_serial
 from simrack.wires.handshake_line import HandshakeLine
 
@@ -21,6 +22,9 @@ FULL = StatusCode.success_max_count_read
 TERMINATED = StatusCode.success_termination_character_read
 """Looked up once: Python 3.11 takes long to find a member of an enumeration, and these come with every message."""
 DEFAULT_TIMEOUT_MS = 2000
+_MAKER = ResourceAttribute.resource_manufacturer_name
+_VERSION = 0x00300000
+_BUFFER = 4096
 
 
 def number(text: str) -> int:
@@ -120,6 +124,7 @@ class OpenSession:
             value = getattr(parsed, field, None)
             if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
                 known[attribute] = convert(value)
+        self._describe(known)
         self.terminator: int | None = None
         """The byte that ends a read, None when only END does."""
         self.sends_end = True
@@ -128,6 +133,28 @@ class OpenSession:
         self.line = place.device if isinstance(place.device, HandshakeLine) else None
         if self.line is not None:
             visa_serial.configure(self.line, self.attributes)
+
+    def _describe(self, known: dict[int, Any]) -> None:
+        """Fill in what is stated of interface and instrument, where the session has such an attribute."""
+        parsed, twin = self.place.parsed, self.place.device
+        identity = twin.identity().split(",") if isinstance(twin, ScpiTwin) else []
+        device = str(getattr(parsed, "lan_device_name", ""))
+        stated = {
+            ResourceAttribute.interface_instrument_name: f"{parsed.interface_type} of {known[_MAKER]}",
+            ResourceAttribute.resource_impl_version: _VERSION,
+            ResourceAttribute.read_buffer_size: _BUFFER,
+            ResourceAttribute.write_buffer_size: _BUFFER,
+            ResourceAttribute.tcpip_hostname: getattr(parsed, "host_address", None),
+            ResourceAttribute.tcpip_is_hislip: device.startswith("hislip"),
+            ResourceAttribute.gpib_secondary_address: constants.VI_NO_SEC_ADDR,
+            ResourceAttribute.gpib_ren_state: constants.LineState.asserted,
+            ResourceAttribute.is_4882_compliant: True,
+            ResourceAttribute.manufacturer_name: identity[0] if identity else None,
+            ResourceAttribute.model_name: identity[1] if len(identity) > 1 else None,
+        }
+        for attribute, value in stated.items():
+            if value is not None and attributes.AttributesByID[attribute].in_resource(self.kind):
+                known.setdefault(attribute, value)
 
     def learn_ends(self) -> None:
         """Work out the ends of a read, and of a write."""
