@@ -19,9 +19,9 @@ import vcfbench
 from tests.cli.test_run_served import QUICK
 from tests.conformance import walk
 from tests.conformance.test_exchanges import act
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.export import result_text
 from vcfbench.records.plain import plain
-from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.station.file import embedded_text
 from vcfbench.testing.gyroscopes import drawn_bench
 
