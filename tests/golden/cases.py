@@ -57,7 +57,7 @@ BENCHES = {"vibration": ("lab",)}
 MANY = ("turntable", "virtual-coriolis", "self-calibration", "polarity")
 """Procedures that take less than a second: they have three seeds on both benches, the others one on the ideal one."""
 DRAWN = {
-    **dict.fromkeys(("turntable", "virtual-coriolis", "polarity"), range(6)),
+    **dict.fromkeys(("turntable", "virtual-coriolis", "polarity"), range(4)),
     "kvc": range(2),
     "bandwidth": range(2),
 }
