@@ -12,7 +12,7 @@ from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
 from vcfbench.records.amendments import Amendment, amend
-from vcfbench.records.devices import DeviceStore
+from vcfbench.records.devices import DeviceStore, withdrawn
 from vcfbench.records.signing import named_key
 
 
@@ -64,6 +64,10 @@ def amend_run(
     stays = [f"the results went by what was known of {device}, where they go by what is known of a device"]
     with suppress(ConfigError):
         entries = DeviceStore(Path(str(settings.get("devices", "devices")))).entries(device)
-        kept = [each.path for each in entries if each.run == directory.run]
-        stays += [f"{path} is of this run, and stays with {device}" for path in kept]
+        kept = [each for each in entries if each.run == directory.run and each.name not in withdrawn(entries)]
+        stays += [
+            f"{each.path} is of this run, and stays with {device} until it is withdrawn: "
+            f"vcfbench device {device} --withdraw {each.name}"
+            for each in kept
+        ]
     return Amended(directory.run, made, tuple(stays))

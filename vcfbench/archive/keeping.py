@@ -6,10 +6,14 @@ from pathlib import Path
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import ConfigError
+from vcfbench.files import shown
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import Provenance
+from vcfbench.procedures.shared.known.device import KnownDevice
+from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.devices import DeviceStore, Entry, withdrawn
+from vcfbench.records.metadata import metadata_from
 from vcfbench.records.schema import Status
 
 
@@ -34,8 +38,22 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
         raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
+    now = amended(metadata_from(record.header), amendments_of(record.lines)).dut
+    if now is not None and now != kept.record.serial:
+        raise ConfigError(
+            f"{directory.run} is of {now}, as it was amended, and its results went by {kept.record.serial}: "
+            "nothing of it is kept"
+        )
     store = DeviceStore(kept.store if devices is None else devices)
     entries = store.entries(kept.record.serial)
+    known: KnownDevice | None = getattr(settings.station, "known", None)
+    if known is not None and known.certificate is not None:
+        used = next((each for each in entries if each.name == known.certificate), None)
+        if used is None or used.done.isoformat() != known.issued:  # another store's entry of the same number
+            raise ConfigError(
+                f"{shown(store.root)}: {known.certificate} is not the certificate of {known.issued} there, "
+                f"by which {directory.run} went"
+            )
     for each in (one for one in entries if one.name not in withdrawn(entries)):
         if each.run == directory.run:
             raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")

@@ -486,6 +486,15 @@ def _record(text: str, source: str) -> DeviceRecord:
     return made
 
 
+def require_not_withdrawn(path: Path, record: DeviceRecord) -> None:
+    """See that the entry in a file was not withdrawn, where it lies with its device; ConfigError: it was."""
+    directory = path.resolve().parent
+    if directory.name == record.serial:
+        gone = withdrawn(DeviceStore(directory.parent).entries(record.serial)).get(path.stem)
+        if gone is not None:
+            raise ConfigError(f"{shown(path)}: it was withdrawn by {gone.by}, {gone.done:%Y-%m-%d}: {gone.reason}")
+
+
 def read_entry(path: Path) -> DeviceRecord:
     """Return the entry in a file, wherever it lies; ConfigError when it is none."""
     return _record(read_text(path, "an entry of a device", MOST_SETTINGS), shown(path))

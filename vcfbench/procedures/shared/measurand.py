@@ -146,7 +146,7 @@ def value_table(values: Iterable[Value | Unstated]) -> Table:
     for each in values:
         if isinstance(each, Unstated):
             continue
-        parts = ", ".join(f"{part.source} {part.u:.2g}" for part in each.parts)
+        parts = ", ".join(f"{part.source} {abs(part.u):.2g}" for part in each.parts)
         words = each.named.words
         if each.value is None or each.u is None or each.u95 is None:
             rows.append((words, figure(each), None, None, each.unit, parts))
@@ -161,8 +161,8 @@ def quantity_row(name: str, found: Measurand) -> tuple[Cell | str, ...]:
 
 
 def made_of(found: Measurand, digits: str = ".2g") -> str:
-    """Name the contributions to the uncertainty of `found`."""
-    return ", ".join(f"{each.source} {each.u:{digits}}" for each in found.parts)
+    """Name the contributions to the uncertainty of `found`, with their sizes."""
+    return ", ".join(f"{each.source} {abs(each.u):{digits}}" for each in found.parts)
 
 
 def budget_table(name: str, found: Measurand) -> Table:

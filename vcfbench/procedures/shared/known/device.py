@@ -216,6 +216,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         record = devices.read_entry(Path(given))
         if not isinstance(record, devices.Certificate):
             raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
+        devices.require_not_withdrawn(Path(given), record)
         if settings.station.simulated not in {None, record.conditions.simulated}:
             benches = ("a real bench", "a simulated bench")
             of, here = benches[record.conditions.simulated], benches[not record.conditions.simulated]
