@@ -11,11 +11,12 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import KNOWN, Kind
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
+from vcfbench.analysis.plausibility import doubts_of_line
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
 from vcfbench.errors import ConfigError
 from vcfbench.files import opened, shown
 from vcfbench.records.schema import POINT_COLUMNS
-from vcfbench.reports.document import Axis, Cell, Column, Figure, Report, Series, Table, Text, texts
+from vcfbench.reports.document import Axis, Cell, Column, Figure, Notice, Report, Series, Table, Text, texts
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
@@ -43,7 +44,8 @@ class TableAnalysis(Struct, frozen=True):
     """Results of a table: of each column its `series`, and the `comparison` of two of them.
 
     `compared` names those two, reference first; both are None where nothing was compared. `units` are those of the
-    outputs, V, deg/s or LSB, which stand for the V of all names in `series`; `notes` say what columns were taken for.
+    outputs, V, deg/s or LSB, which stand for the V of all names in `series`; `notes` say what columns were taken for,
+    `notices` what no gyroscope within its range gives.
     """
 
     series: dict[str, ScaleFactorResult]
@@ -51,6 +53,7 @@ class TableAnalysis(Struct, frozen=True):
     comparison: Comparison | None
     units: dict[str, str]
     notes: tuple[str, ...] = ()
+    notices: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``vcfbench analyze --json`` prints it."""
@@ -59,7 +62,7 @@ class TableAnalysis(Struct, frozen=True):
             reference, other = self.compared
             compared = {"reference": reference, "other": other, **self.comparison.as_json()}
         series = {name: _in_unit(result.as_json(), self.units[name]) for name, result in self.series.items()}
-        return {"series": series, "comparison": compared, "notes": list(self.notes)}
+        return {"series": series, "comparison": compared, "notes": list(self.notes), "notices": list(self.notices)}
 
     def report(self) -> Report:
         """Return the lines, their non-linearities and residuals, and the comparison of two where there is one."""
@@ -92,6 +95,7 @@ class TableAnalysis(Struct, frozen=True):
         residual = Axis("residual of the span", "ppm")
         return Report(
             [
+                *map(Notice, self.notices),
                 Table([*texts(""), *columns], fits, "Least-squares line"),
                 *map(Text, self.notes),
                 Text("u_fit: of the fit alone, lack of fit included; of points alone no combined u is known"),
@@ -150,14 +154,18 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
     with opened(file, "a CSV file") as raw:
         columns = read_table(raw, shown(path), layout or Layout(), notes)
     pair = _compared_columns(compared, columns, path)
-    results = {}
+    results, notices = {}, list[str]()
     for column, one in columns.items():
         try:
             results[column] = characterise(one.rate_deg_s, one.output, one.u_output)
         except ConfigError as error:
             raise ConfigError(f"{shown(path)}, column {column}: {error}") from error
+        found = results[column]
+        doubts = doubts_of_line(found.rate_deg_s, found.output_v, found.line, found.u_fit_scale_factor)
+        notices += [f"{column}, at {found.rate_deg_s[each.row]:g} deg/s: {each.words}" for each in doubts]
     comparison = None if pair is None else compare(results[pair[0]], results[pair[1]])
-    return TableAnalysis(results, pair, comparison, {name: each.unit for name, each in columns.items()}, tuple(notes))
+    units = {name: each.unit for name, each in columns.items()}
+    return TableAnalysis(results, pair, comparison, units, tuple(notes), tuple(notices))
 
 
 def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> dict[str, TableColumn]:

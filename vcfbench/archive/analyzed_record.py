@@ -11,6 +11,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.pace import pace_of
+from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.errors import ConfigError
 from vcfbench.files import opened, shown
 from vcfbench.procedures.zero.noise import (
@@ -120,13 +121,15 @@ def analyze_record(
     record = numbers.values[:, 0] * factor
     if record.size < _FEWEST:
         raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, came {record.size}")
-    notices = list[str]()
+    notices, begin = list[str](), 0
     if time is not None:
-        record, interval_s, notices = _piece(record, numbers, time[1], rate_hz, head.file)
+        record, interval_s, begin, notices = _piece(record, numbers, time[1], rate_hz, head.file)
     elif rate_hz is None:
         raise ConfigError(f"{head.file} has no column of times", hint="--rate 100, readings a second")
     else:
         interval_s = 1.0 / rate_hz
+    doubts = doubts_of_record(record)
+    notices += [f"{each.words} (first in line {numbers.line(begin + each.row)})" for each in doubts]
     del numbers
     found: RecordNoise = record_noise(record, Sampling.without_gaps(interval_s), corrected=False, u_bandwidth_hz=0.0)
     return RecordAnalysis(
@@ -204,8 +207,8 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
 
 def _piece(
     record: Floats, numbers: Numbers, unit_s: float, rate_hz: float | None, file: str
-) -> tuple[Floats, float, list[str]]:
-    """Return the longest piece of a record without a break, its interval, and what is uneven about the times."""
+) -> tuple[Floats, float, int, list[str]]:
+    """Return the longest piece of a record without a break, its interval and first row, and what is uneven."""
     try:
         pace = pace_of(numbers.values[:, 1] * unit_s)
     except ConfigError as error:
@@ -234,4 +237,4 @@ def _piece(
             f"{file}: expected {_FEWEST} readings without a break in their times, came {piece.size}",
             hint="--time none --rate 100 does not look at the times",
         )
-    return piece, pace.interval_s, notices
+    return piece, pace.interval_s, pace.begin, notices

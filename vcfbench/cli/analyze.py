@@ -11,7 +11,7 @@ from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
 from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record
 from vcfbench.archive.written import write_document
-from vcfbench.cli.options import Json_, argument, key_and_value, option, output_option
+from vcfbench.cli.options import Json_, argument, flag, key_and_value, option, output_option
 from vcfbench.errors import ConfigError
 from vcfbench.files import opened, shown
 from vcfbench.reports.text import text_of
@@ -55,6 +55,7 @@ def analyze(  # noqa: PLR0917  # options of a command
     decimal: Annotated[str | None, option("point|comma", "How decimals are written.")] = None,
     output: Annotated[Path | None, output_option("Write a report: .html, .pdf or .md.")] = None,
     *,
+    strict: Annotated[bool, flag("Exit code 1 where a notice says what no sensor gives.", "--strict")] = False,
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
@@ -66,9 +67,14 @@ def analyze(  # noqa: PLR0917  # options of a command
             raise ConfigError("--compare: of a calibration table, not of a record at rest")
         of_record = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout)
         _answer(of_record, f"Noise of {of_record.column}", file.name, output, json=json)
-        return
-    pair = None if compare is None else [name.strip() for name in compare.split(",")]
-    _answer(analyzed(file, pair, layout=layout), f"Analysis of {file.name}", file.name, output, json=json)
+        notices = of_record.notices
+    else:
+        pair = None if compare is None else [name.strip() for name in compare.split(",")]
+        of_table = analyzed(file, pair, layout=layout)
+        _answer(of_table, f"Analysis of {file.name}", file.name, output, json=json)
+        notices = of_table.notices
+    if strict and notices:
+        raise typer.Exit(1)
 
 
 def _begins_with_times(file: Path, layout: Layout) -> bool:

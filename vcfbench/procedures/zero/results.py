@@ -13,6 +13,7 @@ from msgspec.structs import astuple, replace
 from vcfbench.analysis.allan import BiasStability, Sampling, Term, block_means, deviation_factor
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
+from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
@@ -259,7 +260,10 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
         noise_bandwidth_hz=_noise_bandwidth(readings, settings.readings_a_mean, fit) if fit and gapless else None,
         fitted_from_s=noise.fitted_from_s,
         described=noise.described,
-        remarks=noise.remarks,
+        remarks=(
+            *noise.remarks,
+            *(f"from reading {each.row + 1} on: {each.words}" for each in doubts_of_record(rates)),
+        ),
     )
 
 

@@ -1,0 +1,97 @@
+"""Faults of records and tables are told with their place; clean noise of every kind says nothing."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from tests.analysis.noise import flicker
+from vcfbench.analysis.plausibility import doubts_of_line, doubts_of_record
+from vcfbench.analysis.regression import fit_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from vcfbench.analysis.arrays import Floats
+
+SIZE = 5000
+CLEAN: dict[str, Callable[[np.random.Generator], Floats]] = {
+    "white": lambda r: r.standard_normal(SIZE),
+    "flicker": lambda r: r.standard_normal(SIZE) + 0.3 * flicker(SIZE, r)[0],
+    "walk": lambda r: r.standard_normal(SIZE) + np.cumsum(0.03 * r.standard_normal(SIZE)),
+    "ramp": lambda r: r.standard_normal(SIZE) + 1e-3 * np.arange(SIZE),
+    "mean of twenty": lambda r: np.convolve(r.standard_normal(SIZE + 19), np.ones(20) / 20.0, "valid"),
+    "coarse": lambda r: np.round(r.standard_normal(SIZE) / 3.0) * 3.0,
+    "counts": lambda r: np.round(5.0 * r.standard_normal(SIZE)),
+    "vibration": lambda r: r.standard_normal(SIZE) + 0.5 * np.sin(0.37 * np.arange(SIZE)),
+}
+
+
+@pytest.mark.parametrize("kind", CLEAN)
+def test_clean_noise_says_nothing(kind: str) -> None:
+    found = [doubts_of_record(CLEAN[kind](np.random.default_rng(seed))) for seed in range(12)]
+    assert found == [[]] * 12
+
+
+def spoilt(begin: int, end: int, by: float) -> Floats:
+    record = CLEAN["white"](np.random.default_rng(1))
+    record[begin:end] += by
+    return record
+
+
+def stuck(begin: int, end: int) -> Floats:
+    record = CLEAN["white"](np.random.default_rng(1))
+    record[begin:end] = record[begin]
+    return record
+
+
+FAULTS: dict[str, tuple[Floats, int | None, str]] = {
+    "one reading": (spoilt(3000, 3001, 25.0), 3000, "far from their neighbours"),
+    "2 s of turning": (spoilt(3000, 3200, 20.0), 3000, "a step, or motion"),
+    "a step": (spoilt(3000, 5000, 2.0), 3000, "a step, or motion"),
+    "stuck": (stuck(3000, 3060), 3000, "60 readings in a row are the same"),
+    "half stuck": (stuck(2500, 5000), 2500, "2500 readings in a row are the same"),
+    "clipped above": (np.minimum(spoilt(0, 0, 0.0), 2.0), None, "the largest, 2 deg/s: clipped"),
+    "clipped below": (np.maximum(spoilt(0, 0, 0.0), -2.0), None, "the least, -2 deg/s: clipped"),
+    "wrapped": ((spoilt(0, 5000, 7.5) + 10.0) % 20.0 - 10.0, None, "far from their neighbours"),
+    "held": (np.repeat(spoilt(0, 0, 0.0), 4), 0, "each value stands 4 times"),
+    "not at rest": (spoilt(0, 5000, 80.0), 0, "was it at rest"),
+}
+
+
+@pytest.mark.parametrize("kind", FAULTS)
+def test_fault_of_a_record_is_told_with_its_place(kind: str) -> None:
+    record, row, words = FAULTS[kind]
+    (found,) = [each for each in doubts_of_record(record) if words in each.words]
+    assert row is None or abs(found.row - row) <= 100
+
+
+RATES = np.array([-300.0, -250.0, -200.0, -100.0, 0.0, 100.0, 200.0, 250.0, 300.0])
+
+
+def of_table(outputs: Floats) -> list[str]:
+    line = fit_line(RATES, outputs)
+    return [each.words for each in doubts_of_line(RATES, outputs, line, line.u_scale_factor)]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({0: -2.07, 8: 2.07}, "off the line: clipped, wrapped, or misread"),
+        ({0: 2.5, 1: 2.5, 7: -2.5, 8: -2.5}, "the outputs at the two largest rates are the same"),
+        ({5: 10.0}, "off the line: clipped, wrapped"),
+        ({5: -1.02}, "far beyond what the others scatter"),
+    ],
+)
+def test_fault_of_a_table_is_told(change: dict[int, float], words: str) -> None:
+    outputs = -0.01 * RATES + 1e-4 * np.random.default_rng(2).standard_normal(RATES.size)
+    assert of_table(outputs) == []
+    outputs[list(change)] = list(change.values())
+    assert any(words in each for each in of_table(outputs))
+
+
+def test_dead_output_is_told() -> None:
+    dead = 1e-4 + 1e-5 * np.random.default_rng(3).standard_normal(RATES.size)
+    assert any("not beyond its own uncertainty" in each for each in of_table(dead))

@@ -1,0 +1,173 @@
+"""Faults that a record at rest or a table shows by itself, each with its row and size: nothing is left out or mended.
+
+Limits are such that clean noise of any kind that sensors have (white, flicker, walks, held, filtered, quantised) says
+nothing, and faults are told well before they move a result by its uncertainty (`tests/analysis/test_plausibility.py`).
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.regression import LineFit
+
+_FAR: Final = 8.0
+"""Robust standard deviations from the neighbours beyond which a reading, or a block, is no noise."""
+_SAMPLE: Final = 200_000
+_PIECE: Final = 1 << 20
+_BLOCKS: Final = (200, 50)
+_RUN: Final = 20
+_HELD: Final = 0.9
+_OFTEN: Final = 3.0
+"""Readings from one change to the next of a sensor of which it can be said that it is stuck."""
+_PILED: Final = 8
+_REST_DEG_S: Final = 30.0
+"""Beyond that no gyroscope at rest reads (ours)."""
+_MAD: Final = 1.4826
+_LEFT: Final = 0.1
+_LEAST_POINTS: Final = 6
+_CHANCE: Final = 1e-5
+
+
+class Doubt(Struct, frozen=True):
+    """Something that is no noise: the row at which it is first seen, from 0, and what in words."""
+
+    row: int
+    words: str
+
+
+def doubts_of_record(rates_deg_s: Floats) -> list[Doubt]:
+    """Return what a record at rest, deg/s, shape (n,), has in it that no sensor at rest gives."""
+    if rates_deg_s.size < _RUN or np.ptp(rates_deg_s) == 0.0:
+        return []
+    mean = float(rates_deg_s.mean())
+    found = [*_far_ones(rates_deg_s), *_repeated(rates_deg_s), *_piled_up(rates_deg_s), *_moved(rates_deg_s)]
+    if abs(mean) > _REST_DEG_S:
+        found.append(Doubt(0, f"a mean of {mean:.3g} deg/s: does the unit hold, was it at rest?"))
+    return found
+
+
+def _far_ones(rates: Floats) -> Iterator[Doubt]:
+    """Yield single readings, or edges, that are far from both neighbours."""
+    sample = rates[:_SAMPLE]
+    bent = sample[1:-1] - 0.5 * (sample[:-2] + sample[2:])
+    bent = np.abs(bent[bent != 0.0])
+    if not bent.size:
+        return
+    limit = max(_FAR * _MAD * float(np.median(bent)), 2.0 * _least_digit(rates))
+    count, first, largest = 0, 0, 0.0
+    for begin in range(0, rates.size - 2, _PIECE):
+        part = rates[begin : begin + _PIECE + 2]
+        off = np.abs(part[1:-1] - 0.5 * (part[:-2] + part[2:]))
+        far = np.flatnonzero(off > limit)
+        if far.size:
+            first = first if count else begin + 1 + int(far[off[far[:3]].argmax()])
+            count, largest = count + far.size, max(largest, float(off[far].max()))
+    if count:
+        times = largest / (limit / _FAR)
+        yield Doubt(
+            first,
+            f"{count} readings far from their neighbours, the largest by {largest:.3g} deg/s, {times:.0f} standard "
+            "deviations: a glitch, a wrap, a knock",
+        )
+
+
+def _least_digit(rates: Floats) -> float:
+    """Return the least step between two readings that differ: the resolution of a sensor that is coarse."""
+    levels = np.diff(np.sort(rates[:_SAMPLE]))
+    levels = levels[levels > 0.0]
+    return float(levels.min()) if levels.size else 0.0
+
+
+def _repeated(rates: Floats) -> Iterator[Doubt]:
+    """Yield a sensor that was stuck, or each value that stands several times."""
+    ends = np.flatnonzero(np.diff(rates) != 0.0) + 1
+    runs = np.diff(ends, prepend=0, append=rates.size)
+    usual = int(np.median(runs[1:-1])) if runs.size > 2 else 1
+    held = usual > 1 and runs.size > _RUN and float(np.mean(runs[1:-1] == usual)) > _HELD
+    if held:
+        yield Doubt(0, f"each value stands {usual} times: the log is faster than the sensor")
+    longest = int(runs.argmax())
+    others = (rates.size - int(runs[longest])) / max(1, runs.size - 1)
+    if (held or others < _OFTEN) and runs[longest] > max(_RUN, 3.0 * others * math.log(rates.size)):
+        row = int(ends[longest - 1]) if longest else 0
+        yield Doubt(row, f"{runs[longest]} readings in a row are the same: stuck, or lost and filled in")
+
+
+def _piled_up(rates: Floats) -> Iterator[Doubt]:
+    """Yield readings that stand on an extreme more often than on the value beside it."""
+    for what, sign in (("largest", 1.0), ("least", -1.0)):
+        extreme = float((sign * rates).max())
+        top = np.flatnonzero(sign * rates == extreme)
+        if top.size < _PILED:
+            continue
+        below = sign * rates[sign * rates < extreme]
+        beside = int(np.count_nonzero(below == below.max())) if below.size else 0
+        # A run of one value is told as stuck; two or three levels are a coarse sensor
+        if top.size > 3 * beside and len(set(below[:1000].tolist())) > 4:
+            value = sign * extreme
+            yield Doubt(int(top[0]), f"{top.size} readings are the {what}, {value:.6g} deg/s: clipped, or saturated")
+
+
+def _moved(rates: Floats) -> Iterator[Doubt]:
+    """Yield a step, or a motion, by means of blocks that are far from those beside them."""
+    for most in _BLOCKS:
+        length = max(8, rates.size // most)
+        blocks = rates.size // length
+        if blocks < _RUN:
+            return
+        means = rates[: blocks * length].reshape(blocks, length).mean(axis=1)
+        steps = np.diff(means)
+        steps -= np.median(steps)
+        spread = _MAD * float(np.median(np.abs(steps)))
+        far = np.flatnonzero(np.abs(steps) > max(_FAR * spread, 2.0 * _least_digit(rates)))
+        if spread > 0.0 and far.size:
+            size = float(np.abs(steps[far]).max())
+            yield Doubt(
+                int(far[0] + 1) * length,
+                f"the mean of {length} readings moves by {size:.3g} deg/s, {size / spread:.0f} times what it usually "
+                "does: a step, or motion",
+            )
+            return
+
+
+def doubts_of_line(rate_deg_s: Floats, output: Floats, line: LineFit, u_scale_factor: float) -> list[Doubt]:
+    """Return what points of a calibration, shape (n,), have that no gyroscope within its range gives."""
+    found, residuals = [], np.abs(line.residuals_v)
+    if abs(line.scale_factor) < 3.0 * u_scale_factor:
+        found.append(Doubt(0, "the scale factor is not beyond its own uncertainty: does the output follow the rate?"))
+    span = abs(line.scale_factor) * float(np.ptp(rate_deg_s))
+    worst = int(residuals.argmax())
+    if residuals[worst] > _LEFT * span:
+        share = 100.0 * residuals[worst] / span
+        found.append(Doubt(worst, f"a point is {share:.0f} % of the span off the line: clipped, wrapped, or misread"))
+    elif (row := _stray(rate_deg_s, output)) is not None:
+        found.append(Doubt(row, f"a point is {residuals[row]:.3g} off the line, far beyond what the others scatter"))
+    order = np.argsort(rate_deg_s, kind="stable")
+    for ends in (order[:2], order[-2:]):
+        apart = abs(float(rate_deg_s[ends[1]] - rate_deg_s[ends[0]])) * abs(line.scale_factor)
+        if output[ends[0]] == output[ends[1]] and apart > 0.01 * span:
+            found.append(Doubt(int(ends[1]), "the outputs at the two largest rates are the same: saturated"))
+    return found
+
+
+def _stray(rate: Floats, output: Floats) -> int | None:
+    """Return the point that a line through the others misses far beyond their scatter, None if none is."""
+    if rate.size < _LEAST_POINTS:
+        return None
+    from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
+    size = rate.size
+    away = rate - rate.mean()
+    lever = 1.0 / size + away**2 / float(away @ away)
+    left = output - output.mean() - away * float(away @ output) / float(away @ away)
+    whole = float(left @ left)
+    others = np.maximum(whole - left**2 / (1.0 - lever), 1e-12 * whole) / (size - 3)
+    if not whole > (1e-12 * float(np.abs(output).max())) ** 2:
+        return None
+    ratio = np.abs(left) / np.sqrt(others * (1.0 - lever))
+    row = int(ratio.argmax())
+    return row if ratio[row] > float(stdtrit(size - 3, 1.0 - _CHANCE / size)) else None
