@@ -75,14 +75,14 @@ def serve(
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: server.stop())
         signal.set_wakeup_fd(server.loop.wake_fd, warn_on_full_buffer=False)
-        typer.echo(json.dumps(server.as_json()) if json_ else _places(server))
+        typer.echo(json.dumps(server.as_json()) if json_ else _places(server, plan.circuits or "no circuit"))
         sys.stdout.flush()
         gc.freeze()  # what is here now stays: collections in between the answers are short
         server.run()
 
 
-def _places(server: BenchServer) -> str:
-    lines = [f"{server.bench.world.device} from input to output, served until Ctrl-C"]
+def _places(server: BenchServer, circuits: str) -> str:
+    lines = [f"{circuits}, served until Ctrl-C"]
     wide = max(map(len, (*server.wires, "control"))) + 1
     for role, wires in server.wires.items():
         lines.append(f"{role:<{wide}} {wires.model:<9} {'  '.join(wires.places)}")

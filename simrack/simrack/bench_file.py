@@ -121,9 +121,10 @@ def _place(name: str, said: Any, folder: Path) -> Place:
         asked = wires_of(model, wires)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
-    _only(said, ("model", "wires", "file", *model.terminals), where)
-    nodes: dict[str, str | None] = {each: f"{name}.{each}" if each in model.feeds else None for each in model.terminals}
-    nodes |= {each: _text(known, each, where) for each in model.terminals if each in known}
+    terminals = (*model.outputs, *model.inputs)
+    _only(said, ("model", "wires", "file", *terminals), where)
+    nodes: dict[str, str | None] = {each: f"{name}.{each}" if each in model.outputs else None for each in terminals}
+    nodes |= {each: _text(known, each, where) for each in terminals if each in known}
     return Place(name, model, asked, nodes)
 
 

@@ -34,35 +34,18 @@ _KINDS: Mapping[str, tuple[str, Callable[[str], Any]]] = {
     **dict.fromkeys("eEgG", (r"[0-9]+\.?[0-9]+(?:[eE][-+]?[0-9]+)?", float)),
 }
 """What a field of a setter takes, by the letter of its format; an integer of one digit is no float there."""
-_TYPES: Mapping[str, Callable[[Any], Any]] = {"int": int, "float": float, "str": str}
+_TYPES: Mapping[str, Callable[[Any], Any]] = {"int": int, "float": float, "str": str, "": lambda value: value}
 
 
-class _Property:
-    """A value, of each channel where there are any."""
-
-    def __init__(self, said: Mapping[str, Any]) -> None:
-        specs = said.get("specs") or {}
-        self._kind: Callable[[Any], Any] = _TYPES[specs["type"]] if specs else lambda value: value
-        self._low, self._high = (self._kind(specs[name]) if name in specs else None for name in ("min", "max"))
-        self._valid = {self._kind(each) for each in specs.get("valid", ())}
-        self._first = self._checked(said.get("default", ""))
-        self._values: dict[Any, Any] = {}
-
-    def _checked(self, value: Any) -> Any:
-        value = self._kind(value)
-        if (
-            (self._low is not None and value < self._low)
-            or (self._high is not None and value > self._high)
-            or (self._valid and value not in self._valid)
-        ):
-            raise ValueError(f"{value} is not within the specification")
-        return value
-
-    def get(self, channel: Any) -> Any:
-        return self._values.get(channel, self._first)
-
-    def set(self, channel: Any, value: Any) -> None:
-        self._values[channel] = self._checked(value)
+def _checked(said: Mapping[str, Any], value: Any) -> Any:
+    """Return a value of a property in its type; ValueError if it is not within the specification."""
+    specs = said.get("specs") or {}
+    kind = _TYPES[specs.get("type", "")]
+    value, valid = kind(value), {kind(each) for each in specs.get("valid", ())}
+    low, high = (kind(specs.get(name, value)) for name in ("min", "max"))
+    if value < low or value > high or (valid and value not in valid):
+        raise ValueError(f"{value} is not within the specification")
+    return value
 
 
 def _setter(text: str) -> tuple[re.Pattern[str], list[tuple[str, Callable[[str], Any]]]]:
@@ -96,41 +79,45 @@ class _Part:
     """Dialogues and properties of a device, or of its channels."""
 
     def __init__(self, said: Mapping[str, Any]) -> None:
-        self.dialogues = {_text(each, "q"): _text(each, "r") for each in said.get("dialogues", ())}
-        self.properties = {name: _Property(each) for name, each in said.get("properties", {}).items()}
-        self.getters: dict[str, tuple[str, str]] = {}
-        self.setters: list[tuple[str, Any, Any, str, str | None]] = []
-        for name, each in said.get("properties", {}).items():
-            if "getter" in each:
-                self.getters[_text(each["getter"], "q")] = name, _text(each["getter"], "r")
-            if setter := each.get("setter"):
-                wrong = _text(setter, "e") if "e" in setter else None
-                self.setters.append((name, *_setter(_text(setter, "q")), _text(setter, "r"), wrong))
+        self._dialogues = {_text(each, "q"): _text(each, "r") for each in said.get("dialogues", ())}
+        self._properties = said.get("properties", {})
+        self._first = {name: _checked(each, each.get("default", "")) for name, each in self._properties.items()}
+        self._values: dict[tuple[str, Any], Any] = {}
+        self._setters = [
+            (name, each["setter"], _setter(_text(each["setter"], "q")))
+            for name, each in self._properties.items()
+            if "setter" in each
+        ]
+
+    def value(self, name: str, channel: Any = None) -> Any:
+        """Return the value of a property, of a channel."""
+        return self._values.get((name, channel), self._first[name])
 
     def queried(self, query: str, channel: Any, named: Callable[[str], str]) -> str | None:
         """Return what a dialogue or a getter says; `named` puts the channel into what is listened for."""
-        for listened, answer in self.dialogues.items():
+        for listened, answer in self._dialogues.items():
             if named(listened) == query:
                 return _shown(answer, "") if "RANDOM" in answer else answer
-        for listened, (name, form) in self.getters.items():
-            if named(listened) == query:
-                return _shown(form, self.properties[name].get(channel))
+        for name, each in self._properties.items():
+            if "getter" in each and named(_text(each["getter"], "q")) == query:
+                return _shown(_text(each["getter"], "r"), self.value(name, channel))
         return None
 
     def commanded(self, query: str, channel: Any, refused: str | None) -> str | None:
         """Return what a setter says; `refused` if a value is wrong and the setter has no word for that."""
-        for name, pattern, fields, answer, wrong in self.setters:
+        for name, setter, (pattern, fields) in self._setters:
             if (found := pattern.search(query)) is None:
                 continue
             values = {field: convert(text) for (field, convert), text in zip(fields, found.groups(), strict=True)}
             channel = values.pop("ch_id", channel)
             try:
-                self.properties[name].set(channel, next(iter(values.values()), ""))
+                self._values[name, channel] = _checked(self._properties[name], next(iter(values.values()), ""))
             except ValueError:
-                if wrong is not None or refused is not None:
-                    return refused if wrong is None else wrong
+                wrong = _text(setter, "e") if "e" in setter else refused
+                if wrong is not None:
+                    return wrong
             else:
-                return answer
+                return _text(setter, "r")
         return None
 
 
@@ -160,18 +147,18 @@ class DialogueDevice(LineDevice):
         ends = said.get("eom", {}).get(interface, {"q": "\n", "r": "\n"})
         super().__init__(world, _TIMING, terminators=_text(ends, "q").encode(), longest=_LONGEST)
         self._end, self._delimiter = _text(ends, "r"), said.get("delimiter", ";")
-        self._own, self._queues, self._registers = _Part(said), {}, {}
+        self._own = _Part(said)
         self._channels = [
             (_Part(each), (ids or {}).get(name) or list(each.get("ids", ())), each.get("can_select") != "False")
             for name, each in said.get("channels", {}).items()
         ]
         error = said.get("error", {})
-        self._wrong = error if isinstance(error, str) else error.get("response", {}).get("command_error", _NO_ANSWER)
-        if isinstance(error, dict):
-            self._registers = {
-                each["q"]: [0, int(each.get("command_error", 0))] for each in error.get("status_register", ())
-            }
-            self._queues = {each["q"]: (each, list[str]()) for each in error.get("error_queue", ())}
+        error = {"response": {"command_error": error}} if isinstance(error, str) else error
+        self._wrong: str = error.get("response", {}).get("command_error", _NO_ANSWER)
+        self._registers = {
+            each["q"]: [0, int(each.get("command_error", 0))] for each in error.get("status_register", ())
+        }
+        self._queues = {each["q"]: (each, list[str]()) for each in error.get("error_queue", ())}
 
     def _answer(self, message: bytes) -> None:
         text = message.decode()
@@ -191,24 +178,21 @@ class DialogueDevice(LineDevice):
             words, waiting = self._queues[query]
             return waiting.pop(0) if waiting else str(words["default"])
         answer = self._own.commanded(query, None, None)
-        for part, ids, can_select in self._channels if answer is None else ():
-            answer = self._of_channel(part, ids, query, can_select=can_select)
-            if answer is not None:
-                break
-        return self._error() if answer is None else answer
+        channels = (self._of_channel(query, *each) for each in self._channels if answer is None)
+        answer = next((each for each in channels if each is not None), answer)
+        return self._error() if answer in {None, _REFUSED} else str(answer)
 
-    def _of_channel(self, part: _Part, ids: list[str], query: str, *, can_select: bool) -> str | None:
-        selected = None
-        if not can_select:
-            selected = self._own.properties["selected_channel"].get(None)
-            if selected not in ids:
-                return None
-        for channel in ids if can_select else [selected]:
-            named = (lambda listened, each=channel: listened.format(ch_id=each)) if can_select else str
-            if (answer := part.queried(query, channel, named)) is not None:
-                return answer
-        answer = part.commanded(query, ids[-1] if can_select and ids else selected, _REFUSED)
-        return self._error() if answer == _REFUSED else answer
+    def _of_channel(self, query: str, part: _Part, ids: list[str], named_in_query: bool) -> str | None:  # noqa: FBT001
+        if named_in_query:
+            for channel in ids:
+                if (answer := part.queried(query, channel, partial(str.format, ch_id=channel))) is not None:
+                    return answer
+            return part.commanded(query, ids[-1] if ids else None, _REFUSED)
+        selected = self._own.value("selected_channel")
+        if selected not in ids:
+            return None
+        answer = part.queried(query, selected, str)
+        return part.commanded(query, selected, _REFUSED) if answer is None else answer
 
     def _error(self) -> str:
         for register in self._registers.values():
@@ -239,28 +223,24 @@ class DialogueFile:
 
     def by_device(self) -> dict[str, Callable[[World], DialogueDevice]]:
         """Return what makes each of its devices, to be served, by name."""
-        return {
-            re.sub(r"[^\w-]+", "_", name): partial(DialogueDevice, said=said, interface=_served_as(said))
-            for name, said in self.said.get("devices", {}).items()
-        }
+        found: dict[str, Callable[[World], DialogueDevice]] = {}
+        for name, said in self.said.get("devices", {}).items():
+            kind = next((each for each in _SERVED_AS if each in said.get("eom", {})), _SERVED_AS[0])
+            found[_name(name)] = partial(DialogueDevice, said=said, interface=kind)
+        return found
 
     def by_resource(self, device: str) -> dict[str, Callable[[World], DialogueDevice]]:
         """Return what makes a device of its own for each resource that is the device of this name."""
         found: dict[str, Callable[[World], DialogueDevice]] = {}
-        for name, said in self.said.get("resources", {}).items():
-            known, wanted = self, said["device"]
-            if "bundled" in said or re.sub(r"[^\w-]+", "_", wanted) != device:
+        for name, where in self.said.get("resources", {}).items():
+            if "bundled" in where or _name(where["device"]) != device:
                 continue
-            if "filename" in said:
-                known = DialogueFile(self._file.parent / said["filename"])
-            parsed = rname.ResourceName.from_string(name)
+            known = DialogueFile(self._file.parent / where["filename"]) if "filename" in where else self
+            parsed, said = rname.ResourceName.from_string(name), known.said["devices"][where["device"]]
             kind = f"{parsed.interface_type} {parsed.resource_class}"
-            found[str(parsed)] = partial(
-                DialogueDevice, said=known.said["devices"][wanted], interface=kind, ids=said.get("channel_ids")
-            )
+            found[str(parsed)] = partial(DialogueDevice, said=said, interface=kind, ids=where.get("channel_ids"))
         return found
 
 
-def _served_as(said: Mapping[str, Any]) -> str:
-    ends = said.get("eom", {})
-    return next((each for each in _SERVED_AS if each in ends), _SERVED_AS[0])
+def _name(device: str) -> str:
+    return re.sub(r"[^\w-]+", "_", device)

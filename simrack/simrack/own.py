@@ -98,19 +98,16 @@ class Setting:
 
     def row(self) -> Command:
         """Return its row of the command table."""
+        name, numbered = self.name, self.numbers is not None
 
         def write(instrument: Any, *arguments: Any) -> None:
-            *numbers, value = arguments
-            if numbers:
-                instrument.settings[self.name][numbers[0]] = value
-            else:
-                instrument.settings[self.name] = value
+            held, key = (instrument.settings[name], arguments[0]) if numbered else (instrument.settings, name)
+            held[key] = arguments[-1]
             if self._then is not None:
                 self._then(instrument)
 
         def read(instrument: Any, *numbers: Any) -> Any:
-            value = instrument.settings[self.name]
-            return value[numbers[0]] if numbers else value
+            return instrument.settings[name][numbers[0]] if numbered else instrument.settings[name]
 
         row = (self._header, (self._parameter,))
         return Command(*row, do=write, query=read, reply=self._reply, takes_s=self._takes_s)
@@ -206,8 +203,8 @@ class OwnInstrument(ScpiTwin):
 
     def reset(self) -> None:
         """Take the ``*RST`` state: the defaults of all settings. What else there is goes into an override."""
-        rows = (getattr(type(self), name) for name in dir(type(self)))
-        self.settings = {each.name: deepcopy(each.first()) for each in rows if isinstance(each, Setting)}
+        known = (getattr(type(self), name) for name in dir(type(self)))
+        self.settings = {each.name: deepcopy(each.first()) for each in known if isinstance(each, Setting)}
 
     def volts(self, terminal: str) -> float:
         """Return the voltage at an input now, V: 0 where it is on no bench."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import runpy
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 
 from simrack.device import Device
-from simrack.dialogue import DialogueFile
 from simrack.faults import FaultScript
 from simrack.models import SimulatedModel, model_named
 from simrack.own import OwnInstrument
@@ -80,6 +80,14 @@ class Plan(Struct, frozen=True):
     faults: FaultScript = field(default_factory=lambda: FaultScript(()))
     seed: int | None = None
 
+    @property
+    def circuits(self) -> str:
+        """What is between the nodes, for people."""
+        return ", ".join(
+            f"{'wire' if link.circuit is None else link.circuit.name} from {link.node} to {node}"
+            for node, link in self.links.items()
+        )
+
     def wires_asked_for(self) -> dict[str, frozenset[Offer]]:
         """Return the wires of the instruments of which they were said."""
         return {place.name: place.wires for place in self.places if place.wires}
@@ -91,9 +99,14 @@ class OwnModel(SimulatedModel, frozen=True):
     made: Any = OwnInstrument
 
     @property
-    def feeds(self) -> tuple[str, ...]:
-        """Its terminals that are outputs."""
+    def outputs(self) -> tuple[str, ...]:
+        """Its terminals that feed nodes."""
         return getattr(self.made, "outputs", ())
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Its terminals that look at nodes."""
+        return getattr(self.made, "inputs", ())
 
     def load(self) -> Any:
         """Return its class."""
@@ -133,10 +146,10 @@ def plan_of(words: Iterable[str]) -> Plan:
 
 
 def _dialogues(file: Path) -> list[Place]:
-    """Return the devices of a file of pyvisa-sim's."""
-    said = DialogueFile(file)
+    """Return the devices of a file of pyvisa-sim's; what reads it is imported only where there is one."""
+    said = import_module("simrack.dialogue").DialogueFile(file)
     return [
-        Place(name, OwnModel(name, "own", "", "", ("TCP", "serial line"), made=made), resources=said.by_resource(name))
+        Place(name, OwnModel(name, "own", "", ("TCP", "serial line"), made=made), resources=said.by_resource(name))
         for name, made in said.by_device().items()
     ]
 
@@ -144,11 +157,8 @@ def _dialogues(file: Path) -> list[Place]:
 def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
     """Return the instruments that a module defines, by the names of their classes."""
     classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, OwnInstrument)]
-    return {
-        made.__name__: OwnModel(made.__name__, "own", "", "", made.wires, "", {}, (*made.inputs, *made.outputs), made)
-        for made in classes
-        if made.__module__ == module["__name__"]
-    }
+    own = [each for each in classes if each.__module__ == module["__name__"]]
+    return {made.__name__: OwnModel(made.__name__, "own", "", made.wires, made=made) for made in own}
 
 
 def _placed(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Place:
@@ -182,16 +192,16 @@ def _wired(places: Iterable[Place]) -> tuple[Place, ...]:
     wired = []
     for place in places:
         kind, first = place.model.kind, place.model.kind not in seen
-        node = {"channel_1": "input", "channel_2": "output"}
-        node |= {each: "output" for each in place.model.terminals if kind in {"multimeter", "own"}}
-        node |= {each: f"{place.name}.{each}" for each in place.model.feeds}
+        usual = {"channel_1": "input", "channel_2": "output", "channel_3": None, "channel_4": None}
+        node = {each: usual.get(each, "output") for each in place.model.inputs}
+        node |= {each: f"{place.name}.{each}" for each in place.model.outputs}
         if first and kind == "generator":
             node["output_1"] = "input"
         if first and kind == "supply":
             node |= {"output_2": "positive", "output_3": "negative"}
             node |= {each: f"-{node[each]}" for model, each in UPSIDE_DOWN if model == place.model.name}
-        seen.add(place.model.kind)
-        wired.append(replace(place, terminals={each: node.get(each) for each in place.model.terminals}))
+        seen.add(kind)
+        wired.append(replace(place, terminals=node))
     return tuple(wired)
 
 

@@ -86,7 +86,7 @@ def _fed(plan: Plan, kinds: set[str]) -> tuple[str, ...]:
     """Return the nodes that outputs of some kinds feed."""
     owners: dict[str, str] = {}
     for place in plan.places:
-        for terminal in place.model.feeds:
+        for terminal in place.model.outputs:
             node = place.terminals.get(terminal)
             if place.model.kind not in kinds or node is None:
                 continue
@@ -103,7 +103,7 @@ def _built(place: Place, world: WiredWorld, seed: int | None) -> Device:
     random = None if seed is None else np.random.default_rng([seed, *place.name.encode()])
     nodes = {each: node.removeprefix("-") for each, node in place.terminals.items() if node is not None}
     turned = {each for each, node in place.terminals.items() if (node or "").startswith("-")}
-    around: dict[str, Any] = {"nodes": {each: node for each, node in nodes.items() if each in place.model.feeds}}
+    around: dict[str, Any] = {"nodes": {each: node for each, node in nodes.items() if each in place.model.outputs}}
     if place.model.kind != "own":
         around["errors"] = twin.errors_class.none() if random is None else twin.errors_class.drawn(random)
         around["noise_seed"] = 0 if random is None else int(random.integers(1 << 32))
@@ -114,19 +114,19 @@ def _built(place: Place, world: WiredWorld, seed: int | None) -> Device:
         around["rails"] = {_SUPPLY_OUTPUTS[each]: rail for each, rail in nodes.items()}
     elif place.model.kind == "generator":
         around |= {"node": nodes.get("output_1"), "second_node": nodes.get("output_2")}
-    elif place.model.kind == "own" and len(place.model.terminals) > len(place.model.feeds):
+    elif place.model.kind == "own" and place.model.inputs:
         around["leads"] = _leads(place, world, nodes, turned)
-    elif place.model.kind != "own" and place.model.terminals:
+    elif place.model.inputs:
         seen = _leads(place, world, nodes, turned)
-        around |= {"node": "input", "channels": {n: f"channel_{n}" for n in range(1, len(place.model.terminals) + 1)}}
+        around |= {"node": "input", "channels": {n: f"channel_{n}" for n in range(1, len(place.model.inputs) + 1)}}
     takes = inspect.signature(twin).parameters
     device: Device = twin(seen, **{each: value for each, value in around.items() if each in takes})
     return device
 
 
 def _leads(place: Place, world: WiredWorld, nodes: Mapping[str, str], turned: Iterable[str]) -> Leads:
-    leads = Leads(world, place.name, dict.fromkeys(place.model.terminals, world.nodes[0]))
-    for terminal in place.model.terminals:
+    leads = Leads(world, place.name, dict.fromkeys(place.model.inputs, world.nodes[0]))
+    for terminal in place.model.inputs:
         node = nodes.get(terminal)
         leads.connect(terminal, None if node is None else _named(node, world, f"{place.name}.{terminal}"))
         leads.turn(terminal, reversed_=terminal in turned)

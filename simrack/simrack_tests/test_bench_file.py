@@ -42,10 +42,10 @@ def test_the_page_shows_the_example() -> None:
     assert f"```toml\n{shown}```" in page
 
 
-@pytest.mark.parametrize("name", [name for name, model in RACK.items() if model.feeds])
+@pytest.mark.parametrize("name", [name for name, model in RACK.items() if model.outputs])
 def test_every_output_of_every_model_feeds_its_node(written: Callable[[str], Path], name: str) -> None:
     """The first meter looks at each output in turn: E3631A's third is negative, all others are not."""
-    outputs = RACK[name].feeds
+    outputs = RACK[name].outputs
     nodes = "".join(f'{each} = "n{each[-1]}"\n' for each in outputs)
     rack = Rack.build(
         VirtualClock(),
@@ -67,9 +67,7 @@ def test_every_output_of_every_model_feeds_its_node(written: Callable[[str], Pat
         assert float(asked(rack, "m", "MEAS:VOLT:DC?")) == pytest.approx(sign * number, abs=1e-3), output
 
 
-@pytest.mark.parametrize(
-    ("name", "terminal"), [(name, each) for name, model in RACK.items() for each in model.terminals if not model.feeds]
-)
+@pytest.mark.parametrize(("name", "terminal"), [(name, each) for name, model in RACK.items() for each in model.inputs])
 def test_every_input_of_every_model_sees_its_node(written: Callable[[str], Path], name: str, terminal: str) -> None:
     bench = f'[instruments.a]\nmodel = "{name}"\n{terminal} = "-x"\n[instruments.g]\nmodel = "33511B"\noutput_1 = "x"\n'
     rack = Rack.build(VirtualClock(), plan_in(written(bench)))

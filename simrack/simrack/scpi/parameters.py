@@ -348,8 +348,3 @@ class Block(Parameter, frozen=True, kw_only=True):
         if token.kind is not TokenKind.BLOCK:
             raise ScpiError(-104 if token.kind is TokenKind.NUMBER else self.refusals[token.kind])
         return token.text.encode("latin-1")
-
-
-def is_number_refused(error: ScpiError) -> bool:
-    """Tell whether `error` stands for a number where a word or string was due, so that a dialect can renumber it."""
-    return isinstance(error, _NumberNotAllowed)
