@@ -125,10 +125,11 @@ def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
     assert re.search(r"time since \d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC / (s|min)<", drawn)  # not in days
     assert f"Scale factor of G-9 (turntable, E_n {after['e_n']:.2f}); bars: 2 u" in drawn
     rows = list(csv.DictReader(io.StringIO(call(*words, "--csv").stdout)))
-    assert [float(row["scale_factor_v_per_deg_s"]) for row in rows] == [
-        each["scale_factor_v_per_deg_s"] for each in (before, after)
+    assert [float(row["line_scale_factor_v_per_deg_s"]) for row in rows] == [
+        each["values"][0]["value"] for each in (before, after)
     ]
-    assert [float(row["u_scale_factor"]) for row in rows] == pytest.approx([first.u, second.u])
+    assert [float(row["u_line_scale_factor"]) for row in rows] == pytest.approx([first.u, second.u])
+    assert [row["scale_factor_v_per_deg_s"] for row in rows] == ["", ""]  # of small signals, which these are not
     assert call(*words[1:]).stdout == "G-9  no entry, complete runs: 2\n"
     assert json.loads(call(*words[1:], "--json").stdout)["devices"] == ["G-9"]
     assert call("G-9", "--devices", str(tmp_path / "devices"), "--runs", str(tmp_path / "none")).exit_code == 2

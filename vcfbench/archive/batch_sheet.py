@@ -13,31 +13,24 @@ from msgspec import Struct, structs
 from vcfbench.archive.compared import difference
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import RunSummary, run_summaries
+from vcfbench.archive.value_columns import SLOPES, ValueColumn, columns_of
 from vcfbench.archive.written import write_document
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.records.stated import values_of
-from vcfbench.reports.document import Cell, Column, Heading, Notice, Part, Report, Table, Text, heads
+from vcfbench.reports.document import Column, Heading, Notice, Part, Report, Table, Text, heads
 from vcfbench.values.kinds import limit_words
-from vcfbench.values.printing import digits_of_value, shorthand
+from vcfbench.values.printing import figure, shorthand
+from vcfbench.values.value import Value
 
-_UNITS: Final = (
-    "Scale factor in mV/(deg/s), its U95 in ppm, bias in mV, non-linearity in ppm of the span, "
-    "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u."
-)
-_COLUMNS: Final = heads("scale factor | U95:.0f | bias | non-lin.:.0f | drift (E_n) | verdict")
-
-
-_SLOPES: Final = {"scale_factor", "scale_factor_small", "scale_factor_by_v_vc"}
-_OUTPUTS: Final = {"bias", "bias_at_rest", "bias_by_v_vc"}
-_BENDS: Final = {"nonlinearity", "nonlinearity_by_v_vc"}
-"""Kinds that a column holds: of a procedure always the same one."""
+_DRIFT: Final = "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u"
+_LAST: Final = heads("drift (E_n) | verdict")
 
 
 class SheetRow(Struct, frozen=True, kw_only=True):
-    """One run of a device on the sheet; values are None where the run has no such result.
+    """One run of a device on the sheet.
 
     `verdict` is that on the acceptance limits, None where nothing was judged; `limits` are these in words, `not_kept`
     those that the device did not keep, or is too near to. `missing` is what U95 of a value or the guard band of a limit
@@ -58,17 +51,17 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     limits: tuple[str, ...] = ()
     not_kept: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
-    scale_factor_v_per_deg_s: float | None = None
-    u_scale_factor_v_per_deg_s: float | None = None
-    u95_scale_factor_v_per_deg_s: float | None = None
-    bias_v: float | None = None
-    u_bias_v: float | None = None
-    u95_bias_v: float | None = None
-    nonlinearity_ppm: float | None = None
+    values: tuple[Value, ...] = ()
+    """What the run states, without the parts of its uncertainties."""
     drift_ppm: float | None = None
     u_drift_ppm: float | None = None
     e_n: float | None = None
     why_none: str | None = None
+
+    @property
+    def scale_factor(self) -> Value | None:
+        """Its scale factor: that on the table, else that of small signals, else that by V_Vc."""
+        return next((each for each in self.values if each.kind in SLOPES), None)
 
     @property
     def passed(self) -> bool:
@@ -122,7 +115,7 @@ def device_rows(serial: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
     """
     known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
     rows = (_row(each, _before(each, known)) for each in known)
-    return tuple(each for each in rows if each.scale_factor_v_per_deg_s is not None)
+    return tuple(each for each in rows if each.scale_factor is not None)
 
 
 def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
@@ -140,23 +133,19 @@ def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
 def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     run = load_run(str(summary.directory))
     values = values_of(run.results)
-    scale, bias, bend = (
-        next((each for each in values.values() if each.kind in kinds), None) for kinds in (_SLOPES, _OUTPUTS, _BENDS)
-    )
+    scale = next((each for each in values.values() if each.kind in SLOPES), None)
     found: dict[str, Any] = {}
-    for name, each in (("scale_factor_v_per_deg_s", scale), ("bias_v", bias)):
-        if each is not None:
-            found |= {name: each.value, f"u_{name}": each.u, f"u95_{name}": each.u95}
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None:
         then = values_of(earlier.results).get(scale.name)
-        if then is not None and then.kind == scale.kind and then.value:
+        if then is not None and then.kind == scale.kind and then.value and scale.value:
             drift = difference(then, scale)
             found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
             found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
     judged = [] if run.verdict is None else [each for each in run.verdict.limits if each.measured]
     limits = [(limit_words(each.key), each) for each in judged]
-    lacks = [each.missing for each in (scale, bias, bend, *judged) if each is not None]
+    shown = [column.example.missing for column in columns_of([list(values.values())])]
+    lacks = [*shown, *(each.missing for each in judged)]
     return SheetRow(
         device=str(summary.dut),
         procedure=str(summary.procedure),
@@ -171,7 +160,7 @@ def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
         ),
         not_kept=tuple(f"{of.words}: {each.word}" for of, each in limits if each.word != "pass"),
         missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
-        nonlinearity_ppm=None if bend is None else bend.value,
+        values=tuple(structs.replace(each, parts=()) for each in values.values()),
         why_none=None if values else str(run.error or run.no_results),
         **found,
     )
@@ -208,23 +197,25 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
         Notice(f"{said}; not good: {', '.join(bad)}." if bad else f"{said}.", "fail" if bad else "pass"),
         *([Text(f"Not measured yet: {', '.join(waiting)}.")] if waiting else []),
         *beside,
-        Text(_UNITS),
     ]
     for name in dict.fromkeys(each.procedure for each in rows):
         of_procedure = [each for each in rows if each.procedure == name]
-        columns = [Column("device", align="left", verbatim=True), *_COLUMNS]
+        own = columns_of([each.values for each in of_procedure])
+        columns = [Column("device", align="left", verbatim=True), *_heads(own)]
         several = len({each.operator for each in of_procedure}) > 1
         if several:
             columns.append(Column("operator", align="left", verbatim=True))
-        cells = [[each.device, *_cells(each), *([each.operator or "-"] if several else [])] for each in of_procedure]
-        parts += [Heading(name, 2), Table(columns, cells), *_footnote(of_procedure)]
+        cells = [
+            [each.device, *_cells(own, each), *([each.operator or "-"] if several else [])] for each in of_procedure
+        ]
+        parts += [Heading(name, 2), _said(own), Table(columns, cells), *_footnote(of_procedure)]
         if limits := dict.fromkeys(limit for each in of_procedure for limit in each.limits):
             not_kept = [f"{each.device} ({', '.join(each.not_kept)})" for each in of_procedure if each.not_kept]
             parts.append(
                 Text("\n".join([f"Limits: {'; '.join(limits)}.", *(f"Not kept: {each}." for each in not_kept)]))
             )
-        found = (each.scale_factor_v_per_deg_s for each in of_procedure)
-        scales = [1e3 * each for each in found if each is not None]
+        found = (each.scale_factor for each in of_procedure)
+        scales = [1e3 * each.value for each in found if each is not None and each.value is not None]
         if len(scales) > 1:
             middle, spread = mean(scales), stdev(scales)
             relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
@@ -240,29 +231,36 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
 
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
-    """Return the runs of one device as a table, a row each."""
-    columns = [*heads("day (UTC) | <procedure"), *_COLUMNS]
+    """Return the runs of one device, a row each, in a table for each kind of scale factor."""
     mixed = len({each.simulated for each in rows}) > 1
-    names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in rows)
-    cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(each)] for each, name in zip(rows, names, strict=True)]
-    return [Heading("Runs with this device", 2), Text(_UNITS), Table(columns, cells), *_footnote(rows)]
+    parts: list[Part] = [Heading("Runs with this device", 2)]
+    for kind in dict.fromkeys(each.scale_factor.kind for each in rows if each.scale_factor is not None):
+        of_kind = [each for each in rows if each.scale_factor is not None and each.scale_factor.kind == kind]
+        own = columns_of([each.values for each in of_kind])
+        names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in of_kind)
+        both = zip(of_kind, names, strict=True)
+        cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(own, each)] for each, name in both]
+        parts += [_said(own), Table([*heads("day (UTC) | <procedure"), *_heads(own)], cells)]
+    return [*parts, *_footnote(rows)]
 
 
-def _cells(row: SheetRow) -> list[Any]:
-    scale, u95, bias, u95_bias = (
-        None if each is None else 1e3 * each
-        for each in (row.scale_factor_v_per_deg_s, row.u95_scale_factor_v_per_deg_s, row.bias_v, row.u95_bias_v)
-    )
+def _said(columns: Sequence[ValueColumn]) -> Text:
+    """Say what the columns are of, and in which units."""
+    words = "; ".join([*(column.said for column in columns), _DRIFT])
+    return Text(f"{words[:1].upper()}{words[1:]}.")
+
+
+def _heads(columns: Sequence[ValueColumn]) -> list[Column]:
+    return [*(head for column in columns for head in column.heads), *_LAST]
+
+
+def _cells(columns: Sequence[ValueColumn], row: SheetRow) -> list[Any]:
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
     drift += "" if row.u_drift_ppm is None else f"±{2.0 * row.u_drift_ppm:.0f}"
-    ppm = None if not scale or u95 is None else 1e6 * u95 / abs(scale)
     mark = "*" * bool(row.missing)
     unjudged = "no record" if not row.run else "-" if row.status is Status.COMPLETE else row.status.value
     return [
-        scale if scale is None else Cell(scale, digits_of_value(scale, u95 or 0.0)),
-        ppm if ppm is None or not mark else f"{ppm:.0f}{mark}",
-        bias if bias is None else Cell(bias, digits_of_value(bias, u95_bias or 0.0)),
-        row.nonlinearity_ppm,
+        *(cell for column in columns for cell in column.cells(row.values, mark)),
         drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
         row.verdict.upper() + mark if row.verdict else unjudged,
     ]
@@ -286,11 +284,16 @@ def write_sheet(
         return write_document(batch_sheet(batch, rows, left_out), f"Batch {batch}", batch, path)
     book = need("openpyxl", "export", "a batch sheet as a spreadsheet").Workbook()
     book.active.title = "batch"
-    book.active.append(list(SheetRow.__struct_fields__))
+    columns = list({(each.key, each.unit): each for row in rows for each in map(ValueColumn.of, row.values)}.values())
+    names = [name for name in SheetRow.__struct_fields__ if name != "values"]
+    heads_of = [f"{each.key} / {each.unit}" if each.unit else each.key for each in columns]
+    book.active.append([*names, *(head for of in heads_of for head in (of, f"U95, {of}", f"stated, {of}"))])
     for each in rows:
         values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
         values |= {name: "; ".join(values[name]) for name in ("limits", "not_kept", "missing")}
-        book.active.append(list(values.values()))
+        own = [column.value(each.values) for column in columns]
+        stated = [(None,) * 3 if of is None else (of.value, of.u95, figure(of)) for of in own]
+        book.active.append([*(values[name] for name in names), *(cell for three in stated for cell in three)])
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula
     with failing_as(ConfigError, f"{shown(path)}: cannot be written"):

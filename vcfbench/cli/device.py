@@ -29,11 +29,11 @@ _COLUMNS = {
     "entry": Column("entry"),
     "kind": Column("kind", align="left"),
     "done": Column("done"),
-    "scale_factor_v_per_deg_s": Column("scale factor", "V/(deg/s)", ".8f"),
+    "scale_factor_v_per_deg_s": Column("scale factor of small signals", "V/(deg/s)", ".8f"),
     "u_scale_factor": Column("u", "V/(deg/s)", ".1e"),
-    "bias_v": Column("bias", "V", ".6f"),
+    "bias_v": Column("output at rest", "V", ".6f"),
     "u_bias_v": Column("u", "V", ".1e"),
-    "nonlinearity_ppm": Column("non-linearity", "ppm", ".0f"),
+    "nonlinearity_ppm": Column("non-linearity, by V_Vc", "ppm", ".0f"),
     "drift_ppm": Column("drift", "ppm", "+.1f"),
     "u_drift_ppm": Column("u", "ppm", ".1f"),
     "e_n": Column("E_n", "", ".2f"),
@@ -52,6 +52,16 @@ _MEASURED = {
 }
 """Columns of measured values, and the column of the uncertainty where there is one."""
 
+_OF_RUNS = {
+    "scale_factor_v_per_deg_s": ("scale_factor_small", "u_scale_factor"),
+    "bias_v": ("bias_at_rest", "u_bias_v"),
+    "nonlinearity_ppm": ("nonlinearity_by_v_vc", None),
+    "line_scale_factor_v_per_deg_s": ("scale_factor", "u_line_scale_factor"),
+    "line_bias_v": ("bias", "u_line_bias_v"),
+    "line_nonlinearity_ppm": ("nonlinearity", None),
+}
+"""The kinds of values of runs by their columns in CSV, those of lines on the table behind those of entries."""
+_CSV = (*_COLUMNS, *(each for key, (_, u) in _OF_RUNS.items() if key not in _COLUMNS for each in (key, u) if each))
 
 _UNITS_OF_TIME = (("d", 86_400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
@@ -135,9 +145,10 @@ def _print_json(known: Device, calibrations: Sequence[SheetRow]) -> None:
 
 def _print_csv(known: Device, calibrations: Sequence[SheetRow]) -> None:
     kept = {entry.run for entry in known.entries}
-    typer.echo(",".join(_COLUMNS))
+    typer.echo(",".join(_CSV))
     for row in [*_rows(known), *(_row_of_run(each) for each in calibrations if each.run not in kept)]:
-        typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in row.values()))
+        cells = map(row.get, _CSV)
+        typer.echo(",".join(repr(each) if isinstance(each, float) else str(each or "") for each in cells))
 
 
 def _print_history(known: Device) -> None:
@@ -171,7 +182,9 @@ _ENTRIES = "certificates and self-calibrations"
 
 
 def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
-    """Draw the scale factor of each entry, and of each run by its procedure, against the first, ppm, over time.
+    """Draw the scale factor of each entry, and of each run by its procedure, over time.
+
+    In ppm, against the first of its kind: the slope of a line is none of small signals.
 
     Behind the name of each stands E_n of its last one: against the certificate, or the run before.
     """
@@ -180,21 +193,23 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
     entries = tuple(each for each in entries if not (real and each.simulated))
     calibrations = [each for each in calibrations if not (real and each.simulated)]
     found = defaultdict[str, list[tuple[datetime, float, float]]](list)
-    kept, last_e_n = set(), dict[str, float | None]()
+    kept, last_e_n, kinds = set(), dict[str, float | None](), {_ENTRIES: "scale_factor_small"}
     for entry in entries:
         if (scale := getattr(entry.record, "scale_factor_v_per_deg_s", None)) is not None:
             found[_ENTRIES].append((entry.done, scale.value, scale.u))
             last_e_n[_ENTRIES] = getattr(entry.record, "e_n", None)
             kept.add(entry.run)
     for each in calibrations:
-        value, u = each.scale_factor_v_per_deg_s, each.u_scale_factor_v_per_deg_s
-        if each.run not in kept and value is not None:
-            found[each.procedure].append((each.started, value, u or 0.0))
-            last_e_n[each.procedure] = each.e_n
+        slope = each.scale_factor
+        if each.run not in kept and slope is not None and slope.value:
+            found[each.procedure].append((each.started, slope.value, slope.u or 0.0))
+            last_e_n[each.procedure], kinds[each.procedure] = each.e_n, slope.kind
     known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
         raise ConfigError(f"device {serial}: no entry and no run has a scale factor, there is nothing to draw")
-    begun, first, _ = known[0]
+    begun, first = known[0][0], dict[str, float]()
+    for _, value, name in sorted((done, value, name) for name, points in found.items() for done, value, _ in points):
+        first.setdefault(kinds[name], value)
     took_s = (known[-1][0] - begun).total_seconds()
     unit, unit_s = next((each for each in _UNITS_OF_TIME if took_s >= 2.0 * each[1]), _UNITS_OF_TIME[-1])
     since = Axis(f"time since {begun:{'%Y-%m-%d' if unit == 'd' else '%Y-%m-%d %H:%M:%S UTC'}}", unit)
@@ -202,8 +217,8 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
         Series(
             name if last_e_n[name] is None else f"{name}, E_n {last_e_n[name]:.2f}",
             [(done - begun).total_seconds() / unit_s for done, _, _ in points],
-            [1e6 * (value / first - 1.0) for _, value, _ in points],
-            [1e6 * u / abs(first) for _, _, u in points],
+            [1e6 * (value / first[kinds[name]] - 1.0) for _, value, _ in points],
+            [1e6 * u / abs(first[kinds[name]]) for _, _, u in points],
         )
         for name, points in found.items()
     ]
@@ -264,6 +279,9 @@ def _row(entry: Entry, mark: str) -> dict[str, Any]:
 
 def _row_of_run(run: SheetRow) -> dict[str, Any]:
     """Return a run that is no entry by the names of the columns."""
-    said = {"entry": run.run, "kind": run.procedure, "done": run.started.isoformat(timespec="seconds")}
-    u = {"u_scale_factor": run.u_scale_factor_v_per_deg_s}
-    return {name: {**said, **u}.get(name, getattr(run, name, None)) for name in _COLUMNS}
+    row: dict[str, Any] = {name: getattr(run, name, None) for name in ("drift_ppm", "u_drift_ppm", "e_n", "verdict")}
+    row |= {"entry": run.run, "kind": run.procedure, "done": run.started.isoformat(timespec="seconds")}
+    for key, (kind, u) in _OF_RUNS.items():
+        found = next((each for each in run.values if each.kind == kind), None)
+        row |= {} if found is None else {key: found.value} | ({} if u is None else {u: found.u})
+    return row

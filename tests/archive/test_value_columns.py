@@ -1,0 +1,41 @@
+"""Columns of values of several runs: each of one kind and one unit."""
+
+from __future__ import annotations
+
+from random import Random
+
+from vcfbench.archive.value_columns import columns_of
+from vcfbench.values.kinds import KINDS
+from vcfbench.values.value import Value
+
+
+def drawn(random: Random) -> list[Value]:
+    """The values of a run: some of kinds, some with the same names and none, in any order."""
+    units = ("V", "ppm", "deg/s", "V/(deg/s)")
+    kinds = random.sample([name for name, kind in KINDS.items() if kind.si in units], 4)
+    values = [Value(f"{number}.{kind}", 7.4, KINDS[kind].si, u95=0.2, kind=kind) for number, kind in enumerate(kinds)]
+    values += [Value(name, 7445.3, random.choice(units), u95=3.0) for name in ("scale_factor", "bias", "tc")]
+    random.shuffle(values)
+    return values
+
+
+def test_each_cell_has_the_kind_and_the_unit_of_its_column() -> None:
+    random = Random(5)  # noqa: S311
+    for _ in range(300):
+        rows = [drawn(random) for _ in range(3)]
+        columns = columns_of(rows)
+        assert columns
+        for column in columns:
+            for values in rows:
+                found = column.value(values)
+                assert found is None or (found.kind or found.name, found.unit) == (column.key, column.unit)
+                assert len(list(column.cells(values))) == len(column.heads)
+
+
+def test_a_spread_in_ppm_stands_in_no_column_of_a_scale_factor() -> None:
+    spread = Value(
+        "scale_factor_repeatability", 7.4, "ppm", form="interval", low=4.8, high=16.0, kind="scale_factor_repeatability"
+    )
+    (column,) = columns_of([[spread]])
+    assert column.said == "repeatability of the scale factor in ppm"
+    assert list(column.cells([spread])) == ["7.4 (4.8 to 16)"]

@@ -1,0 +1,82 @@
+"""Columns of values of several runs: each is of one kind and one unit, and no cell is filled by anything else."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, Final
+
+from msgspec import Struct
+
+from vcfbench.reports.document import Cell, Column
+from vcfbench.values.printing import digits_of_value, figure
+from vcfbench.values.value import Value
+
+SLOPES: Final = ("scale_factor", "scale_factor_small", "scale_factor_by_v_vc")
+_GROUPS: Final = (
+    ("scale factor", SLOPES),
+    ("bias", ("bias", "bias_at_rest", "bias_by_v_vc")),
+    ("non-lin.", ("nonlinearity", "nonlinearity_by_v_vc")),
+)
+"""Heads, and the kinds of which a run shows the first that it has."""
+_OTHERS: Final = 5
+"""Of runs with none of these so many values are shown."""
+
+
+class ValueColumn(Struct, frozen=True):
+    """A column: the kind of its values, or where they have none their name; and their unit."""
+
+    key: str
+    unit: str
+    example: Value
+
+    @classmethod
+    def of(cls, value: Value) -> "ValueColumn":
+        """Return the column that a value stands in."""
+        return cls(value.kind or value.name, value.unit, value)
+
+    @property
+    def is_slope(self) -> bool:
+        """Tell whether it holds scale factors, whose U95 has a column of its own, in ppm."""
+        return self.key in SLOPES
+
+    @property
+    def heads(self) -> tuple[Column, ...]:
+        """The heads of its columns, short: what they are of stands above (`said`)."""
+        short = next((head for head, kinds in _GROUPS if self.key in kinds), self.example.named.words)
+        return (Column(short), Column("U95", format=".0f")) if self.is_slope else (Column(short),)
+
+    @property
+    def said(self) -> str:
+        """What it is of, and in which unit: ``scale factor of small signals in mV/(deg/s), its U95 in ppm``."""
+        of = self.example.named
+        unit = f" in {of.unit}" if of.unit else ""
+        return f"{of.words}{unit}{', its U95 in ppm' if self.is_slope else ''}"
+
+    def value(self, values: Sequence[Value]) -> Value | None:
+        """Return that of `values` which stands in this column, None where there is none."""
+        return next((each for each in values if (each.kind or each.name, each.unit) == (self.key, self.unit)), None)
+
+    def cells(self, values: Sequence[Value], mark: str = "") -> Iterator[Any]:
+        """Yield what is printed of that of `values` which stands here; `mark` stands behind a U95."""
+        found = self.value(values)
+        if found is None or found.value is None or found.form != "plus-minus" or found.u95 is None:
+            yield None if found is None else figure(found, found.named.factor)
+            if self.is_slope:
+                yield None
+            return
+        number, u95 = found.named.factor * found.value, abs(found.named.factor) * found.u95
+        yield Cell(number, digits_of_value(number, u95))
+        if self.is_slope:
+            ppm = 1e6 * u95 / abs(number) if number else None
+            yield ppm if ppm is None or not mark else f"{ppm:.0f}{mark}"
+
+
+def columns_of(rows: Sequence[Sequence[Value]]) -> list[ValueColumn]:
+    """Return the columns of runs by their values: scale factors, biases, non-linearities, else the first few."""
+    found: dict[tuple[str, str], ValueColumn] = {}
+    for _, kinds in _GROUPS:
+        for values in rows:
+            first = next((each for each in values if each.kind in kinds), None)
+            if first is not None:
+                found.setdefault((first.kind, first.unit), ValueColumn.of(first))
+    for each in () if found else (each for values in rows for each in values[:_OTHERS]):
+        found.setdefault((each.kind or each.name, each.unit), ValueColumn.of(each))
+    return list(found.values())
