@@ -347,7 +347,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return max(self.warm_up_s, self.settle_s)
 
     @classmethod
-    def keys_of_device(cls, dut: str) -> dict[str, Any]:
+    def keys_of_device(cls, dut: str, devices: str | None = None) -> dict[str, Any]:
         """Return the settings that name the device `dut`; none where no setting names a device."""
         return {}
 

@@ -1,0 +1,300 @@
+"""Real and simulated records and entries of two devices, in whatever order they come, fail, are amended and withdrawn.
+
+Records are copies of a few that were made; a real one says so in its header.
+"""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from datetime import UTC, datetime, timedelta
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
+from msgspec import Struct, structs
+
+import vcfbench
+from vcfbench.archive.amending import amend_run
+from vcfbench.archive.batch_sheet import batch_sheet, device_rows
+from vcfbench.errors import ConfigError
+from vcfbench.records.device_values import Conditions, Measured
+from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration, StaticNoise, withdrawn
+from vcfbench.records.journal import SimulatedJournal, read_journal
+from vcfbench.reports.text import text_of
+from vcfbench.runs.batch import Batch, read_batch
+from vcfbench.station.file import embedded_text
+
+if TYPE_CHECKING:
+    from vcfbench.records.devices import DeviceRecord
+
+DEVICES = ("G-1", "G-2")
+SETTINGS: dict[str, Any] = {"rates_deg_s": [-10.0, 0.0, 10.0], "samples": 2}
+PLAN = """name = "b7"
+bench = "bench.toml"
+devices = ["G-1", "G-2"]
+[[runs]]
+procedure = "turntable"
+settings = { rates_deg_s = [-10, 0, 10], samples = 2 }
+[[runs]]
+procedure = "polarity"
+"""
+DAY = datetime(2026, 5, 4, 23, 30, tzinfo=UTC)
+CURVE = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-2.0, v_vc_max_v=2.0)
+SIMULATED = st.booleans()
+DEVICE = st.sampled_from(DEVICES)
+
+
+class Made(Struct, frozen=True):
+    """A record as the model knows it."""
+
+    path: Path
+    device: str
+    kind: str
+    simulated: bool
+    tagged: bool = True
+
+    @property
+    def procedure(self) -> str:
+        """The procedure of the record."""
+        return "polarity" if self.kind == "polarity" else "turntable"
+
+    @property
+    def asked(self) -> bool:
+        """Whether it is what the plan asks for."""
+        return self.tagged and self.kind != "other settings"
+
+
+@cache
+def templates() -> tuple[Path, dict[str, Path]]:
+    """Return the folder of bench and plan, and a record of each kind; a limit of the bias is between two of them."""
+    folder = Path(tempfile.mkdtemp())
+    bias = [vcfbench.run("turntable", "paper", seed=s, settings=SETTINGS, runs=None).results.bias.value for s in (1, 2)]
+    good, bad = (1, 2) if bias[0] < bias[1] else (2, 1)
+    limits = f"\n[acceptance]\nbias_v = [-1, {sum(bias) / 2.0!r}]\n"
+    (folder / "bench.toml").write_text(embedded_text("paper") + limits, "utf-8")
+    (folder / "plan.toml").write_text(PLAN, "utf-8")
+    asked: dict[str, tuple[str, int, dict[str, Any]]] = {
+        "pass": ("turntable", good, SETTINGS),
+        "fail": ("turntable", bad, SETTINGS),
+        "other settings": ("turntable", good, {**SETTINGS, "samples": 3}),
+        "polarity": ("polarity", 1, {}),
+    }
+    found = {
+        kind: vcfbench.run(name, folder / "bench.toml", seed=seed, settings=own, runs=folder / "runs").directory
+        for kind, (name, seed, own) in asked.items()
+    }
+    assert [vcfbench.load_run(found[kind]).verdict.word for kind in ("pass", "fail")] == ["pass", "fail"]
+    return folder, found
+
+
+class Provenance(RuleBasedStateMachine):
+    """One batch on a real and on a simulated bench, and one store of devices."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.root = Path(tempfile.mkdtemp())
+        self.runs, self.store = self.root / "runs", DeviceStore(self.root / "devices")
+        folder, self.templates = templates()
+        plan = read_batch(folder / "plan.toml")
+        real = structs.replace(plan, description=structs.replace(plan.description, simulation=None))
+        self.plans: dict[bool, Batch] = {True: plan, False: real}
+        self.made: list[Made] = []
+        self.gone: set[tuple[str, str]] = set()
+        self.minutes = 0
+
+    def teardown(self) -> None:
+        shutil.rmtree(self.root)
+
+    @initialize()
+    def begin(self) -> None:
+        self.runs.mkdir()
+
+    @rule(device=DEVICE, kind=st.sampled_from(["pass", "fail", "other settings", "polarity"]), simulated=SIMULATED)
+    def run(self, device: str, kind: str, *, simulated: bool) -> None:
+        self._record(device, kind, simulated=simulated)
+
+    @rule(device=DEVICE, kind=st.sampled_from(["pass", "polarity"]), simulated=SIMULATED)
+    def stop(self, device: str, kind: str, *, simulated: bool) -> None:
+        self._record(device, kind, simulated=simulated, whole=False)
+
+    def _record(self, device: str, kind: str, *, simulated: bool, whole: bool = True) -> None:
+        """Copy a record for a device, on a real or a simulated bench, a minute after the one before."""
+        self.minutes += 1
+        utc = DAY + timedelta(minutes=self.minutes)
+        source = self.templates[kind]
+        record = read_journal(source / "journal.jsonl")
+        path = self.runs / f"{utc:%Y%m%dT%H%M%SZ}-{record.header['procedure']}-{self.minutes:06x}"
+        path.mkdir()
+        bench = record.header["bench"] if simulated else {**record.header["bench"], "simulation": None}
+        told = {"dut": device, "tags": {"batch": "b7"}}
+        header = {"run": path.name, "utc": utc.isoformat(), "simulated": simulated, "bench": bench, "metadata": told}
+        journal = SimulatedJournal(path / "journal.jsonl")
+        journal.header({**_own(record.header), **header})
+        lines = record.lines[1:-1] if whole else record.lines[1:4]
+        for line in lines:
+            journal.write(line["type"], _own(line))
+        if whole:
+            journal.footer(_own(record.lines[-1]))
+            for name in ("points.csv", "result.json"):
+                shutil.copy(source / name, path / name)
+        journal.close()
+        self.made.append(Made(path, device, kind if whole else f"stopped {kind}", simulated))
+
+    @precondition(lambda self: self.made)
+    @rule(which=st.integers(0), device=DEVICE)
+    def amend(self, which: int, device: str) -> None:
+        place = which % len(self.made)
+        if (made := self.made[place]).device != device:
+            amend_run(made.path, {"dut": device}, reason="misread", by="A. Person")
+            self.made[place] = structs.replace(made, device=device)
+
+    @precondition(lambda self: any(each.tagged for each in self.made))
+    @rule(which=st.integers(0))
+    def take_out(self, which: int) -> None:
+        place = which % len(self.made)
+        if (made := self.made[place]).tagged:
+            amend_run(made.path, {"tags.batch": ""}, reason="another lot", by="A. Person")
+            self.made[place] = structs.replace(made, tagged=False)
+
+    @rule(device=DEVICE, days=st.integers(0, 40), simulated=SIMULATED)
+    def certify(self, device: str, days: int, *, simulated: bool) -> None:
+        done = DAY + timedelta(days=days)
+        conditions = _conditions(simulated=simulated)
+        self.store.add(Certificate(serial=device, issued=done, procedure="kvc", k_vc=CURVE, conditions=conditions))
+        noise = Measured(value=1.0 + days, u=0.1)
+        self.store.add(
+            StaticNoise(
+                serial=device,
+                done=done,
+                procedure="zero",
+                bias_instability_deg_h=noise,
+                duration_s=1.0,
+                conditions=conditions,
+            )
+        )
+
+    @rule(device=DEVICE, verdict=st.sampled_from(["pass", "fail"]), simulated=SIMULATED)
+    def calibrate(self, device: str, verdict: Any, *, simulated: bool) -> None:
+        store = DeviceStore(self.store.root, simulated)
+        try:
+            by = store.certificate(device)
+        except ConfigError:
+            assert self._last(device, Certificate, simulated=simulated) is None
+            return
+        assert by.record.conditions.simulated is simulated
+        scale, bias = Measured(value=-0.0125, u=1e-6), Measured(value=-0.04, u=1e-5)
+        self.store.add(
+            SelfCalibration(
+                serial=device,
+                done=by.done + timedelta(days=1),
+                procedure="self-calibration",
+                certificate=by.name,
+                scale_factor_v_per_deg_s=scale,
+                bias_v=bias,
+                conditions=_conditions(simulated=simulated),
+                drift_verdict=verdict,
+            )
+        )
+
+    @rule(device=DEVICE, which=st.integers(0))
+    def withdraw(self, device: str, which: int) -> None:
+        entries = self.store.entries(device)
+        if not entries:
+            return
+        chosen = sorted(entries, key=lambda each: each.name)[which % len(entries)]
+        if chosen.name in withdrawn(entries):
+            with pytest.raises(ConfigError, match="withdrawn already"):
+                self.store.withdraw(device, chosen.name, reason="R", by="B")
+            return
+        self.store.withdraw(device, chosen.name, reason="R", by="B")
+        if chosen.run is None:
+            self.gone.discard((device, chosen.record.withdraws))  # type: ignore[union-attr]
+        else:
+            self.gone.add((device, chosen.name))
+
+    def _last(self, device: str, kind: type[DeviceRecord], *, simulated: bool) -> str | None:
+        """Return the name of the newest entry of a kind, by its day, else by its number."""
+        found = [
+            (each.done, each.name)
+            for each in self.store.entries(device)
+            if isinstance(each.record, kind) and each.simulated is simulated and (device, each.name) not in self.gone
+        ]
+        return max(found)[1] if found else None
+
+    @invariant()
+    def a_device_is_done_by_the_last_whole_runs_that_its_plan_asks_for(self) -> None:
+        for simulated, plan in self.plans.items():
+            good = set()
+            for device in DEVICES:
+                own = [e for e in self.made if (e.device, e.simulated, e.asked) == (device, simulated, True)]
+                last = {e.procedure: e.kind for e in own if not e.kind.startswith("stopped")}
+                done = {name for name, kind in last.items() if kind != "fail"}
+                left = [each.procedure.name for each in plan.left(device, self.runs)]
+                assert left == [name for name in ("turntable", "polarity") if name not in done]
+                good |= set() if left else {device}
+            self._sheet_shows(plan, good, simulated=simulated)
+
+    def _sheet_shows(self, plan: Batch, good: set[str], *, simulated: bool) -> None:
+        left_out = plan.left_out(self.runs)
+        others = {e.path.name for e in self.made if e.tagged and not (e.asked and e.simulated is simulated)}
+        assert set(left_out) == others
+        rows = plan.rows(self.runs, {}, left_out)
+        assert {row.simulated for row in rows} == {simulated}
+        text = text_of(batch_sheet("b7", rows, left_out))
+        tried = {row.device for row in rows if not row.waits}
+        assert f"Yield: {len(good)} of {len(tried)} devices" in text or not tried
+
+    @invariant()
+    def a_drift_is_between_runs_of_one_kind_of_bench(self) -> None:
+        for device in DEVICES:
+            seen = set()
+            for row in device_rows(device, self.runs):
+                assert (row.drift_ppm is not None) == (row.simulated in seen)
+                seen.add(row.simulated)
+
+    @invariant()
+    def an_entry_counts_in_its_own_world_until_it_is_withdrawn(self) -> None:
+        for device in DEVICES:
+            entries = self.store.entries(device)
+            assert [each.done for each in entries] == sorted(each.done for each in entries)
+            for simulated in (True, False):
+                store = DeviceStore(self.store.root, simulated)
+                standing = {each.name for each in store.standing(device)}
+                assert all(each.simulated is simulated for each in store.standing(device))
+                assert not standing & {name for of, name in self.gone if of == device}
+                noise = store.static_noise(device)
+                assert (None if noise is None else noise.name) == self._last(device, StaticNoise, simulated=simulated)
+                others = DeviceStore(self.store.root, not simulated).standing(device)
+                assert all(each.name in store.left_out(device) for each in others)
+            if entries:
+                known = self.store.device(device)
+                assert len({each.simulated for each in known.standing}) <= 1
+
+
+def _own(line: Any) -> dict[str, Any]:
+    """Return what a line says, without what its journal gives it."""
+    return {key: value for key, value in line.items() if key not in {"type", "seal", "format"}}
+
+
+def _conditions(*, simulated: bool) -> Conditions:
+    return Conditions(bench="b", run="r", simulated=simulated, positive_rail_v=10.0, negative_rail_v=-10.0)
+
+
+class TestProvenance(Provenance.TestCase):
+    """Some."""
+
+    settings = settings(max_examples=3, stateful_step_count=8, deadline=None, suppress_health_check=list(HealthCheck))
+
+
+@pytest.mark.exhaustive
+class TestMuchProvenance(Provenance.TestCase):
+    """Ten thousand steps."""
+
+    settings = settings(
+        max_examples=400, stateful_step_count=25, deadline=None, suppress_health_check=list(HealthCheck)
+    )
