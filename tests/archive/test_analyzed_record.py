@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -45,6 +46,8 @@ def test_angle_random_walk_is_the_one_that_was_put_in(
     assert walk.u is not None
     assert walk.value == pytest.approx(0.12, abs=4.0 * walk.u)
     assert found.mean_deg_s == pytest.approx(float(NOISE.mean()), rel=1e-6)
+    assert found.densities["N, deg/s/sqrt(Hz)"] == pytest.approx(walk.value / 60.0)
+    assert found.densities["N, rad/s/sqrt(Hz)"] == pytest.approx(math.radians(walk.value / 60.0))
 
 
 def test_curve_is_that_of_another_program(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ _BREAK = 0.75
 """Part of the interval by which the times must be ahead from there on."""
 _STEPS = 10_000
 """Steps that tell to how many digits the times are written."""
+_SIGMAS = 3.0
 _COMMON = 0.05
 """Share of them that a step has that comes of rounding; a missing reading is rarer."""
 
@@ -61,11 +62,17 @@ def pace_of(times_s: Floats) -> Pace:
     begin, end = max(pairwise(edges), key=lambda piece: piece[1] - piece[0])
     if end - begin < 3:
         raise ConfigError("no three times in a row are even, so they do not tell the interval")
+    interval_s = float(times_s[end - 1] - times_s[begin]) / (end - 1 - begin)
+    jitter_s = float(np.std(steps[begin : end - 1]))
+    # What times that scatter do not tell from a whole number of readings a second, or of seconds, is one
+    whole_s = 1.0 / round(1.0 / interval_s) if interval_s <= 1.0 else float(round(interval_s))
+    if abs(whole_s - interval_s) * (end - 1 - begin) <= _SIGMAS * jitter_s:
+        interval_s = whole_s
     return Pace(
-        float(times_s[end - 1] - times_s[begin]) / (end - 1 - begin),
+        interval_s,
         begin,
         end,
-        float(np.std(steps[begin : end - 1])),
+        jitter_s,
         tuple(breaks.tolist()),
         tuple((np.flatnonzero(steps == 0.0) + 1).tolist()),
         tuple((np.flatnonzero(steps < 0.0) + 1).tolist()),

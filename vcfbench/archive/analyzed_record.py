@@ -6,7 +6,7 @@ from typing import Any, Final
 
 from msgspec import Struct, to_builtins
 
-from vcfbench.analysis.allan import BiasStability, Sampling
+from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
@@ -38,7 +38,9 @@ _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 class RecordAnalysis(Struct, frozen=True):
     """Noise of one column: its name, readings, interval, mean, and what :func:`record_noise` finds.
 
-    `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line.
+    `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line;
+    `densities` N and K in deg/s/sqrt(Hz), rad/s/sqrt(Hz), deg/s^2/sqrt(Hz), rad/s^2/sqrt(Hz), as filters take them: of
+    a two-sided spectrum, so that white noise of N at f readings a second has the standard deviation N sqrt(f).
     """
 
     column: str
@@ -52,6 +54,7 @@ class RecordAnalysis(Struct, frozen=True):
     stability_deg_h: BiasStability
     fitted_from_s: float
     fitted_to_s: float
+    densities: dict[str, float | None]
     described: bool
     remarks: tuple[str, ...]
 
@@ -75,6 +78,7 @@ class RecordAnalysis(Struct, frozen=True):
                 *(Notice(each) for each in self.notices),
                 noise_table(self.noise),
                 *map(Text, self.remarks),
+                *(Text(f"{name}: {value:.4g}") for name, value in self.densities.items() if value),
                 stability_table(self.stability_deg_h),
                 allan_table(self.allan_deg_h),
                 Text(
@@ -135,8 +139,23 @@ def analyze_record(
     return RecordAnalysis(
         name.written, taken_as, tuple(notices), record.size, interval_s, float(record.mean()), found.coefficients,
         found.rows, found.stability, found.fitted_from_s,
-        found.fitted_to_s, found.described, found.remarks,
+        found.fitted_to_s, _densities(found), found.described, found.remarks,
     )  # fmt: skip
+
+
+def _densities(found: RecordNoise) -> dict[str, float | None]:
+    """Return N and K as densities; None where they are not stated."""
+    named = {each.name: each.value if each.u is not None else None for each in found.coefficients}
+    densities = dict[str, float | None]()
+    for name, term, in_data_sheets, unit in (
+        ("N", Term.ANGLE_RANDOM_WALK, 60.0, "s"),
+        ("K", Term.RATE_RANDOM_WALK, 3600.0 * 60.0, "s^2"),
+    ):
+        value = named.get(term.value)
+        degrees = None if value is None else value / in_data_sheets
+        densities[f"{name}, deg/{unit}/sqrt(Hz)"] = degrees
+        densities[f"{name}, rad/{unit}/sqrt(Hz)"] = None if degrees is None else math.radians(degrees)
+    return densities
 
 
 def _value_place(head: Head, layout: Layout) -> int:
