@@ -263,3 +263,13 @@ def test_the_command_lists_its_models_and_its_version() -> None:
     listed = CliRunner().invoke(app, ["models"]).stdout.splitlines()
     assert [line.split()[0] for line in listed] == list(RACK)
     assert CliRunner().invoke(app, ["--version"]).stdout.startswith("simrack ")
+
+
+def test_an_instrument_is_found_by_its_name_in_any_case() -> None:
+    manager = pyvisa.ResourceManager("@py")
+    with serving("DSOX3024A:vxi11") as server:
+        for name in ("DSOX3024A", "dsox3024a"):
+            scope: Any = manager.open_resource(server.wires["DSOX3024A"].places[0].replace("inst0", name))
+            assert "3024A" in scope.query("*IDN?")
+            scope.close()
+    manager.close()

@@ -367,7 +367,7 @@ class HislipServer:
 
     def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, ServedInstrument]) -> None:
         self.loop = loop
-        self.instruments = instruments
+        self.instruments = {name.lower(): each for name, each in instruments.items()}
         self.sessions: dict[int, _Session] = {}
         self.channels: set[_Channel] = set()
         self._numbers = count(1)

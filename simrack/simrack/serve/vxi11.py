@@ -149,7 +149,7 @@ class Vxi11Server:
 
     def __init__(self, loop: Loop, address: tuple[str, int], instruments: Mapping[str, ServedInstrument]) -> None:
         self.loop = loop
-        self.instruments = instruments
+        self.instruments = {name.lower(): each for name, each in instruments.items()}
         self.links: dict[int, _Link] = {}
         self.numbers = count(1)
         self._connections: set[_Core] = set()
