@@ -53,6 +53,19 @@ RIGHT: dict[str, tuple[str, dict[str, Any], float | None]] = {
     "microseconds": (log("timestamp_us,gyro_dps\n", "{k}0000,{x}"), {}, None),
     "Unix time in ns": (log("timestamp [ns],gyro_dps\n", "15018221{k:02d}0000000000,{x}"), {}, None),
     "millis": (log("millis,gyro_dps\n", "{k}0,{x}"), {}, None),
+    "index without a name": (log(",t_s,gyro_dps\n", "{k},{t:.2f},{x}"), {}, None),
+    "EuRoC": (
+        log("#timestamp [ns],w_x [rad s^-1],a_x [m s^-2],gz [deg/s]\r\n", "{k}0000000,9,9.8,{x}\r"),
+        {"columns": ("gz [deg/s]",)},
+        None,
+    ),
+    "phyphox": (log('"Time (s)","Gyroscope z (deg/s)"\n', "{t:.9E},{x}"), {}, None),
+    "quoted decimal commas": (log('"t_s","gyro_dps"\n', '"{t}","{x}"', comma=True), {"decimal": "comma"}, None),
+    "no names, dates first": (
+        log("", "2026-11-29 10:00:0{t:.2f},{x}", 80),
+        {"columns": ("time", "gyro_dps")},
+        None,
+    ),
     "unit by hand": (log("time,gz\n"), {"units": {"time": "s", "gz": "deg/s"}}, None),
     "times not looked at": (log("time,gyro_dps\n", "7,{x}"), {"time": "none"}, 100.0),
     "milli": (log("t_s,gyro [mdps]\n", "{t},{x}e3"), {}, None),
@@ -77,6 +90,7 @@ def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
 REFUSED: dict[str, tuple[str, str]] = {
     "no names": (log("", "{x}"), "--columns"),
     "preface": (log("Logger 7\nSerial 4\nt_s,gyro [deg/s]\n"), "--skip 2"),
+    "header of LabVIEW": (log("Writer\t2\nA\tB\n***End***\t\nt_s\tx_dps\tC\n", "{t}\t{x}\t"), "--skip 3"),
     "unknown unit": (log("t_s,gyro [furlong]\n"), "--unit"),
     "capital M": (log("t_s,gyro [MV]\n"), "--unit"),
     "no unit": (log("t_s,gyro\n"), "--unit"),

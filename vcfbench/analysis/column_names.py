@@ -92,7 +92,20 @@ _RATE = re.compile(
 _SHORT_RATE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_SHORT_RATES)})")
 _VOLT = re.compile(r"([kmun\u03bc]?)(?:v|volt|volts)")
 _TIME_WORDS = {
-    *("t", "time", "times", "timestamp", "timestamps", "datetime", "date", "elapsed", "stamp", "uptime", "clock"),
+    *(
+        "t",
+        "time",
+        "times",
+        "timestamp",
+        "timestamps",
+        "datetime",
+        "date",
+        "elapsed",
+        "stamp",
+        "uptime",
+        "clock",
+        "epoch",
+    ),
     *("zeit", "uhrzeit", "zeitstempel", "temps", "tiempo", "tempo", "seconds", "secs", "millis", "micros"),
 }
 _SPREADS = {"u": "u", "unc": "u", "uncertainty": "u", "std": "std", "sd": "std", "stdev": "std", "sigma": "std"}

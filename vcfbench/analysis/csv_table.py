@@ -13,6 +13,7 @@ import io
 import math
 import re
 from bisect import bisect_right
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from textwrap import shorten
@@ -173,7 +174,16 @@ def _header(  # noqa: PLR0917
     """Return the names of the columns, and the first line below them."""
     first = re.sub(r"\s+(?=[\[(])", "_", texts[at]) if separator == " " else texts[at]
     header, below = _cells(first, separator, where), _cells("".join(texts[at + 1 : at + 2]), separator)
-    if any(header) and all(_is_any_number(cell) for cell in header if cell):
+    usual = Counter(len(_cells(text, separator)) for text in texts[at + 1 : at + _SAMPLE] if text.strip())
+    numbers = any(map(_is_any_number, header))
+    beside = len(below) != len(header) or (not numbers and not any(map(_below_names, below)))
+    named = not numbers and below and len({*header}) != len(below) == len(layout.columns)
+    unlike = beside or (usual and usual.most_common(1)[0][0] != len(header))
+    if not named and unlike and (skipped := _preface(texts, at, separator)) is not None:
+        raise ConfigError(f"{where}: this is no line of names for the numbers below", hint=f"--skip {skipped}")
+    if named:  # a name for each column, of which there were none, or doubled ones
+        header = list(layout.columns)
+    elif numbers:
         names = _cells(comment, separator)
         if len(names) != len(header):
             names = list(layout.columns)
@@ -183,12 +193,6 @@ def _header(  # noqa: PLR0917
                 hint=f"--columns with a name and unit for each of the {len(header)} columns",
             )
         header, at = names, at - 1
-    elif below and len({*header}) != len(below) == len(layout.columns):  # none for each, or doubled ones
-        header = list(layout.columns)
-    elif (len(below) != len(header) or not any(map(_below_names, below))) and (
-        (skipped := _preface(texts, at, separator)) is not None
-    ):
-        raise ConfigError(f"{where}: this is no line of names for the numbers below", hint=f"--skip {skipped}")
     for column, title in enumerate(header, 1):
         if title and (title[0] in _FORMULA or not title.isprintable()):
             raise ConfigError(

@@ -24,6 +24,9 @@ _HELD: Final = 0.9
 _OFTEN: Final = 3.0
 """Readings from one change to the next of a sensor of which it can be said that it is stuck."""
 _PILED: Final = 8
+_LEVELS: Final = 1000
+_COARSE: Final = 5
+"""A sensor that shows no more levels in so many readings is coarse: what it shows most may be its extreme."""
 _REST_DEG_S: Final = 30.0
 """Beyond that no gyroscope at rest reads (ours)."""
 _MAD: Final = 1.4826
@@ -84,31 +87,35 @@ def _least_digit(rates: Floats) -> float:
 
 def _repeated(rates: Floats) -> Iterator[Doubt]:
     """Yield a sensor that was stuck, or each value that stands several times."""
-    ends = np.flatnonzero(np.diff(rates) != 0.0) + 1
-    runs = np.diff(ends, prepend=0, append=rates.size)
-    usual = int(np.median(runs[1:-1])) if runs.size > 2 else 1
-    held = usual > 1 and runs.size > _RUN and float(np.mean(runs[1:-1] == usual)) > _HELD
+    repeats = np.flatnonzero(rates[1:] == rates[:-1])
+    if not repeats.size:
+        return
+    begins = np.flatnonzero(np.diff(repeats, prepend=-2) > 1)
+    lengths = 1 + np.diff(begins, append=repeats.size)
+    runs = rates.size - repeats.size  # those of one reading too
+    inner = lengths[1:-1] if lengths.size > 2 else lengths
+    usual = int(np.median(inner))
+    held = runs > _RUN and int(np.count_nonzero(lengths == usual)) > _HELD * runs
     if held:
         yield Doubt(0, f"each value stands {usual} times: the log is faster than the sensor")
-    longest = int(runs.argmax())
-    others = (rates.size - int(runs[longest])) / max(1, runs.size - 1)
-    if (held or others < _OFTEN) and runs[longest] > max(_RUN, 3.0 * others * math.log(rates.size)):
-        row = int(ends[longest - 1]) if longest else 0
-        yield Doubt(row, f"{runs[longest]} readings in a row are the same: stuck, or lost and filled in")
+    longest = int(lengths.argmax())
+    others = (rates.size - int(lengths[longest])) / max(1, runs - 1)
+    if (held or others < _OFTEN) and lengths[longest] > max(_RUN, 3.0 * others * math.log(rates.size)):
+        row = int(repeats[begins[longest]])
+        yield Doubt(row, f"{lengths[longest]} readings in a row are the same: stuck, or lost and filled in")
 
 
 def _piled_up(rates: Floats) -> Iterator[Doubt]:
     """Yield readings that stand on an extreme more often than on the value beside it."""
-    for what, sign in (("largest", 1.0), ("least", -1.0)):
-        extreme = float((sign * rates).max())
-        top = np.flatnonzero(sign * rates == extreme)
+    if len(set(rates[:_LEVELS].tolist())) <= _COARSE:
+        return
+    for what, value in (("largest", float(rates.max())), ("least", float(rates.min()))):
+        top = np.flatnonzero(rates == value)
         if top.size < _PILED:
             continue
-        below = sign * rates[sign * rates < extreme]
-        beside = int(np.count_nonzero(below == below.max())) if below.size else 0
-        # A run of one value is told as stuck; two or three levels are a coarse sensor
-        if top.size > 3 * beside and len(set(below[:1000].tolist())) > 4:
-            value = sign * extreme
+        away = float(np.min(np.abs(rates - value), where=rates != value, initial=np.inf))
+        beside = int(np.count_nonzero(np.abs(rates - value) == away))
+        if top.size > 3 * beside:
             yield Doubt(int(top[0]), f"{top.size} readings are the {what}, {value:.6g} deg/s: clipped, or saturated")
 
 

@@ -78,13 +78,12 @@ def analyze(  # noqa: PLR0917  # options of a command
 
 
 def _begins_with_times(file: Path, layout: Layout) -> bool:
-    """Tell whether a file is a record at rest: its first column has times, and no two others were asked for."""
-    if len(layout.columns) > 1 and not layout.columns[0].strip():
-        return False
+    """Tell whether a file is a record at rest: its first column with a name has times, and no others were asked for."""
     with opened(file, "a CSV file") as raw:
         head = read_head(raw, shown(file), layout)
-    named = tuple(each.written for each in head.names)
-    return bool(head.names) and head.names[0].is_time and (not layout.columns or layout.columns == named)
+    named = [each for each in head.names if each.written]
+    asked = layout.columns and layout.columns != tuple(each.written for each in head.names)
+    return bool(named) and named[0].is_time and not asked
 
 
 def _answer(found: TableAnalysis | RecordAnalysis, title: str, name: str, output: Path | None, *, json: bool) -> None:
