@@ -15,10 +15,11 @@ from simrack.clock import Clock
 from simrack.device import Device
 from simrack.faulty_device import FaultInjector
 from simrack.leads import Leads
+from simrack.motion import TableMotion
 from simrack.plan import UPSIDE_DOWN, Place, Plan, plan_of
 from simrack.serve import ServedBench, ServedClock
 from simrack.sources import Approach
-from simrack.wired import WiredWorld
+from simrack.wired import Mechanics, WiredWorld
 
 _SUPPLY_OUTPUTS = {"output_1": "P6V", "output_2": "P25V", "output_3": "N25V"}
 
@@ -39,6 +40,13 @@ class _Turned:
             terms = tuple((-size, tau) for size, tau in approach.terms)
             approach = Approach(-approach.goal_v, approach.origin_s, terms)
         self._world.move_rail(rail, approach)
+
+
+class _Shaft(Struct, frozen=True):
+    """What a rate table turns that is not the first: a shaft with nothing on it."""
+
+    clock: Clock
+    table: TableMotion
 
 
 class Rack(Struct, frozen=True):
@@ -62,7 +70,12 @@ class Rack(Struct, frozen=True):
         world = WiredWorld(attended, links=plan.links, inputs=fed, rails=rails)
         if both := {*rails} & {*world.nodes}:
             raise ValueError(f"a supply feeds {min(both)!r}, and a circuit or a generator too")
-        devices = {place.name: _built(place, world, seed) for place in plan.places}
+        tables = [place for place in plan.places if place.model.kind == "rate table"]
+        devices: dict[str, Device] = {}
+        for place in plan.places:
+            apart = place in tables[1:]
+            seen = _Shaft(attended, TableMotion(attended, Mechanics(), lambda: None)) if apart else world
+            devices[place.name] = _built(place, seen, seed)
         for node, ohm in plan.loads_ohm.items():
             world.put_load(_named(node, world, "loads"), ohm)
         attended.attend(*devices.values())
@@ -97,7 +110,7 @@ def _fed(plan: Plan, kinds: set[str]) -> tuple[str, ...]:
     return tuple(owners)
 
 
-def _built(place: Place, world: WiredWorld, seed: int | None) -> Device:
+def _built(place: Place, world: Any, seed: int | None) -> Device:
     """Return an instrument at its place; what it draws depends on the seed and its name alone."""
     twin = place.model.load()
     random = None if seed is None else np.random.default_rng([seed, *place.name.encode()])

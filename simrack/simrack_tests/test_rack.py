@@ -212,6 +212,17 @@ def test_words_that_name_no_instrument_are_refused(words: tuple[str, ...], said:
         plan_of(words)
 
 
+def test_each_table_turns_a_shaft_of_its_own() -> None:
+    rack = Rack.build(VirtualClock(), plan_of(["ESP", "ATL", "ESP"]))
+    rack.devices["ESP-2"].write(b"1MO;1VA20;1MV+\r")
+    rack.world.clock.sleep_until(5.0)
+    for name, rate in (("ESP", 0.0), ("ESP-2", 20.0)):
+        rack.devices[name].write(b"1TV\r")
+        rack.world.clock.sleep_until(rack.world.clock.now() + 1.0)
+        assert abs(float(rack.devices[name].read(100)[0])) == pytest.approx(rate, abs=0.01)
+    assert rack.world.table.rate_deg_s() == 0.0
+
+
 def test_every_output_and_input_is_on_a_node() -> None:
     plan = plan_of(["33522B", "33522B", "E36312A", "34461A", "34461A", "DSOX3024A"])
     assert [place.name for place in plan.places[:2]] == ["33522B", "33522B-2"]
