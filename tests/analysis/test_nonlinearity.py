@@ -146,3 +146,14 @@ def test_even_and_odd_parts_of_table_1(name: str) -> None:
 def test_pairs_average_repeats_and_skip_the_unpaired() -> None:
     (pair,) = sign_pairs([10, 10, -10, 5, 0], [1.0, 3.0, -4.0, 9.0, 9.0])
     assert (pair.rate_deg_s, pair.scale_factor, pair.even_v) == (10.0, 0.3, -1.0)
+
+
+def test_no_definition_depends_on_the_order_of_the_points() -> None:
+    """A loop, whose ends are measured twice."""
+    rate = np.array([-200.0, -100.0, 0.0, 100.0, 200.0, 200.0, 100.0, 0.0, -100.0, -200.0])
+    output = -12.5e-3 * rate + np.array([0.0, 0.0, 0.0, 0.0, 0.0, 2e-3, 0.0, 0.0, 0.0, -1e-3])
+    expected = nonlinearity_ppm(rate, output, fit_line(rate, output))
+    for seed in range(5):
+        order = np.random.default_rng(seed).permutation(rate.size)
+        found = nonlinearity_ppm(rate[order], output[order], fit_line(rate[order], output[order]))
+        assert found == pytest.approx(expected, rel=1e-9)

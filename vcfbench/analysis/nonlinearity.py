@@ -53,10 +53,11 @@ def nonlinearity_ppm(rate_deg_s: ArrayLike, output_v: ArrayLike, fit: LineFit) -
     kinked = np.column_stack([np.maximum(rate, 0.0), np.minimum(rate, 0.0), np.ones_like(rate)])
     found, _, rank, _ = np.linalg.lstsq(kinked, output, rcond=None)
     common = found[:2].tolist() if rank == 3 else None
-    first, last = int(rate.argmin()), int(rate.argmax())
-    span = float(rate[last] - rate[first])
-    chord = float(output[last] - output[first]) / span
-    chord_v = float(np.abs(output - output[first] - chord * (rate - rate[first])).max())
+    first, last = float(rate.min()), float(rate.max())
+    begin, end = (float(output[rate == each].mean()) for each in (first, last))  # an end may be measured twice
+    span = last - first
+    chord = (end - begin) / span
+    chord_v = float(np.abs(output - begin - chord * (rate - first)).max())
     best_gain, _, half_band = best_straight_line(rate, output)
     ratios: dict[str, tuple[float | None, float | None]] = {
         "max_span": (largest, gain * float(np.ptp(rate))),
