@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import json
+import io
+import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
 
 import vcfbench
-from tests import warm
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.batch_sheet import batch_sheet
+from vcfbench.cli.main import app
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import Batch, read_batch
 from vcfbench.station.description import Served
@@ -106,16 +107,20 @@ def test_a_device_of_which_one_run_of_two_is_done_is_neither_done_nor_good(tmp_p
     assert "Not measured yet: G-1 (polarity)." in text
 
 
-def test_a_device_that_failed_is_tried_again_and_the_exit_code_is_that_of_the_lot(tmp_path: Path) -> None:
+def test_a_device_that_failed_is_tried_again_and_the_exit_code_is_that_of_the_lot(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
     limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"
     (tmp_path / "strict.toml").write_text(embedded_text("paper") + limits, encoding="utf-8")
     plan(tmp_path, PLAN.replace('"ideal"', '"strict.toml"'))
     for runs in (1, 2):
-        done = warm.run(["vcfbench", "batch", "plan.toml", "--quiet"], tmp_path)
-        assert (done.returncode, len(vcfbench.run_summaries(tmp_path / "runs"))) == (1, runs)
+        code = app(["batch", "plan.toml", "--quiet"], standalone_mode=False)
+        assert (code, len(vcfbench.run_summaries(tmp_path / "runs"))) == (1, runs)
     typed = PLAN.replace('"ideal"', '"strict.toml"').replace('devices = ["G-1"]\n', "")
     plan(tmp_path, typed)
-    assert warm.run(["vcfbench", "batch", "plan.toml", "--quiet"], tmp_path).returncode == 1
+    assert app(["batch", "plan.toml", "--quiet"], standalone_mode=False) == 1
 
 
 def test_a_new_device_gets_its_certificate_and_goes_by_it_in_one_batch(tmp_path: Path) -> None:
@@ -129,9 +134,10 @@ def test_a_new_device_gets_its_certificate_and_goes_by_it_in_one_batch(tmp_path:
         structs.replace(asked, runs=asked.runs[1:]).check("G-1", tmp_path / "runs")
 
 
-def test_the_devices_are_kept_where_the_command_says(tmp_path: Path) -> None:
-    plan(tmp_path, PLAN.replace('"ideal"', '"ideal"'))
-    done = warm.run(["vcfbench", "batch", "plan.toml", "--quiet", "--json", "--devices", "store"], tmp_path)
-    (row,) = json.loads(done.stdout)["rows"]
-    assert vcfbench.load_run(row["run"], tmp_path / "runs").header["settings"]["devices"] == "store"
+def test_the_devices_are_kept_where_the_command_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plan(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    assert not app(["batch", "plan.toml", "--quiet", "--devices", "store"], standalone_mode=False)
+    (done,) = vcfbench.list_runs(tmp_path / "runs")
+    assert done.header["settings"]["devices"] == "store"
     assert read_batch(tmp_path / "plan.toml", None, tmp_path / "d").kept_in == tmp_path / "d"

@@ -288,7 +288,7 @@ def _conditions(*, simulated: bool) -> Conditions:
 class TestProvenance(Provenance.TestCase):
     """Some."""
 
-    settings = settings(max_examples=3, stateful_step_count=8, deadline=None, suppress_health_check=list(HealthCheck))
+    settings = settings(max_examples=2, stateful_step_count=8, deadline=None, suppress_health_check=list(HealthCheck))
 
 
 @pytest.mark.exhaustive
