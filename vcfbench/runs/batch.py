@@ -188,10 +188,10 @@ def _stated(header: Mapping[str, Any]) -> dict[str, Any]:
     """Return by what one run is told from another: bench, its kind, limits of the verdict, settings."""
     bench, settings = header.get("bench") or {}, header.get("settings") or {}
     own = {key: value for key, value in settings.items() if key not in {"station", "devices"}}
+    served = "served, " if bench.get("served") is not None else ""
     return {
         "bench": bench.get("name"),
-        "simulated": header.get("simulated"),
-        "served": bench.get("served") is not None,
+        "kind of bench": f"{served}simulated" if header.get("simulated") else "real",
         "acceptance": settings.get("station", {}).get("acceptance"),
         **own,
     }
