@@ -10,6 +10,7 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from tests.procedures.test_own_code import GOOD
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.batch_sheet import batch_sheet
 from vcfbench.cli.main import app
@@ -141,3 +142,13 @@ def test_the_devices_are_kept_where_the_command_says(tmp_path: Path, monkeypatch
     (done,) = vcfbench.list_runs(tmp_path / "runs")
     assert done.header["settings"]["devices"] == "store"
     assert read_batch(tmp_path / "plan.toml", None, tmp_path / "d").kept_in == tmp_path / "d"
+
+
+def test_a_procedure_of_ones_own_that_was_changed_is_another(tmp_path: Path) -> None:
+    (tmp_path / "wait.py").write_text(GOOD, "utf-8")
+    asked = plan(tmp_path, 'name = "b7"\nbench = "ideal"\n[[runs]]\nprocedure = "wait.py"\n')
+    told = {"dut": "G-1", "tags": {"batch": "b7"}}
+    vcfbench.run(tmp_path / "wait.py", "ideal", runs=tmp_path / "runs", metadata=told)
+    assert left(asked, tmp_path) == []
+    (tmp_path / "wait.py").write_text(f"{GOOD}\n# another\n", "utf-8")
+    assert left(read_batch(tmp_path / "plan.toml"), tmp_path) == ["wait"]

@@ -74,14 +74,15 @@ class SheetRow(Struct, frozen=True, kw_only=True):
         return not (self.run or self.why_none)
 
 
-def sheet_rows(batch: str, runs: str | Path = "runs", left_out: Container[str] = ()) -> tuple[SheetRow, ...]:
+def sheet_rows(batch: str, runs: str | Path = "runs", left_out: Container[str] | None = None) -> tuple[SheetRow, ...]:
     """Return the last run of each device and procedure with the tag ``batch=BATCH``, complete ones first.
 
     Args:
         batch: name of the batch.
         runs: directory of the records.
-        left_out: names of the records that do not count.
+        left_out: names of the records that do not count; None: those of simulated benches, where there are real ones.
     """
+    left_out = rehearsals(batch, runs) if left_out is None else left_out
     known = run_summaries(runs)
     inside = [each for each in known if each.tags.get("batch") == batch and each.run not in left_out]
     outside = [each for each in known if each.tags.get("batch") != batch]

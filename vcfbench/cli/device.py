@@ -250,7 +250,8 @@ def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:
 
 def _failed(since: Entry) -> str:
     """Say that a device has failed, and until when."""
-    return f"FAILED since entry {since.name}: its drift, until a rate table gives it a new certificate"
+    name = f"{since.name}{' (simulated)' * since.simulated}"
+    return f"FAILED since entry {name}: its drift, until a rate table gives it a new certificate"
 
 
 def _rows(known: Device) -> list[dict[str, Any]]:

@@ -18,6 +18,7 @@ from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.catalogue import is_file
 from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.own_code import file_of
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.records.journal import read_header
@@ -148,6 +149,7 @@ class Batch(Struct, frozen=True):
             "bench": to_builtins(self.description),
             "simulated": self.description.simulated,
             "settings": to_builtins(settings),
+            "procedure_file": None if run.procedure.name in catalogue.PROCEDURES else file_of(run.procedure),
         }
         expected = {**_stated(decode(encode(asked))), "dut": found.dut}
         for key, value in expected.items():
@@ -156,8 +158,12 @@ class Batch(Struct, frozen=True):
                 return f"{found.dut}, {found.procedure}: {key} {recorded.get(key)}, the plan asks for {value}"
         return ""
 
-    def rows(self, runs: Path, why: Mapping[str, str], left_out: Container[str] = ()) -> tuple[SheetRow, ...]:
-        """Return the rows of the sheet in the order of the plan, runs without a record last; `why` some failed."""
+    def rows(self, runs: Path, why: Mapping[str, str], left_out: Container[str] | None = None) -> tuple[SheetRow, ...]:
+        """Return the rows of the sheet in the order of the plan, runs without a record last; `why` some failed.
+
+        `left_out` are the names of records that do not count; None: those that are not what the plan asks.
+        """
+        left_out = self.left_out(runs) if left_out is None else left_out
         places = {device: place for place, device in enumerate(self.devices)}
         found = sorted(sheet_rows(self.name, runs, left_out), key=lambda each: places.get(each.device, len(places)))
         done = {(each.device, each.procedure) for each in found}
@@ -193,6 +199,7 @@ def _stated(header: Mapping[str, Any]) -> dict[str, Any]:
         "bench": bench.get("name"),
         "kind of bench": f"{served}simulated" if header.get("simulated") else "real",
         "acceptance": settings.get("station", {}).get("acceptance"),
+        "its file's SHA-256": (header.get("procedure_file") or {}).get("sha256"),
         **own,
     }
 
