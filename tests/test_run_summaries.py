@@ -14,7 +14,7 @@ import pytest
 import vcfbench
 from tests import warm
 from tests.seals import sealed
-from vcfbench.archive.summary import KeyResult, summary_of
+from vcfbench.archive.summary import summary_of
 from vcfbench.errors import ConfigError
 from vcfbench.records.directory import RunDirectory
 
@@ -62,10 +62,11 @@ def test_a_summary_says_what_the_run_does(runs: Path) -> None:
     assert (summary.procedure, summary.bench, summary.seed, summary.points) == ("turntable", "ideal", 0, 3)
     assert (summary.dut, summary.operator, summary.note, summary.tags) == tuple(TOLD.values())
     assert summary.started == datetime(2026, 1, 1, tzinfo=UTC)
-    slope = run.results.scale_factor
-    combined = {each.name: each.u for each in run.results.uncertainty.values}
-    assert summary.results["scale_factor"] == KeyResult(slope.value, "V/(deg/s)", combined["scale_factor"])
-    assert list(summary.results) == ["scale_factor", "bias"]
+    slope = summary.results["scale_factor"]
+    assert (slope.value, slope.u, slope.u95) == tuple(
+        getattr(run.values["scale_factor"], of) for of in ("value", "u", "u95")
+    )
+    assert list(summary.results) == list(run.values)
 
 
 def test_what_is_not_stored_is_computed_again(runs: Path, tmp_path: Path) -> None:
@@ -123,7 +124,7 @@ def test_the_command_lists_device_results_and_verdict(runs: Path) -> None:
     head, _, *lines = listed(runs).splitlines()
     assert head.split() == ["run", "procedure", "status", "bench", "seed", "device", "points", "results", "verdict"]
     assert [line.split()[5] for line in lines] == ["G-1", "G-2", "G-3"]
-    assert "scale_factor -0.0125" in lines[0]
+    assert "scale_factor -12.54" in lines[0]
     assert "no such records in runs" in listed(runs, "--dut", "G-9")
 
 

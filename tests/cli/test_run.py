@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 KEYS = [
     *("run", "procedure", "status", "bench", "simulated", "seed", "metadata", "equipment", "bench_seconds"),
-    *("points", "results", "acceptance", "asked_again"),
+    *("points", "results", "values", "acceptance", "asked_again"),
 ]
 POINT_KEYS = ["step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"]
 

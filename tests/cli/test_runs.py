@@ -243,7 +243,7 @@ def test_a_record_does_not_write_on_the_terminal(station: Station, tmp_path: Pat
     assert station.opened
 
 
-@pytest.mark.parametrize(("width", "lines"), [(60, 9), (200, 3)])
+@pytest.mark.parametrize(("width", "lines"), [(60, 10), (200, 3)])
 def test_a_narrow_terminal_gets_a_block_a_record(
     station: Station, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], width: int, lines: int
 ) -> None:

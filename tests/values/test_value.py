@@ -9,7 +9,6 @@ import pytest
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.kinds import KINDS, LIMITED
-from vcfbench.values.printing import figure
 from vcfbench.values.value import Value
 
 
@@ -26,7 +25,7 @@ from vcfbench.values.value import Value
     ],
 )
 def test_each_form_has_its_line_of_print(value: Value, said: str) -> None:
-    assert figure(value, value.named.factor) == said
+    assert value.figure(value.named.factor) == said
 
 
 def test_a_u_without_u95_gets_the_factor_of_its_degrees_of_freedom() -> None:

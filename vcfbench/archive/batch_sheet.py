@@ -19,10 +19,9 @@ from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
-from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Column, Heading, Notice, Part, Report, Table, Text, heads
 from vcfbench.values.kinds import limit_words
-from vcfbench.values.printing import figure, shorthand
+from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
 
 _DRIFT: Final = "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u"
@@ -133,12 +132,12 @@ def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
 
 def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
     run = load_run(str(summary.directory))
-    values = values_of(run.results)
+    values = run.values
     scale = next((each for each in values.values() if each.kind in SLOPES), None)
     found: dict[str, Any] = {}
     earlier = None if before is None else load_run(str(before.directory))
     if earlier is not None and scale is not None:
-        then = values_of(earlier.results).get(scale.name)
+        then = earlier.values.get(scale.name)
         if then is not None and then.kind == scale.kind and then.value and scale.value:
             drift = difference(then, scale)
             found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
@@ -293,7 +292,7 @@ def write_sheet(
         values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
         values |= {name: "; ".join(values[name]) for name in ("limits", "not_kept", "missing")}
         own = [column.value(each.values) for column in columns]
-        stated = [(None,) * 3 if of is None else (of.value, of.u95, figure(of)) for of in own]
+        stated = [(None,) * 3 if of is None else (of.value, of.u95, of.figure()) for of in own]
         book.active.append([*(values[name] for name in names), *(cell for three in stated for cell in three)])
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula

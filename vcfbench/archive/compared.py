@@ -13,7 +13,6 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
-from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.values.kinds import named
 from vcfbench.values.value import Value
@@ -159,7 +158,7 @@ def compare_runs(*runs: Run) -> RunComparison:
 
 def _compared(run: Run) -> dict[str, Value]:
     """Return the values of a run that have a number, and then every other number of its results, by name."""
-    stated = {name: each for name, each in values_of(run.results).items() if each.value is not None}
+    stated = {name: each for name, each in run.values.items() if each.value is not None}
     results = plain(run.results)
     numbers = _numbers(results, "") if isinstance(results, dict) else ()
     return stated | {name: Value(name, number) for name, number in numbers if name not in stated}

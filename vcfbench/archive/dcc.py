@@ -18,10 +18,9 @@ from vcfbench.archive.si_units import in_si
 from vcfbench.errors import ConfigError
 from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
-from vcfbench.records.stated import values_of
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
-from vcfbench.values.printing import figure, incomplete
+from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Value
 
 SCHEMA_VERSION: Final = "3.3.0"
@@ -60,7 +59,7 @@ def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None
     """
     if run.status is not Status.COMPLETE:
         raise ConfigError(f"run {run.name}: a certificate needs a run that is complete, this one is {run.status.value}")
-    stated = values_of(run.results).values()
+    stated = run.values.values()
     values = [each for each in stated if each.u95 is not None or each.form != "plus-minus"]
     if not values:
         raise ConfigError(f"run {run.name}: its results have no uncertainties, and a certificate without is none")
@@ -239,7 +238,7 @@ def _quantity(parent: ET.Element, value: Value) -> None:
         _say(quantity, "description", in_unicode(said))
     in_words = in_si(value.unit)
     if value.form != "plus-minus":
-        _say(quantity, "noQuantity", f"{figure(value)} {value.unit} (95 %)")
+        _say(quantity, "noQuantity", f"{value.figure()} {value.unit} (95 %)")
         return
     if value.value is None or in_words is None:
         _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")

@@ -17,17 +17,16 @@ from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
-from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
 from vcfbench.station.acceptance import Verdict, limit_key
 from vcfbench.values.kinds import limit_words
-from vcfbench.values.printing import figure, grouped, incomplete
+from vcfbench.values.printing import grouped, incomplete
 from vcfbench.values.value import Value as Stated
 from vcfbench.values.verdict import RULES
 
 BLANK: Final = "_" * 24  # Stands for what was not told
 _MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told
-_MOST: Final = 12  # So many results stand on the first page; the others follow
+MOST: Final = 12  # So many results stand on the first page; the others follow
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
 
 
@@ -103,25 +102,25 @@ def checked(run: Run) -> str | None:
 
 def _results(run: Run) -> Iterator[Part]:
     """Yield the box of the results, and what is to be known of their uncertainties."""
-    table = results_table(run, most=_MOST)
+    table = values_table(run, most=MOST)
     if table is not None:
         yield table
-        yield Text("\n".join(_said_of_results(run, values_of(run.results).values())))
+        yield Text("\n".join(_said_of_results(run, run.values.values())))
 
 
-def results_table(run: Run, most: int | None = None) -> Table | None:
+def values_table(run: Run, most: int | None = None) -> Table | None:
     """Return the values that a run states, each in its form, with its limits; None where it states none.
 
     `most` of them, those with limits all the same.
     """
     limits = {} if run.verdict is None else {each.key: each for each in run.verdict.limits}
     rows: list[tuple[Value, ...]] = []
-    for place, each in enumerate(values_of(run.results).values()):
+    for place, each in enumerate(run.values.values()):
         limit = limits.pop(limit_key(each), None)
         if most is not None and place >= most and limit is None:
             continue
         of, k = each.named, each.coverage_factor
-        value = f"{figure(each, of.factor)} {of.unit}".strip()
+        value = f"{each.figure(of.factor)} {of.unit}".strip()
         u95 = "in its value" if each.form != "plus-minus" else "not known"
         if each.u95 is not None:
             u95 = f"{grouped(abs(of.factor) * each.u95)} {of.unit}".strip()
@@ -129,7 +128,7 @@ def results_table(run: Run, most: int | None = None) -> Table | None:
         rows.append((f"{of.words}{incomplete(each.missing)}", value, u95, None if k is None else f"{k:.2f}", *window))
     for limit in limits.values():  # of what no results state
         of = limit_words(limit.key)
-        value = "-" if limit.found is None else f"{figure(limit.found, of.factor)} {of.unit}".strip()
+        value = "-" if limit.found is None else f"{limit.found.figure(of.factor)} {of.unit}".strip()
         rows.append((of.words, value, "not known", "", *_window(limit, of.factor)))
     names = ("quantity", "value", "U95", "k", "limits", "verdict")
     judged = len(names) if run.verdict is not None else 4
@@ -158,7 +157,7 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
         yield f"U95 does not contain: {'; '.join(left_out)}."
     if any(each.form == "below" for each in stated):
         yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
-    if len(stated) > _MOST:
+    if len(stated) > MOST:
         yield f"All {len(stated)} results are in the section Results."
 
 

@@ -13,7 +13,7 @@ from typing import Any, Final
 import msgspec
 import numpy as np
 
-from vcfbench.archive.front_page import BLANK, checked, front_page
+from vcfbench.archive.front_page import BLANK, MOST, checked, front_page, values_table
 from vcfbench.archive.results import STORED_SETTINGS
 from vcfbench.archive.run import Run, clock
 from vcfbench.errors import ConfigError
@@ -148,6 +148,8 @@ def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[
             u = [None] * len(each.y) if each.u_y is None else [2.0 * u for u in each.u_y]
             rows = list(zip(each.x, each.y, u, strict=True))
             yield Table((*columns, Column("U = 2 u", first.y.unit, ".2g")), rows, f"{first.title}: {each.label}")
+    if len(run.values) > MOST and (every := values_table(run)) is not None:
+        yield every
     *parts, last = found or (Text("nothing"),)
     yield from parts if run.verdict is not None else [*parts, last]
     if run.no_results is not None:

@@ -1,6 +1,6 @@
 """Results of the points of a run, the verdict on them, and the report: computed, computed again, or as stored."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -18,6 +18,7 @@ from vcfbench.records.journal import JournalRecord, lines_of
 from vcfbench.records.outline import Outline
 from vcfbench.records.plain import plain, read_only
 from vcfbench.records.schema import Point, Status
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Text, report_from
 from vcfbench.reports.generic import generic_report, points_table, results_table
 from vcfbench.reports.text import printable
@@ -26,6 +27,7 @@ from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.no_result import is_arithmetic, no_result
 from vcfbench.typed import decoder_of, typed
+from vcfbench.values.value import Value
 
 STORED_SETTINGS: Final = "settings"  # Title of the table of settings below results that are shown as they were stored
 
@@ -57,6 +59,7 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
         taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
         results = read_only(procedure.results(settings, taken))
         plain(results)  # what cannot be written is no result
+        values_of(results)  # nor are two values of one name
         verdict = judged(limits, results, measured)
     except BenchError:
         raise
@@ -137,10 +140,12 @@ class _Stored(Struct, frozen=True):
     results: dict[str, Raw]
     bench_seconds: float = 0.0
     acceptance: dict[str, Any] | None = None
+    values: tuple[Value, ...] | None = None
+    """None in records of before."""
 
 
-def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Mapping[str, Raw]]:
-    """Return the verdict in the ``result.json`` of a run, None if there is none, and its results as they stand there.
+def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Sequence[Value]]:
+    """Return the verdict in the ``result.json`` of a run, None if there is none, and the values that it states.
 
     Raises:
         ConfigError: there is no such file, or it is none of the run's points.
@@ -149,7 +154,11 @@ def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Map
     of_run = (outline.procedure, outline.points, outline.bench_seconds or 0.0)
     if (answer.procedure, len(answer.points), answer.bench_seconds) != of_run:
         raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
-    return _stored_verdict(answer.acceptance), answer.results
+    if answer.values is not None:
+        return _stored_verdict(answer.acceptance), answer.values
+    decoded = {name: msgspec.json.decode(raw) for name, raw in answer.results.items()}
+    results = {name: each for name, each in decoded.items() if isinstance(each, dict) and "value" in each}
+    return _stored_verdict(answer.acceptance), list(values_of(results).values())
 
 
 def _decoded(path: Path, decoder: msgspec.json.Decoder[Any]) -> Any:

@@ -17,10 +17,12 @@ from vcfbench.records.journal import lines_of, read_header, read_journal
 from vcfbench.records.metadata import Equipment, RunMetadata
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, Status
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Text
 from vcfbench.reports.generic import verdict_table
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.steps.measured import Measured
+from vcfbench.values.value import Value
 
 
 class RawReading(NamedTuple):
@@ -154,6 +156,11 @@ class Run(Struct, frozen=True, eq=False):
 
         return pd.DataFrame([point.as_json() for point in self.points], columns=list(point_columns(self.points)))
 
+    @property
+    def values(self) -> dict[str, Value]:
+        """The values that the results state, by name, in their order."""
+        return values_of(self.results)
+
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench run --json``; a run that failed has the error beside the points it kept."""
         answer: dict[str, Any] = {
@@ -168,6 +175,7 @@ class Run(Struct, frozen=True, eq=False):
             "bench_seconds": self.bench_seconds or 0.0,
             "points": [point.as_json() for point in self.points],
             "results": {} if self.results is None else plain(self.results),
+            "values": [each.as_json() for each in self.values.values()],
             "acceptance": None if self.verdict is None else self.verdict.as_json(),
             "asked_again": list(self.asked_again),
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),

@@ -1,13 +1,13 @@
 """Summaries of records in a list, and the selection of records: no readings are read for it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import msgspec
 from msgspec import Struct, field, structs
+from msgspec.structs import replace
 
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
@@ -17,25 +17,9 @@ from vcfbench.records.metadata import metadata_from
 from vcfbench.records.outline import ListedMetadata, Outline, outline_of
 from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import values_of
 from vcfbench.station.acceptance import Acceptance
-
-
-class KeyResult(Struct, frozen=True):
-    """A result that a list shows: value, unit, combined standard uncertainty (None: not stated), parts missing in u."""
-
-    value: float
-    unit: str
-    u: float | None = None
-    missing: tuple[str, ...] = ()
-
-    def words(self) -> str:
-        """Return value and unit, six digits."""
-        return f"{self.value:.6g} {self.unit}".rstrip() + (" (incomplete)" if self.missing else "")
-
-    def as_json(self) -> dict[str, Any]:
-        """Return it as ``runs list --json`` prints it."""
-        said = {"complete": not self.missing, "missing": list(self.missing)}
-        return {"value": self.value, "u": self.u, "unit": self.unit, **said}
+from vcfbench.values.value import Value
 
 
 class RunSummary(Struct, frozen=True, kw_only=True):
@@ -61,7 +45,7 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     operator: str | None = None
     note: str | None = None
     tags: Mapping[str, str] = field(default_factory=dict)
-    results: Mapping[str, KeyResult] = field(default_factory=dict)
+    results: Mapping[str, Value] = field(default_factory=dict)
     verdict: str | None = None
     damage: str | None = None
     problem: str | None = None
@@ -132,9 +116,8 @@ def summary_of(directory: RunDirectory) -> RunSummary:
             simulated=header.get("simulated"),
         )
         evaluation, _ = evaluation_of(directory, record)
-        values = {} if evaluation.results is None else plain(evaluation.results)
-        encoded = {name: msgspec.Raw(msgspec.json.encode(value)) for name, value in values.items()}
-        return _summary(directory, outline, evaluation.verdict, encoded, record.damage)
+        values = list(values_of(evaluation.results).values())
+        return _summary(directory, outline, evaluation.verdict, values, record.damage)
     except ConfigError as error:
         began_at, why = began(directory, None), str(error)
         return RunSummary(
@@ -146,14 +129,10 @@ def _summary(
     directory: RunDirectory,
     outline: Outline,
     verdict: Acceptance | None,
-    results: Mapping[str, msgspec.Raw],
+    values: Sequence[Value],
     damage: str | None = None,
 ) -> RunSummary:
-    found: dict[str, KeyResult] = {}
-    for name, raw in results.items():
-        if b'"value"' in bytes(memoryview(raw)[:_VALUE_FIRST]):  # most are numbers, lists, tables of something else
-            with suppress(msgspec.DecodeError, UnicodeDecodeError):  # those that have a value and a unit
-                found[name] = _QUANTITY.decode(raw)
+    found = {each.name: replace(each, of="", words=each.named.words, parts=()) for each in values}
     metadata = amended(outline.metadata, outline.amendments)
     kept = {name: getattr(outline, name) for name in ("procedure", "bench", "simulated", "seed", "status", "points")}
     kept |= {**structs.asdict(metadata), "tags": ReadOnly(metadata.tags)}
@@ -168,8 +147,3 @@ def _summary(
         revision=len(outline.amendments) + 1,
         amended=amended_fields(outline.amendments),
     )
-
-
-_VALUE_FIRST = 64  # Bytes in which the first name of an object stands, however far it is indented
-
-_QUANTITY = msgspec.json.Decoder(KeyResult)

@@ -6,7 +6,7 @@ from typing import Any, Final
 from msgspec import Struct
 
 from vcfbench.reports.document import Cell, Column
-from vcfbench.values.printing import digits_of_value, figure
+from vcfbench.values.printing import digits_of_value
 from vcfbench.values.value import Value
 
 SLOPES: Final = ("scale_factor", "scale_factor_small", "scale_factor_by_v_vc")
@@ -58,7 +58,7 @@ class ValueColumn(Struct, frozen=True):
         """Yield what is printed of that of `values` which stands here; `mark` stands behind a U95."""
         found = self.value(values)
         if found is None or found.value is None or found.form != "plus-minus" or found.u95 is None:
-            yield None if found is None else figure(found, found.named.factor)
+            yield None if found is None else found.figure(found.named.factor)
             if self.is_slope:
                 yield None
             return

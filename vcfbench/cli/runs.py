@@ -70,7 +70,7 @@ def list_(
         names = list(dict.fromkeys(name for each in known for name in each.results))
         writer = csv_writer(sys.stdout, lineterminator="\n")
         writer.writerow(
-            [*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_unit", "_missing"))]
+            [*_CSV, "tags", *(f"{name}{part}" for name in names for part in ("", "_u", "_u95", "_unit", "_missing"))]
         )
         for each in known:
             values = each.as_json()
@@ -78,7 +78,7 @@ def list_(
             parts = [
                 part
                 for k in found
-                for part in ((None,) * 4 if k is None else (k.value, k.u, k.unit, ";".join(k.missing)))
+                for part in ((None,) * 5 if k is None else (k.value, k.u, k.u95, k.unit, ";".join(k.missing)))
             ]
             tags = ";".join(f"{key}={value}" for key, value in each.tags.items())
             cells = [*(values[name] for name in _CSV), tags, *parts]
@@ -260,7 +260,7 @@ def _print_list(known: Sequence[RunSummary]) -> None:
     rows = []  # a table escapes what would write on the terminal itself
     for run in known:
         dut = (run.dut or "-") + " (amended)" * ("dut" in run.amended)
-        results = [f"{name} {found.words()}" for name, found in run.results.items()][:_SHOWN_RESULTS]
+        results = [f"{name} {found}" for name, found in run.results.items()][:_SHOWN_RESULTS]
         cells = (run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, dut, run.points)
         rows.append([*map(str, cells), "; ".join(results) or "-", (run.verdict or "-").upper()])
     table = table_text(Table([Column(name) for name in _HEAD], rows))
@@ -270,6 +270,7 @@ def _print_list(known: Sequence[RunSummary]) -> None:
         return
     for name, *others in rows:
         lines = [f"  {head}: {printable(each)}" for head, each in zip(_HEAD[1:], others, strict=True)]
+        lines = [each.replace("; ", "\n    ") if each.startswith("  results: ") else each for each in lines]
         print_verdicts("\n".join([printable(name), *lines]))
 
 

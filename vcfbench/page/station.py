@@ -21,7 +21,6 @@ from vcfbench.records.devices import (
 )
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import being_written, read_header
-from vcfbench.values.kinds import named
 
 _MOST_RUNS: Final = 500
 _KEY_VALUES: Final = 3
@@ -124,8 +123,7 @@ def _row_of(directory: RunDirectory) -> dict[str, Any]:
         "status": summary.status.value,
         "problem": summary.problem or summary.damage,
         "values": [
-            {"name": named(name).words, "words": result.words()}
-            for name, result in islice(summary.results.items(), _KEY_VALUES)
+            {"name": each.named.words, "words": str(each)} for each in islice(summary.results.values(), _KEY_VALUES)
         ],
     }
 

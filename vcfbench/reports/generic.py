@@ -8,7 +8,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.values.kinds import limit_words
-from vcfbench.values.printing import figure, incomplete
+from vcfbench.values.printing import incomplete
 
 _QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
 _SHOWN = 4  # So many numbers of a list are printed; its length is said where there are more
@@ -93,7 +93,7 @@ def verdict_table(acceptance: Acceptance) -> Table:
     rows = []
     for each in acceptance.limits:
         of = limit_words(each.key)
-        value = "-" if each.found is None else figure(each.found, of.factor)
+        value = "-" if each.found is None else each.found.figure(of.factor)
         u95, low, high = (None if e is None else of.factor * e for e in (each.u95, each.low, each.high))
         rows.append((of.words, value, u95, low, high, of.unit, each.said, each.rule))
     columns = heads("<limit | value | U95:.2g | low:g | high:g | <unit | verdict | <rule")

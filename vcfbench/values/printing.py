@@ -3,8 +3,6 @@
 import math
 from collections.abc import Sequence
 
-from vcfbench.values.value import Value
-
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
 
 
@@ -14,36 +12,18 @@ def shorthand(value: float, u: float | None) -> str:
     The parentheses hold u in units of the last digit; a u of 1 and more is written with its point.
     """
     if not u or not math.isfinite(u) or not math.isfinite(value):
-        return _in_threes(format(value, ".6g"))
+        return in_threes(format(value, ".6g"))
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
     digits = format(u, ".1f") if _second_digit(u) == -1 else f"{u * 10.0 ** -min(0, _second_digit(u)):.0f}"
-    return f"{_in_threes(figure)}({digits})" + (f"e{power}" if power else "")
-
-
-def figure(value: Value, factor: float = 1.0) -> str:
-    """Return what is stated of a value, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
-    size, (low, high) = abs(factor), sorted(factor * each for each in value.ends)
-    if value.form == "size-below":
-        return f"size below {grouped(high)}"
-    if value.form == "below":
-        return f"below {grouped(max(-low, high))}"
-    if value.form == "at-least":
-        return f"at least {grouped(size * value.ends[0])}"
-    found = factor * (value.value or 0.0)
-    if value.form == "interval":
-        middle, *ends = (f"{'-' * (each < 0.0)}{grouped(abs(each))}" for each in (found, low, high))
-        return f"{middle} ({' to '.join(ends)})"
-    if value.u is None and value.u95:
-        return _in_threes(format(found, digits_of_value(found, size * value.u95)))
-    return shorthand(found, None if value.u is None else size * value.u)
+    return f"{in_threes(figure)}({digits})" + (f"e{power}" if power else "")
 
 
 def grouped(u: float) -> str:
     """Return an uncertainty in two digits, those in threes: ``0.000 59``."""
-    return _in_threes(format(u, digits_of_u(u)))
+    return in_threes(format(u, digits_of_u(u)))
 
 
-def _in_threes(figure: str) -> str:
+def in_threes(figure: str) -> str:
     """Set spaces between groups of three digits where there are more than four on a side of the point (ISO 80000-1)."""
     whole, point, rest = figure.partition(".")
     if len(whole.lstrip("-+")) > 4 and "e" not in figure:

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 from msgspec import Struct
 from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.kinds import KINDS, Named, named
+from vcfbench.values.printing import digits_of_value, grouped, in_threes, incomplete, shorthand
 from vcfbench.values.quantile import t_quantile
 
 Form = Literal["plus-minus", "interval", "size-below", "below", "at-least"]
@@ -70,13 +71,18 @@ class Value(Struct, frozen=True):
         """Refuse what no value can be."""
         force_setattr(self, "parts", tuple(self.parts))
         force_setattr(self, "missing", tuple(self.missing))
+        for name in ("value", "u", "dof", "u95", "low", "high"):  # numpy's become plain ones
+            number = getattr(self, name)
+            force_setattr(self, name, None if number is None else float(number))
         numbers = (self.value, self.u, self.dof, self.u95, self.low, self.high)
         if wrong := [each for each in numbers if each is not None and not math.isfinite(each)]:
             raise ConfigError(f"{self.name}: expected finite numbers, came {wrong[0]}")
         if wrong := [each for each in (self.u, self.u95) if each is not None and each < 0.0]:
             raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, came {wrong[0]:g}")
-        if self.kind and (kind := KINDS[self.kind]).si != self.unit:
-            raise ConfigError(f"{self.name}: expected {kind.words} in {kind.si or 'no unit'}, came {self.unit!r}")
+        kind = KINDS.get(self.kind)
+        if self.kind and (kind is None or kind.si != self.unit):
+            of = self.kind if kind is None else f"{kind.words} in {kind.si or 'no unit'}"
+            raise ConfigError(f"{self.name}: expected {of}, came {self.unit!r}")
         if self.u is not None and self.u95 is None and self.form == "plus-minus":
             force_setattr(self, "u95", t_quantile(_UNCOVERED, self.dof or math.inf) * self.u)
         low, high = self.ends
@@ -114,6 +120,38 @@ class Value(Struct, frozen=True):
         """Words for it, and the unit in which people read it."""
         found = named(self.name, self.unit, self.kind)
         return found._replace(words=self.words, german="") if self.words else found
+
+    def figure(self, factor: float = 1.0) -> str:
+        """Return what is stated, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
+        size, (low, high) = abs(factor), sorted(factor * each for each in self.ends)
+        if self.form == "size-below":
+            return f"size below {grouped(high)}"
+        if self.form == "below":
+            return f"below {grouped(max(-low, high))}"
+        if self.form == "at-least":
+            return f"at least {grouped(size * self.ends[0])}"
+        found = factor * (self.value or 0.0)
+        if self.form == "interval":
+            middle, *ends = (f"{'-' * (each < 0.0)}{grouped(abs(each))}" for each in (found, low, high))
+            return f"{middle} ({' to '.join(ends)})"
+        if self.u is None and self.u95:
+            return in_threes(format(found, digits_of_value(found, size * self.u95)))
+        return shorthand(found, None if self.u is None else size * self.u)
+
+    def __str__(self) -> str:
+        """Return what is stated, in the unit in which people read it."""
+        of = self.named
+        return f"{self.figure(of.factor)} {of.unit}".rstrip() + incomplete(self.missing)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as ``values`` of ``result.json`` have it: without the parts of its uncertainty, which results have.
+
+        `ends` are those of what holds with 95 %, null where there is none.
+        """
+        ends = [each if math.isfinite(each) else None for each in self.ends]
+        said = {"name": self.name, "kind": self.kind, "words": self.named.words, "unit": self.unit}
+        numbers = {"value": self.value, "u": self.u, "dof": self.dof, "u95": self.u95, "form": self.form, "ends": ends}
+        return {**said, **numbers, "low": self.low, "high": self.high, "missing": list(self.missing)}
 
 
 class Unstated(Struct, frozen=True):

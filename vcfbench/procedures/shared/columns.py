@@ -16,7 +16,7 @@ from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.reports.document import Axis, Cell, Figure, Series, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.values.kinds import named
-from vcfbench.values.printing import figure, incomplete
+from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Unstated, Value
 
 
@@ -139,7 +139,7 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         for place, (cause, share) in enumerate(shown):
             of = "" if place else words
             lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
-    rows += [(bound.named.words, figure(bound), None, None, None, bound.unit, bound.of) for bound in statement.bounds]
+    rows += [(bound.named.words, bound.figure(), None, None, None, bound.unit, bound.of) for bound in statement.bounds]
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),

@@ -12,7 +12,7 @@ from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
 from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
 from vcfbench.values.kinds import kind_of
-from vcfbench.values.printing import digits_of_u, digits_of_value, figure, incomplete
+from vcfbench.values.printing import digits_of_u, digits_of_value, incomplete
 from vcfbench.values.value import UncertaintyPart, Unstated, Value
 
 _ROUNDING = 1e-9
@@ -149,7 +149,7 @@ def value_table(values: Iterable[Value | Unstated]) -> Table:
         parts = ", ".join(f"{part.source} {abs(part.u):.2g}" for part in each.parts)
         words = each.named.words
         if each.value is None or each.u is None or each.u95 is None:
-            rows.append((words, figure(each), None, None, each.unit, parts))
+            rows.append((words, each.figure(), None, None, each.unit, parts))
         else:
             rows.append((words, *stated_cells(each.value, each.u, each.u95), each.unit, parts))
     return Table(QUANTITY_COLUMNS, rows)
