@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -85,6 +86,36 @@ def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
     assert read.interval_s == pytest.approx(10.0 if "Unix" in case else 0.01)
     assert read.mean_deg_s == pytest.approx(MEAN / (60.0 if case == "a minute" else 1.0))
     assert read.samples == 80
+
+
+def test_files_that_are_no_text_are_read_by_the_same_grammar(tmp_path: Path) -> None:
+    times, rates = 0.01 * np.arange(80.0), np.array(RATES)
+    np.save(tmp_path / "log.npy", np.column_stack([times, rates]))
+    np.save(tmp_path / "named.npy", np.array(list(zip(times, rates, strict=True)), [("t_s", "f8"), ("x_dps", "f8")]))
+    scipy_io = pytest.importorskip("scipy.io")
+    scipy_io.savemat(tmp_path / "log.mat", {"t_s": times, "x_dps": rates, "who": "somebody", "n": 3.0})
+    names = {"log.npy": ("t_s", "x_dps")}
+    written = ["log.npy", "named.npy", "log.mat"]
+    if (openpyxl := pytest.importorskip("openpyxl")) and (arrow := pytest.importorskip("pyarrow")):
+        book = openpyxl.Workbook()
+        for row in (("t_s", "x [deg/s]", "note"), *zip(times, rates, ["a, b"] * 80, strict=True)):
+            book.active.append(row)
+        book.save(tmp_path / "log.xlsx")
+        table = arrow.table({"t_s": times, "x_dps": rates})
+        importlib.import_module("pyarrow.parquet").write_table(table, tmp_path / "log.parquet")
+        written += ["log.xlsx", "log.parquet"]
+    for name in written:
+        found = analyze_record(tmp_path / name, layout=Layout(columns=names.get(name, ())))
+        assert found.samples == 80, name
+        assert found.mean_deg_s == pytest.approx(MEAN), name
+        assert found.interval_s == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize("suffix", [".xlsx", ".npy", ".mat", ".parquet"])
+def test_file_that_is_not_what_its_name_says_is_refused(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"log{suffix}").write_text("no such thing")
+    with pytest.raises(ConfigError, match=f"log{suffix}: this is no"):
+        analyze_record(tmp_path / f"log{suffix}")
 
 
 REFUSED: dict[str, tuple[str, str]] = {

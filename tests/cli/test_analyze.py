@@ -193,9 +193,9 @@ def test_unusable_file_is_one_sentence(case: str, written: Callable[[bytes], Pat
 
 
 def test_missing_file_and_directory_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"none\.csv: expected a CSV file, there is no such file"):
+    with pytest.raises(ConfigError, match=r"none\.csv: expected a table, there is no such file"):
         vcfbench.analyze(tmp_path / "none.csv")
-    with pytest.raises(ConfigError, match=r"expected a CSV file, this is a directory"):
+    with pytest.raises(ConfigError, match=r"expected a table, this is a directory"):
         vcfbench.analyze(tmp_path)
 
 

@@ -13,8 +13,9 @@ from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
+from vcfbench.archive.table_files import opened_table
 from vcfbench.errors import ConfigError
-from vcfbench.files import opened, shown
+from vcfbench.files import shown
 from vcfbench.records.schema import POINT_COLUMNS
 from vcfbench.reports.document import Axis, Cell, Column, Figure, Notice, Report, Series, Table, Text, texts
 
@@ -151,7 +152,7 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
         ConfigError: there is no such file or column, or what is in it is no such table: file, line and column are told.
     """
     path, notes = Path(file), list[str]()
-    with opened(file, "a CSV file") as raw:
+    with opened_table(file) as raw:
         columns = read_table(raw, shown(path), layout or Layout(), notes)
     pair = _compared_columns(compared, columns, path)
     results, notices = {}, list[str]()

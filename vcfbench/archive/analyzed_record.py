@@ -12,8 +12,9 @@ from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.pace import pace_of
 from vcfbench.analysis.plausibility import doubts_of_record
+from vcfbench.archive.table_files import opened_table
 from vcfbench.errors import ConfigError
-from vcfbench.files import opened, shown
+from vcfbench.files import shown
 from vcfbench.procedures.zero.noise import (
     AllanRow,
     NoiseCoefficient,
@@ -113,7 +114,7 @@ def analyze_record(
     path, layout = Path(file), layout or Layout()
     if rate_hz is not None and not 0.0 < rate_hz <= _MOST_HZ:
         raise ConfigError(f"--rate: expected readings a second, at most {_MOST_HZ:g}, came {rate_hz:g}")
-    with opened(path, "a text file") as raw:
+    with opened_table(path) as raw:
         head = read_head(raw, shown(path), layout)
         place = _value_place(head, layout)
         name = head.names[place]

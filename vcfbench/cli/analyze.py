@@ -10,10 +10,11 @@ from vcfbench.analysis.csv_table import Layout, read_head
 from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
 from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record
+from vcfbench.archive.table_files import opened_table
 from vcfbench.archive.written import write_document
 from vcfbench.cli.options import Json_, argument, flag, key_and_value, option, output_option
 from vcfbench.errors import ConfigError
-from vcfbench.files import opened, shown
+from vcfbench.files import shown
 from vcfbench.reports.text import text_of
 
 _WIDTH = 80
@@ -79,7 +80,7 @@ def analyze(  # noqa: PLR0917  # options of a command
 
 def _begins_with_times(file: Path, layout: Layout) -> bool:
     """Tell whether a file is a record at rest: its first column with a name has times, and no others were asked for."""
-    with opened(file, "a CSV file") as raw:
+    with opened_table(file) as raw:
         head = read_head(raw, shown(file), layout)
     named = [each for each in head.names if each.written]
     asked = layout.columns and layout.columns != tuple(each.written for each in head.names)

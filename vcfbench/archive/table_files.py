@@ -1,0 +1,107 @@
+"""Tables in files that are no text, as the text that is read of all others: one grammar of names, units and faults."""
+
+import csv
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from datetime import date
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+
+from vcfbench.errors import ConfigError
+from vcfbench.extras import need
+from vcfbench.files import opened, shown
+
+
+@contextmanager
+def opened_table(path: Path | str) -> Iterator[IO[bytes]]:
+    """Open a table that a user named as text: CSV and the like as they are, .xlsx, .mat, .npy and .parquet as CSV.
+
+    Raises:
+        ConfigError: it is no such file, or has several tables.
+    """
+    read = _READERS.get(Path(path).suffix.lower())
+    with opened(path, "a table") as raw:
+        if read is None:
+            yield raw
+            return
+        rows = read(raw, shown(path))
+        text = StringIO(newline="")
+        csv.writer(text, lineterminator="\n").writerows(rows)
+    yield BytesIO(text.getvalue().encode())
+
+
+def _of_columns(columns: dict[str, Sequence[Any]]) -> Iterator[Iterable[Any]]:
+    yield columns
+    yield from zip(*columns.values(), strict=True)
+
+
+def _xlsx(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    workbook = need("openpyxl", "export", f"{name}: a sheet")
+    try:
+        sheets = workbook.load_workbook(raw, read_only=True, data_only=True).worksheets
+        tables = [(each.title, list(each.iter_rows(values_only=True))) for each in sheets]
+    except Exception as error:  # openpyxl's, zipfile's, those of XML
+        raise ConfigError(f"{name}: this is no workbook: {error}") from error
+    filled = [(title, rows) for title, rows in tables if any(any(cell is not None for cell in row) for row in rows)]
+    if len(filled) != 1:
+        titles = ", ".join(title for title, _ in filled)
+        raise ConfigError(f"{name}: expected one sheet with a table, came {titles or 'none'}", hint="save it as CSV")
+    for row in filled[0][1]:
+        yield [each.isoformat() if isinstance(each, date) else "" if each is None else each for each in row]
+
+
+def _npy(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    try:
+        array = np.load(raw, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise ConfigError(f"{name}: this is no array of numbers: {error}") from error
+    if array.dtype.names:
+        return _of_columns({each: array[each].tolist() for each in array.dtype.names})
+    if array.dtype.kind not in "iuf" or array.ndim not in {1, 2}:
+        raise ConfigError(f"{name}: expected columns of real numbers, came {array.dtype} of the shape {array.shape}")
+    return iter(array.reshape(len(array), -1).tolist())
+
+
+def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    matlab = need("scipy.io", "export", f"{name}: a .mat file")
+    try:
+        found = matlab.loadmat(raw)
+    except Exception as error:  # SciPy's own, zlib's, and what comes of bytes that are none
+        raise ConfigError(f"{name}: this is no such .mat file: {error}", hint="save it with -v7") from error
+    columns = dict[str, Sequence[Any]]()
+    for key, value in found.items():
+        array = np.asarray(value)
+        if key.startswith("__") or array.dtype.kind not in "iuf" or array.ndim != 2 or array.size < 2:
+            continue
+        array = array.T if array.shape[0] == 1 else array
+        names = [key] if array.shape[1] == 1 else [f"{key}_{place}" for place in range(1, array.shape[1] + 1)]
+        columns |= dict(zip(names, array.T.tolist(), strict=True))
+    lengths = {key: len(column) for key, column in columns.items()}
+    if len(set(lengths.values())) != 1:
+        came = ", ".join(f"{key} of {length}" for key, length in lengths.items())
+        raise ConfigError(f"{name}: expected variables of one length, came {came or 'none'}")
+    return _of_columns(columns)
+
+
+def _parquet(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    parquet = need("pyarrow.parquet", "export", f"{name}: a table of Parquet")
+    try:
+        columns = parquet.read_table(raw).to_pydict()
+    except Exception as error:  # those of Arrow
+        raise ConfigError(f"{name}: this is no table of Parquet: {error}") from error
+    plain: dict[str, Sequence[Any]] = {
+        key: [each.isoformat() if isinstance(each, date) else "" if each is None else each for each in column]
+        for key, column in columns.items()
+    }
+    return _of_columns(plain)
+
+
+_READERS: Final[dict[str, Callable[[IO[bytes], str], Iterator[Iterable[Any]]]]] = {
+    ".xlsx": _xlsx,
+    ".npy": _npy,
+    ".mat": _mat,
+    ".parquet": _parquet,
+}
