@@ -6,7 +6,9 @@ By itself it has ``*IDN?``, the error queue, status registers, ``*RST``, ``*SAV`
 
 from __future__ import annotations
 
+import inspect
 import re
+import traceback
 from collections.abc import Callable, Mapping
 from copy import deepcopy
 from typing import Any, ClassVar, TypeVar
@@ -26,6 +28,7 @@ from simrack.scpi import (
     Mnemonic,
     Number,
     Parameter,
+    Pending,
     Register,
     ScpiEngine,
     ScpiTwin,
@@ -74,7 +77,8 @@ class Setting:
     ) -> None:
         self.default = Mnemonic.parse(default).short if words else default
         limits = None if low is None or high is None else Limits(low, high, default)
-        self._header, self._then, self._takes_s = header, then, takes_s
+        self._header, self._takes_s = header, takes_s
+        self._then = None if then is None else _guarded(then)
         self._parameter, usual = _kind(default, unit, limits, words)
         self._reply = usual if reply is None else reply
         found = _SUFFIX.search(header)
@@ -128,13 +132,17 @@ def _kind(
     return Text(), scpi.quoted
 
 
-def query(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Function], _Function]:
-    """Let the method below answer a question; arguments are those of :class:`~simrack.scpi.Command`.
+def query(
+    header: str, *parameters: Parameter, takes_s: float = 0.0, reply: Callable[[Any], str] | None = None, **more: Any
+) -> Callable[[_Function], _Function]:
+    """Let the method below answer a question; other arguments are those of :class:`~simrack.scpi.Command`.
 
-    It gets the numbers in the header and the parameters, and returns the answer; a float has nine digits.
+    It gets the numbers in the header and the parameters, and returns the answer: a text, a number, true or false, or
+    several in a list; a float has nine digits.
     """
-    more = {"reply": _usual, **({"query_takes_s": more.pop("takes_s")} if "takes_s" in more else {}), **more}
-    return lambda method: _marked(method, Command(header, query=method, query_parameters=parameters, **more))
+    formed = reply or _usual
+    row = {"query_parameters": parameters, "query_takes_s": takes_s, **more}
+    return lambda method: _marked(method, Command(header, query=_guarded(method, header, parameters, formed), **row))
 
 
 def command(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Function], _Function]:
@@ -142,7 +150,7 @@ def command(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Func
 
     It gets the numbers in the header and the parameters, and may raise :class:`~simrack.scpi.ScpiError`.
     """
-    return lambda method: _marked(method, Command(header, parameters, do=method, **more))
+    return lambda method: _marked(method, Command(header, parameters, do=_guarded(method, header, parameters), **more))
 
 
 def _marked(method: _Function, row: Command) -> _Function:
@@ -150,11 +158,43 @@ def _marked(method: _Function, row: Command) -> _Function:
     return method
 
 
+def _guarded(
+    method: Any, header: str = "", parameters: tuple[Parameter, ...] = (), formed: Callable[[Any], Any] | None = None
+) -> Callable[..., Any]:
+    """Return `method` with its mistakes as error -310, beside a traceback for who has written it.
+
+    Raises:
+        TypeError: it does not take what the header and the parameters say.
+    """
+    count = 1 + sum(int(high) > int(low) for low, high in _SUFFIX.findall(header)) + len(parameters)
+    try:
+        inspect.signature(method).bind(*range(count))
+    except TypeError as error:
+        raise TypeError(f"{method.__qualname__} is called with {count} arguments by {header!r}: {error}") from None
+
+    def guarded(*arguments: Any) -> Any:
+        try:
+            value = method(*arguments)
+            return value if formed is None or isinstance(value, Pending) else formed(value)
+        except scpi.ScpiError:
+            raise
+        except Exception as error:
+            traceback.print_exc()
+            words = f"System error; {method.__qualname__}: {type(error).__name__}: {error}"
+            raise scpi.ScpiError(-310, words.replace('"', "'")) from error
+
+    return guarded
+
+
 def _usual(value: Any) -> Any:
     if isinstance(value, bool):
         return scpi.boolean(value)
     if isinstance(value, float):
         return scpi.real(8)(value)
+    if isinstance(value, list | tuple):
+        return ",".join(map(_usual, value))
+    if value is None:
+        raise TypeError("it returned None where an answer is due")
     return str(value) if isinstance(value, int) else value
 
 

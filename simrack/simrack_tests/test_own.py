@@ -92,6 +92,45 @@ def test_an_empty_memory_is_refused_and_the_status_has_it(asked: Callable[[str],
     assert asked("WAIT 2 S;LEV?") == "+2.00000000E+00"
 
 
+class Wrong(OwnInstrument):
+    """What its author has done wrong."""
+
+    level = Setting("LEVel", 0.0, then=lambda box: box.divided())
+
+    @query("DIVide")
+    def divided(self) -> float:
+        return 1.0 / self.level
+
+    @query("NONE")
+    def nothing(self) -> None:
+        """Answer nothing."""
+
+    @query("LIST")
+    def several(self) -> list[object]:
+        return [1.0, 2, True, "x"]
+
+
+@pytest.mark.parametrize("message", ["DIV?", "NONE?", "LEV 0"])
+def test_a_mistake_of_its_author_is_an_error_and_the_rest_goes_on(
+    message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    box = Wrong(WiredWorld(VirtualClock()))
+    box.write(message.encode() + b"\n")
+    assert box.read(100)[0] == b""
+    box.write(b"SYST:ERR?;:LIST?\n")
+    error, listed = box.read(1000)[0].decode().strip().rsplit(";", 1)
+    assert re.match('-310,"System error; Wrong.*(division by zero|returned None)', error)
+    assert listed == "+1.00000000E+00,2,1,x"
+    assert "Traceback" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("header", "count"), [("A", 0), ("A<1-4>:B", 1), ("A<2-2>:B", 2)])
+def test_a_method_that_does_not_take_what_its_header_says_is_refused_at_once(header: str, count: int) -> None:
+    parameters = [Number()] * count
+    with pytest.raises(TypeError, match=rf"is called with \d arguments by '{header}'"):
+        command(header, *parameters)(lambda _self, _one, _two, _three: None)
+
+
 @pytest.mark.parametrize("wire", WIRES)
 def test_the_example_is_there_on_every_wire(wire: str) -> None:
     manager = pyvisa.ResourceManager("@py")
