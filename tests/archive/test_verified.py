@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,6 +17,7 @@ from vcfbench.archive.verified import Verification, verify_run
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
 from vcfbench.records.journal import append_line
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -216,3 +218,23 @@ def test_a_result_that_is_no_text_is_one_sentence(command: str, record: Path) ->
     done = CliRunner().invoke(app, ["runs", command, *run, "--runs", str(record.parent)])
     assert not isinstance(done.exception, UnicodeDecodeError)
     assert done.output
+
+
+def test_a_verdict_by_earlier_rules_and_results_without_newer_keys_are_no_fault(tmp_path: Path) -> None:
+    bench = embedded_text("ideal") + '\n[acceptance]\nguard_band = "U95"\nbias_v = [-1.0, 1.0]\n'
+    (tmp_path / "bench.toml").write_text(bench, encoding="utf-8")
+    run = vcfbench.run("turntable", tmp_path / "bench.toml", settings=QUICK, runs=tmp_path / "runs")
+    record = run.directory
+    assert record is not None
+    answer = json.loads((record / "result.json").read_text(encoding="utf-8"))
+    del answer["values"], answer["results"]["uncertainty"]["bounds"]
+    answer["acceptance"]["verdict"] = answer["acceptance"]["limits"][0]["verdict"] = "marginal"
+    del answer["acceptance"]["limits"][0]["rule"]
+    text = json.dumps(answer).encode()
+    (record / "result.json").write_bytes(text)
+    lines = [json.loads(line) for line in (record / "journal.jsonl").read_bytes().splitlines()]
+    lines[-1]["files"]["result.json"] = sha256(text).hexdigest()
+    (record / "journal.jsonl").write_bytes(sealed(b"".join(json.dumps(line).encode() + b"\n" for line in lines)))
+    found = verify_run(record)
+    assert (found.verdict, found.wrong) == ("PASS", None)
+    assert "the verdict, marginal, is by the rules of its day; by those of now it is pass" in found.notes

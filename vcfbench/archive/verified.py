@@ -248,7 +248,9 @@ class _Check(Struct):
             return
         verdict = None if evaluation.verdict is None else evaluation.verdict.as_json()
         again = json.loads(msgspec.json.encode({"results": plain(evaluation.results), "acceptance": verdict}))
-        differing = next(_differences({key: stored.get(key) for key in again}, again), None)
+        of_record = {key: stored.get(key) for key in again}
+        self.notes += _by_earlier_rules(of_record, again)
+        differing = next(_differences(of_record, again), None)
         others = other_versions(self.record.header)
         if differing is not None and others:
             self.notes.append(f"computed again with other versions ({others}): {differing}")
@@ -307,6 +309,20 @@ def _package(kind: type) -> str:
 def _apart(line: Mapping[str, Any]) -> dict[str, Any]:
     """Return a step without what its being taken over changes."""
     return {key: value for key, value in line.items() if key not in {"taken_over", "utc", "seal"}}
+
+
+def _by_earlier_rules(of_record: dict[str, Any], again: dict[str, Any]) -> Iterator[str]:
+    """Take out a stored verdict that does not say by which rules it was found; say where it is another by those of now.
+
+    Verdicts have said so since they have more rules than one.
+    """
+    acceptance = of_record["acceptance"]
+    limits = acceptance.get("limits", ()) if isinstance(acceptance, dict) else ()
+    if any("rule" not in each and each.get("verdict") != "not measured" for each in limits):
+        was, now = acceptance.get("verdict"), (again["acceptance"] or {}).get("verdict")
+        del of_record["acceptance"]
+        if was != now:
+            yield f"the verdict, {was}, is by the rules of its day; by those of now it is {now}"
 
 
 def _differences(stored: Any, again: Any, name: str = "") -> Iterator[str]:
