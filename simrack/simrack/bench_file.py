@@ -31,6 +31,7 @@ An output of which nothing is said is on a node of its own, `source.output_2`; a
 
 from __future__ import annotations
 
+import re
 import runpy
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -42,6 +43,7 @@ from simrack.models import SimulatedModel, model_named
 from simrack.plan import Place, Plan, circuit_in, own_models, plan_of, wires_of
 from simrack.wired import Through
 
+_NAME, _NODE = re.compile(r"[\w-]+"), re.compile(r"[\w.][\w.-]*")
 _PARTS = ("seed", "instruments", "circuits", "loads", "fault")
 
 
@@ -74,8 +76,11 @@ def plan_in(file: Path) -> Plan:
         places = tuple(_place(name, each, file.parent) for name, each in _table(said, "instruments").items())
         links = dict(_link(name, each, file.parent) for name, each in _table(said, "circuits").items())
         loads = {node: _number(ohm, f"loads.{node}") for node, ohm in _table(said, "loads").items()}
-        script = FaultScript(script_of({"fault": said.get("fault", [])}).faults, said.get("seed") or 0)
-        return Plan(places, links, loads, script, said.get("seed"))
+        seed = said.get("seed")
+        if seed is not None and (type(seed) is not int or seed < 0):
+            raise ValueError(f"seed: expected a whole number from 0 on, came {seed!r}")  # noqa: TRY301
+        script = FaultScript(script_of({"fault": said.get("fault", [])}).faults, seed or 0)
+        return Plan(places, links, loads, script, seed)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
 
@@ -109,6 +114,8 @@ def _number(value: Any, where: str) -> float:
 
 def _place(name: str, said: Any, folder: Path) -> Place:
     where = f"instruments.{name}"
+    if not _NAME.fullmatch(name):
+        raise ValueError(f"{where}: expected a name of letters, digits, - and _")
     known = said if isinstance(said, dict) else {"model": said}
     own: dict[str, SimulatedModel] = {}
     if "file" in known:
@@ -124,7 +131,11 @@ def _place(name: str, said: Any, folder: Path) -> Place:
     terminals = (*model.outputs, *model.inputs)
     _only(said, ("model", "wires", "file", *terminals), where)
     nodes: dict[str, str | None] = {each: f"{name}.{each}" if each in model.outputs else None for each in terminals}
-    nodes |= {each: _text(known, each, where) for each in terminals if each in known}
+    for each in known.keys() & {*terminals}:
+        nodes[each] = node = _text(known, each, where)
+        turns = model.kind == "supply" or each in model.inputs
+        if not _NODE.fullmatch(node.removeprefix("-") if turns else node):
+            raise ValueError(f"{where}.{each}: expected the name of a node, came {node!r}")
     return Place(name, model, asked, nodes)
 
 

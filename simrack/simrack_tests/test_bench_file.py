@@ -124,6 +124,10 @@ def test_faults_and_the_seed_are_those_of_the_file(written: Callable[[str], Path
         ('[[fault]]\ninstrument = "a"\nkind = "nothing"', "fault 1: a fault is one of"),
         ('[circuits.a]\noutput = "x"', "circuits.a.input: expected a text, came None"),
         ("seed = ", "Invalid value"),
+        ('seed = "x"', "seed: expected a whole number from 0 on, came 'x'"),
+        ('[instruments."a b"]\nmodel = "34461A"', "instruments.a b: expected a name of letters"),
+        ('[instruments.a]\nmodel = "E36312A"\noutput_1 = "-"', "a.output_1: expected the name of a node, came '-'"),
+        ('[instruments.a]\nmodel = "33511B"\noutput_1 = "-x"', "a.output_1: expected the name of a node, came '-x'"),
     ],
 )
 def test_what_no_bench_has_is_refused_with_its_place(written: Callable[[str], Path], text: str, said: str) -> None:

@@ -124,6 +124,12 @@ def test_a_mistake_of_its_author_is_an_error_and_the_rest_goes_on(
     assert "Traceback" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("limits", [{"low": 0.0}, {"high": 1.0}, {"low": 3.0, "high": 4.0}])
+def test_limits_that_are_none_are_refused_at_once(limits: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="LEV: expected low and high with the default between"):
+        Setting("LEV", 1.0, **limits)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(("header", "count"), [("A", 0), ("A<1-4>:B", 1), ("A<2-2>:B", 2)])
 def test_a_method_that_does_not_take_what_its_header_says_is_refused_at_once(header: str, count: int) -> None:
     parameters = [Number()] * count
