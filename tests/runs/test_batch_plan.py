@@ -7,15 +7,24 @@ import sys
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from msgspec import structs
+from msgspec import structs, to_builtins
+from msgspec.json import decode, encode
 
 import vcfbench
 from tests.procedures.test_own_code import GOOD
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.batch_sheet import batch_sheet
+from vcfbench.archive.summary import RunSummary
 from vcfbench.cli.main import app
+from vcfbench.clock import utc_now
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.records.device_values import Conditions
+from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve
+from vcfbench.records.schema import Status
 from vcfbench.reports.text import text_of
+from vcfbench.runs import batch
 from vcfbench.runs.batch import Batch, read_batch
+from vcfbench.runs.request import prepare
 from vcfbench.station.description import Served
 from vcfbench.station.file import embedded_text
 
@@ -97,6 +106,28 @@ def test_a_record_that_was_amended_is_of_the_device_that_it_says_now(tmp_path: P
     done = measured(tmp_path)
     amend_run(done.directory, {"dut": "G-2"}, reason="misread", by="A. Person")
     assert [len(asked.left(serial, tmp_path / "runs")) for serial in ("G-1", "G-2")] == [1, 0]
+
+
+@pytest.mark.parametrize("name", list(PROCEDURES))
+def test_a_run_of_the_batch_is_what_its_plan_asks_for_whatever_the_procedure(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With a certificate, from which some look up what the plan leaves open."""
+    curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-3.0, v_vc_max_v=3.0)
+    here = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
+    DeviceStore(tmp_path).add(Certificate(serial="G-1", issued=utc_now(), procedure="kvc", k_vc=curve, conditions=here))
+    plan(tmp_path, f'name = "b7"\nbench = "lab"\n[[runs]]\nprocedure = "{name}"\n')
+    asked = read_batch(tmp_path / "plan.toml", None, tmp_path)
+    prepared = prepare(asked.request(asked.runs[0], "G-1", tmp_path))
+    stated = {"bench": prepared.description, "simulated": True, "settings": prepared.settings}
+    header = decode(encode(to_builtins(stated)))
+    monkeypatch.setattr(batch, "read_header", lambda _: header)
+    found = RunSummary(
+        run="r", directory=tmp_path, started=utc_now(), status=Status.COMPLETE, procedure=name, dut="G-1"
+    )
+    monkeypatch.setattr(batch, "run_summaries", lambda *_, **__: (found,))
+    assert asked.left_out(tmp_path) == {}
+    assert asked.left("G-1", tmp_path) == ()
 
 
 def test_a_device_of_which_one_run_of_two_is_done_is_neither_done_nor_good(tmp_path: Path) -> None:

@@ -97,18 +97,22 @@ class Batch(Struct, frozen=True):
     def check(self, serial: str, runs: Path) -> None:
         """Walk the plans of all runs of a device against the limits of the bench; nothing is opened.
 
+        What a device has passed is not walked where it cannot be any more: its certificate may be out of date by now.
+
         Raises:
             BenchError: a run cannot be as planned; the words name procedure and device.
         """
         certified = False
-        for each in self.left(serial, runs):
+        for each in self.runs:
             request = self.request(each, serial, runs)
             if certified and issubclass(each.procedure.settings, KnownDeviceSettings):
                 request = replace(request, settings=self._foreseen(each, self._layer(each, serial)))
-            certified |= each.procedure.name in _CERTIFIES
+            certified |= each.procedure.name in _CERTIFIES and each in self.left(serial, runs)
             try:
                 prepare(request).planned()
             except BenchError as error:
+                if each not in self.left(serial, runs):
+                    continue
                 error.hint = "; ".join(filter(None, [error.hint, f"{each.procedure.name} of device {serial}"]))
                 raise
 
@@ -119,16 +123,17 @@ class Batch(Struct, frozen=True):
 
     def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
         """Return the runs of a device that it has not passed yet, by a complete record that is what the plan asks."""
-        left_out = self.left_out(runs, serial)
-        known = run_summaries(runs, dut=serial, tags={TAG: self.name})
-        last = last_runs([each for each in known if each.run not in left_out])
+        last = last_runs([each for each, other in self._found(runs, serial) if not other])
         return tuple(each for each in self.runs if not _passed(last.get((serial, each.procedure.name))))
 
     def left_out(self, runs: Path, serial: str | None = None) -> dict[str, str]:
         """Return the records with the tag, of a device or of all, that are not what the plan asks: name and reason."""
+        return {each.run: other for each, other in self._found(runs, serial) if other}
+
+    def _found(self, runs: Path, serial: str | None) -> list[tuple[RunSummary, str]]:
+        """Return the records with the tag, oldest first, each with what makes it another than the plan asks for."""
         found = run_summaries(runs, dut=serial, tags={TAG: self.name})
-        reasons = {each.run: self._other(each) for each in found if each.dut and each.procedure}
-        return {run: reason for run, reason in reasons.items() if reason}
+        return [(each, self._other(each)) for each in found if each.dut and each.procedure]
 
     def _other(self, found: RunSummary) -> str:
         """Say by what a record is not the run that the plan asks for; empty where it is that.
