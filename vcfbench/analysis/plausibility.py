@@ -27,6 +27,10 @@ _PILED: Final = 8
 _LEVELS: Final = 1000
 _COARSE: Final = 5
 """A sensor that shows no more levels in so many readings is coarse: what it shows most may be its extreme."""
+_FEW: Final = 5
+_GAP: Final = 0.12
+"""Part of the range of a record that noise never leaves empty between more than a few readings."""
+_LEVELS_APART: Final = 2.5
 _REST_DEG_S: Final = 30.0
 """Beyond that no gyroscope at rest reads (ours)."""
 _MAD: Final = 1.4826
@@ -48,6 +52,7 @@ def doubts_of_record(rates_deg_s: Floats) -> list[Doubt]:
         return []
     mean = float(rates_deg_s.mean())
     found = [*_far_ones(rates_deg_s), *_repeated(rates_deg_s), *_piled_up(rates_deg_s), *_moved(rates_deg_s)]
+    found += _parted(rates_deg_s)
     if abs(mean) > _REST_DEG_S:
         found.append(Doubt(0, f"a mean of {mean:.3g} deg/s: does the unit hold, was it at rest?"))
     return found
@@ -117,6 +122,24 @@ def _piled_up(rates: Floats) -> Iterator[Doubt]:
         beside = int(np.count_nonzero(np.abs(rates - value) == away))
         if top.size > 3 * beside:
             yield Doubt(int(top[0]), f"{top.size} readings are the {what}, {value:.6g} deg/s: clipped, or saturated")
+
+
+def _parted(rates: Floats) -> Iterator[Doubt]:
+    """Yield two groups of readings with nothing between them, between which the record goes to and fro."""
+    ordered = np.sort(rates[:_SAMPLE])
+    inner = np.diff(ordered[_FEW - 1 : ordered.size - _FEW + 1])
+    if not inner.size:
+        return
+    at = int(inner.argmax())
+    apart, middle = float(inner[at]), 0.5 * float(ordered[at + _FEW - 1] + ordered[at + _FEW])
+    above = rates > middle
+    crossed = np.flatnonzero(above[1:] != above[:-1])
+    wide = apart > _GAP * float(np.ptp(rates)) and apart > _LEVELS_APART * _least_digit(rates)
+    if wide and crossed.size >= _FEW:
+        words = (
+            f"nothing between readings {apart:.3g} deg/s apart, {crossed.size} times crossed: wrapped, or two states"
+        )
+        yield Doubt(int(crossed[0]) + 1, words)
 
 
 def _moved(rates: Floats) -> Iterator[Doubt]:
