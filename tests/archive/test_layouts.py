@@ -197,6 +197,16 @@ def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> 
     assert found.notes == ("not analysed: t_s, temperature_c, state, n",)
 
 
+def test_unit_of_a_table_is_that_of_a_named_column(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("rate_dps,a\n-1,1\n0,2.1\n1,3\n")
+    found = analyze(tmp_path / "table.csv", layout=Layout(units={"a": "mV"}))
+    assert found.series["a"].line.scale_factor == pytest.approx(1e-3)
+    with pytest.raises(ConfigError, match="say of which column"):
+        analyze(tmp_path / "table.csv", layout=Layout(units={"": "mV"}))
+    with pytest.raises(ConfigError, match="no unit that is known"):
+        analyze(tmp_path / "table.csv", layout=Layout(units={"a": "furlong"}))
+
+
 def test_outputs_in_different_units_are_not_compared(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("rate_deg_s,a_mv,b [LSB]\n-1,1,2\n0,2.1,3\n1,3,4\n")
     assert analyze(tmp_path / "table.csv").comparison is None

@@ -182,7 +182,9 @@ def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> d
         ConfigError: one sentence with file, line and column, for anything that is no complete table.
     """
     head = read_head(raw, file, layout)
-    if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS:
+    if "" in layout.units:
+        raise ConfigError(f"--unit {layout.units['']}: of a table, say of which column", hint="--unit COLUMN=mV")
+    if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS and not layout.columns:
         return _steps(raw, head)
     rate = _rate_place(head, layout)
     outputs, uncertainties = _output_places(head, layout, rate, notes)

@@ -1,5 +1,6 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
+from csv import reader
 from json import dumps
 from pathlib import Path
 from typing import Annotated
@@ -38,7 +39,7 @@ def analyze(  # noqa: PLR0917  # options of a command
         option(
             "NAME,...",
             "Which columns: the one of a record; of a table rate and outputs. Of a file without names the names of "
-            "all.",
+            "all. A name with a comma stands in quotes.",
             "--columns",
             "--column",
         ),
@@ -60,7 +61,7 @@ def analyze(  # noqa: PLR0917  # options of a command
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
-    names = () if columns is None else tuple(name.strip() for name in columns.split(","))
+    names = () if columns is None else tuple(name.strip() for name in next(reader([columns], skipinitialspace=True)))
     units = dict(key_and_value("--unit", each, "gyro=mdps") if "=" in each else ("", each) for each in unit or ())
     layout = Layout(names, skip, units, time, separator, decimal)
     if rate is not None or scale_factor is not None or len(names) == 1 or _begins_with_times(file, layout):
