@@ -18,6 +18,7 @@ from vcfbench.procedures.shared.sweep.agreement import require_expected_column, 
 from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
 from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Plan, Settle
@@ -126,7 +127,7 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
     return Report(
         [
             Table(heads("Omega_z [deg/s]:g | output [V]:.5f | s [V]:.1e"), rows),
-            Text(columns.line_words("turntable", results)),
+            Text(columns.line_words("turntable", results, values_of(results))),
             *([columns.sweep_text("turntable", results.sweep)] if isinstance(results, SweptTurntableResult) else []),
             *columns.statement_tables(results.uncertainty),
             columns.outputs_figure("Output against the table's rate", drawn),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 
+_SMALLEST_GROUPED = 1e-7  # Above that an uncertainty in words has none: its zeros stand in threes
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
 
 
@@ -20,7 +21,8 @@ def shorthand(value: float, u: float | None) -> str:
 
 def grouped(u: float) -> str:
     """Return an uncertainty in two digits, those in threes: ``0.000 59``."""
-    return in_threes(format(u, digits_of_u(u)))
+    fixed = _SMALLEST_GROUPED <= u < _SMALLEST_FIXED
+    return in_threes(f"{u:.{-_second_digit(u)}f}" if fixed else format(u, digits_of_u(u)))
 
 
 def in_threes(figure: str) -> str:

@@ -143,6 +143,13 @@ class Value(Struct, frozen=True):
         of = self.named
         return f"{self.figure(of.factor)} {of.unit}".rstrip() + incomplete(self.missing)
 
+    @property
+    def with_u95(self) -> str:
+        """What is stated, in the unit in which people read it, with its U95 where it has one."""
+        of = self.named
+        u95 = f", U95 {grouped(abs(of.factor) * self.u95)}" if self.u95 else ""
+        return f"{self.figure(of.factor)} {of.unit}".rstrip() + u95
+
     def as_json(self) -> dict[str, Any]:
         """Return it as ``values`` of ``result.json`` have it: without the parts of its uncertainty, which results have.
 

@@ -1,7 +1,7 @@
 """Columns of table and virtual Coriolis force: noise, line, accepted values; tables and figures of them."""
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeGuard
 
 from msgspec.structs import replace
@@ -139,7 +139,10 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         for place, (cause, share) in enumerate(shown):
             of = "" if place else words
             lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
-    rows += [(bound.named.words, bound.figure(), None, None, None, bound.unit, bound.of) for bound in statement.bounds]
+    rows += [
+        (bound.named.words, bound.figure(), None, None, None, bound.unit, bound.of.rpartition("; ")[2])
+        for bound in statement.bounds
+    ]
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
@@ -149,18 +152,18 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     ]
 
 
-def line_words(name: str, column: CalibrationColumn) -> str:
-    """Describe the line of a column, and its non-linearity."""
-    scale_factor, bias, ppm = column.scale_factor, column.bias, column.nonlinearity_ppm
-    u_fit_mv = [1e3 * (each.u_fit or 0.0) for each in (scale_factor, bias)]
-    kinds = (ppm.max_span, ppm.max_span_rounded, ppm.max_fs)
-    span, rounded, full_scale = ("-" if each is None else f"{each:.1f}" for each in kinds)
+def line_words(name: str, column: CalibrationColumn, values: Mapping[str, Value], before: str = "") -> str:
+    """Describe the line of a column, whose values are those under names that begin with `before`."""
+    slope, bias, bend = (values.get(f"{before}{each}") for each in ("scale_factor", "bias", "nonlinearity"))
+    ppm = column.nonlinearity_ppm
+    others = [(ppm.max_span_rounded, "the paper's way (max_span_rounded)"), (ppm.max_fs, "of full scale (max_fs)")]
+    said = [f"{each:.0f} {words}" for each, words in others if each is not None]
+    if bend is not None:
+        said.insert(0, f"of the span {bend.with_u95} (max_span)")
     return (
-        f"{name}: V = {scale_factor.value:+.8f} Omega_z {bias.value:+.6f}\n"
-        f"  scale factor {1e3 * scale_factor.value:.5f} mV/(deg/s), u of the fit {u_fit_mv[0]:.1g}; "
-        f"bias {1e3 * bias.value:.3f} mV, u of the fit {u_fit_mv[1]:.1g}\n"
-        f"  non-linearity {span} ppm of the span (max_span), {rounded} the paper's way (max_span_rounded), "
-        f"{full_scale} of full scale (max_fs)"
+        f"{name}: V = {column.scale_factor.value:+.8f} Omega_z {column.bias.value:+.6f}\n"
+        f"  scale factor {'-' if slope is None else slope.with_u95}; bias {'-' if bias is None else bias.with_u95}\n"
+        f"  non-linearity {'; '.join(said) or '-'}"
     )
 
 

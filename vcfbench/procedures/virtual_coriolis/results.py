@@ -19,6 +19,7 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.settings import Match
 from vcfbench.values.value import Unstated, Value
@@ -209,17 +210,21 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
             terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))
             lack = f"lack of fit {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g})"
             nulls.append(Text(f"rate = {terms}\n  {lack}; in no uncertainty"))
-    as_printed = "" if rounded is None else f", {rounded:.3f} % from slopes rounded as the paper prints them"
+    values = values_of(found)
+    as_printed = "" if rounded is None else f"; {rounded:.3f} % from slopes rounded as the paper prints them"
     k_vc_line = (
-        f"K_Vc = {k_vc.value:.6g} {k_vc.unit}, u of noise and resolution {k_vc.u_fit or 0.0:.2g}; "
+        f"K_Vc = {values['k_vc'].with_u95}, u of noise and resolution alone {k_vc.u_fit or 0.0:.2g}; "
         f"V_Vc at {found.match_rate_deg_s:g} deg/s {found.v_vc10_v:.6g} V (match: {found.match.value})"
     )
     u_line = (
         f"  u from noise and resolution {found.scale_factor_error_u_readings_percent:.2g} %, "
         f"from scatter about the lines {found.scale_factor_error_u_fit_percent:.2g} %"
     )
-    error_line = f"scale factor error {found.scale_factor_error_percent:.4f} %{as_printed}"
-    fits = (columns.line_words("turntable", found.turntable), columns.line_words("virtual Coriolis", found.virtual))
+    error_line = f"scale factor error {values['scale_factor_error_percent'].with_u95}{as_printed}"
+    fits = (
+        columns.line_words("turntable", found.turntable, values, "turntable."),
+        columns.line_words("virtual Coriolis", found.virtual, values, "virtual."),
+    )
     return Report(
         [
             Table(four, [(left.rate_deg_s, left.output_v, right.output_v, right.v_vc_v) for left, right in pairs]),
