@@ -226,6 +226,7 @@ def test_outputs_in_different_units_are_not_compared(tmp_path: Path) -> None:
         *((name, Kind.TIME, 1e-3) for name in ("t_ms", "time [ms]", "millis")),
         *((name, Kind.COUNT, 1.0) for name in ("x [LSB]", "x_counts", "adc_raw")),
         *((name, None, None) for name in ("x", "wz_foo_s", "x [MV]", "gyro (z)", "temperature / h", "u_x_v", "x_std")),
+        *((name, None, None) for name in ("x_mV/V", "x LSB/dps", "gain (deg/s)/V", "x [(deg/s)^2]", "x [mV/V]", "x_h")),
     ],
 )
 def test_unit_is_the_longest_end_of_a_name_that_is_one(name: str, kind: Kind | None, factor: float | None) -> None:

@@ -110,6 +110,8 @@ _TIME_WORDS = {
 }
 _SPREADS = {"u": "u", "unc": "u", "uncertainty": "u", "std": "std", "sd": "std", "stdev": "std", "sigma": "std"}
 _BRACKETS = re.compile(r"[\[({<]([^\[\](){}<>]*(?:\([^()]*\))?[^\[\](){}<>]*)[\])}>]")
+_GOES_ON = re.compile(r"[/^*\u00b7]")
+"""What makes another unit of the one before it."""
 _CLOSING = re.compile(r"[\])}>]\s*$")
 _SPLIT = re.compile(r"\s*/\s*|\s+in\s+|[\s_,]+")
 _WORD = re.compile(r"[^\W_]+")
@@ -157,13 +159,14 @@ def column_name(written: str) -> ColumnName:
             text = text.replace(")", "", 1)
     groups = list(_BRACKETS.finditer(text))
     for group in reversed(groups):
-        if (unit := unit_of(group[1])) is not None:
+        if (unit := unit_of(group[1])) is not None and not _GOES_ON.search(text, group.end()):
             base = f"{text[: group.start()]} {text[group.end() :]}"
             return _named(written, base.rstrip().removesuffix("/"), spread, unit)
     if (unit := unit_of(text)) is not None and unit.kind in (Kind.RATE, Kind.TIME, Kind.COUNT) and len(text) > 1:
         return ColumnName(written, "", unit, spread=spread)
     for base, end in _ends(text):
-        if (unit := unit_of(end)) is not None and _may_be(unit, base):
+        ratio = text[len(base) : len(text) - len(end)].strip() == "/" and column_name(base).unit is not None
+        if (unit := unit_of(end)) is not None and _may_be(unit, base) and not ratio:  # mV/V is no V
             return _named(written, base, spread, unit)
     if groups and _CLOSING.search(text):
         return _named(written, text[: groups[-1].start()], spread, None, groups[-1][1].strip() or " ")

@@ -419,7 +419,7 @@ def _number(cell: str, where: str, head: Head) -> float:
             raise ConfigError(f"{where}: {shown!r} has a typographic minus sign; write it with a hyphen")
         if "," in cell:
             meant = "a comma of thousands, or a decimal one" if _THOUSANDS.fullmatch(cell) else "a decimal comma"
-            raise ConfigError(f"{where}: {shown!r} has {meant}; write it with a point, or none")
+            raise ConfigError(f"{where}: {shown!r} has {meant}; write it with a point, or none", hint="--decimal comma")
         raise ConfigError(f"{where}: {shown!r} is not a number")
     value = float(text)
     if not math.isfinite(value):
