@@ -87,7 +87,7 @@ def _record(run: Run) -> Iterator[Part]:
     if run.metadata.note is not None:
         yield Text(f"Note: {run.metadata.note}", verbatim=True)
     if run.amendments:
-        names = texts("revision", "field", "was", "is", "by", "on", "reason", verbatim=True)
+        names = texts("revision", "field", "was", "is", "by", "on (UTC)", "reason", verbatim=True)
         changes = [
             (str(each.revision), change.field, change.was, change.now, each.by, each.utc[:10], each.reason)
             for each in run.amendments
