@@ -197,6 +197,12 @@ def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> 
     assert found.notes == ("not analysed: t_s, temperature_c, state, n",)
 
 
+def test_axes_of_a_record_are_no_table(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(log("t_s,x_dps,y_dps\n", "{t},{x},1"))
+    with pytest.raises(ConfigError, match="of a record at rest one column is analysed at a time"):
+        analyze(tmp_path / "log.csv", layout=Layout(columns=("x_dps", "y_dps")))
+
+
 def test_unit_of_a_table_is_that_of_a_named_column(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("rate_dps,a\n-1,1\n0,2.1\n1,3\n")
     found = analyze(tmp_path / "table.csv", layout=Layout(units={"a": "mV"}))

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.column_names import KNOWN, Kind
+from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
@@ -219,10 +219,16 @@ def _rate_place(head: Head, layout: Layout) -> int:
         place = head.place(layout.columns[0])
         if head.names[place].kind is not Kind.RATE:
             raise ConfigError(f"--columns: the rate comes first, {layout.columns[0]} has no unit of one")
+        kinds = {head.names[head.place(each)].kind for each in layout.columns}
+        if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not _is_applied(head.names[place]):
+            raise ConfigError(
+                f"{head.file}: of a record at rest one column is analysed at a time, came {', '.join(layout.columns)}",
+                hint="of a table the column of the applied rate is called so: rate, applied, table",
+            )
         return place
     every = rates = [place for place, each in enumerate(head.names) if each.kind is Kind.RATE]
     if len(every) > 1:
-        rates = [place for place in every if _APPLIED & set(head.names[place].base.replace("_", " ").split())]
+        rates = [place for place in every if _is_applied(head.names[place])]
     if len(rates) != 1:
         several = ", ".join(head.names[place].written for place in every)
         got = f"column 1: the header must begin with rate_deg_s, or another rate, got {head.names[0].written!r}"
@@ -231,6 +237,10 @@ def _rate_place(head: Head, layout: Layout) -> int:
             hint="--columns RATE,OUTPUT says which columns are meant",
         )
     return rates[0]
+
+
+def _is_applied(name: ColumnName) -> bool:
+    return bool(_APPLIED & set(name.base.replace("_", " ").split()))
 
 
 def _output_places(
