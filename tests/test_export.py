@@ -93,6 +93,9 @@ def test_hdf5_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> No
         assert (file["readings/t_s"].attrs["unit"], file["readings/rate_deg_s"].attrs["unit"]) == ("s", "deg/s")
         assert (file.attrs["operator"], file.attrs["humidity_percent"]) == ("A. Person", 41.0)
         assert file.attrs["run"] == run.name
+        for name, each in run.values.items():
+            assert (file.attrs[f"value.{name}"], file.attrs[f"value.{name}.u95"]) == (each.value, each.u95)
+            assert file.attrs[f"value.{name}.unit"] == each.unit
 
 
 def test_a_long_text_fits_into_hdf5(tmp_path: Path) -> None:

@@ -164,3 +164,14 @@ def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:
     comparison = compare_runs(run, structs.replace(run))
     assert {d.value for each in comparison.results for d in each.differences} == {0.0}
     assert comparison.settings == {}
+
+
+def test_a_line_and_small_signals_are_of_another_measurand_and_not_compared() -> None:
+    def found(kind: str, value: float) -> Run:
+        slope = Value("scale_factor", value, "V/(deg/s)", 2e-7, kind=kind)
+        return Run("own", Status.COMPLETE, POINTS, {"scale_factor": slope, "gain": Value("gain", 1.0, "V", 0.1)})
+
+    compared = compare_runs(found("scale_factor", -0.012542), found("scale_factor_small", -0.012552))
+    assert [each.name for each in compared.results] == ["gain"]
+    assert compared.of_others == ("scale_factor: scale factor, scale factor of small signals",)
+    assert "Of another measurand in each run, and not compared: scale_factor" in text_of(compared.report())

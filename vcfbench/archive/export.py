@@ -1,6 +1,6 @@
 """A run for other programs: its points or every raw reading, a column a quantity, with the facts of its record."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -9,6 +9,7 @@ from msgspec import Struct
 
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
+from vcfbench.archive.summary import summary_of
 from vcfbench.errors import ConfigError
 from vcfbench.files import failing_as, shown
 from vcfbench.records.amendments import amended, amendments_at
@@ -106,5 +107,16 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
         "equipment": msgspec.json.encode(equipment).decode(),
         "settings": msgspec.json.encode(header.get("settings")).decode(),
         "versions": msgspec.json.encode(header.get("versions")).decode(),
+        **dict(_stated(directory)),
     }
     return {key: value for key, value in plain.items() if value is not None}
+
+
+def _stated(directory: RunDirectory) -> Iterator[tuple[str, str | float | None]]:
+    """Yield what the run states, in SI units: a value with u and U95, or its interval or bound in words."""
+    for name, each in summary_of(directory).results.items():
+        yield f"value.{name}", each.value if each.form == "plus-minus" else each.figure()
+        yield f"value.{name}.unit", each.unit or None
+        yield f"value.{name}.u", each.u
+        yield f"value.{name}.u95", each.u95
+        yield f"value.{name}.missing", ", ".join(each.missing) or None
