@@ -23,8 +23,12 @@ def numbered(directory: Path) -> list[tuple[int, Path]]:
 
 
 def seal_of(paths: Iterable[Path]) -> str:
-    """Return the SHA-256 of the SHA-256s of files, in hexadecimal: another as soon as one is changed or missing."""
-    return sha256(b"".join(sha256(path.read_bytes()).digest() for path in paths)).hexdigest()
+    """Return the SHA-256 of the SHA-256s of files, in hexadecimal: another as soon as one is changed or missing.
+
+    Ends of lines may be those of Windows, as in other records.
+    """
+    texts = (path.read_bytes().replace(b"\r\n", b"\n") for path in paths)
+    return sha256(b"".join(sha256(text).digest() for text in texts)).hexdigest()
 
 
 def placed(directory: Path, data: bytes) -> Path:
