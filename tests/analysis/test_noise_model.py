@@ -107,6 +107,9 @@ def test_slow_sine_is_no_noise_and_nothing_is_stated_of_it() -> None:
     found = model_of(record)
     assert not found.described
     assert {found.fit.terms[term].value for term in (Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK)} == {0.0}
+    walk = found.fit.terms[Term.ANGLE_RANDOM_WALK]
+    assert walk.u is not None  # that of the short averages
+    assert abs(walk.value - 1.0) < 2.0 * walk.u
 
 
 @pytest.mark.parametrize("drift", [1.0, 10.0, 1000.0])

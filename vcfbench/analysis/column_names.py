@@ -54,7 +54,7 @@ class ColumnName(Struct, frozen=True):
 
     @property
     def is_time(self) -> bool:
-        """Whether the column tells when a reading was taken, by its name."""
+        """Tell whether the column tells when a reading was taken, by its name."""
         alone = not self.base and self.unit is not None  # a column that is called seconds
         return not self.spread and self.kind in {None, Kind.TIME} and (alone or _names_a_time(self.base))
 
@@ -183,7 +183,7 @@ def _ends(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _may_be(unit: Unit, base: str) -> bool:
-    """Whether an end without brackets is meant as a unit: an s, h, c or g may be part of a name, or of another unit."""
+    """Tell whether an end without brackets is meant as a unit: an s, h or c may be part of a name or another one."""
     if unit.kind is Kind.TIME:
         return _names_a_time(base)
     if unit.kind is Kind.TEMPERATURE:

@@ -97,11 +97,11 @@ class Head(Struct, frozen=True):
         return found[0]
 
     def is_text(self, place: int) -> bool:
-        """Whether none of the first cells of a column begins as a number does."""
+        """Tell whether none of the first cells of a column begins as a number does."""
         return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
 
     def is_date(self, place: int) -> bool:
-        """Whether the first cell of a column is an ISO date with a time."""
+        """Tell whether the first cell of a column is an ISO date with a time."""
         return bool(self.sample) and bool(_DATE.fullmatch(self.sample[0][place]))
 
 
@@ -368,7 +368,7 @@ def _with_unit(name: ColumnName, written: str, where: str) -> ColumnName:
 
 
 def _decimal_comma(rows: Sequence[Sequence[str]], separator: str, stated: str | None, where: str) -> bool:
-    """Whether the decimals of a file are behind a comma; refuses what may as well be thousands."""
+    """Tell whether the decimals of a file are behind a comma; refuses what may as well be thousands."""
     if stated is not None or separator == ",":
         return stated is not None and _DECIMALS[stated] == ","
     commas = [cell for row in rows for cell in row if _is_comma_number(cell) or _THOUSANDS.fullmatch(cell)]

@@ -27,6 +27,8 @@ _NEXT: Final = 4
 """Points that must agree with a start: two octaves."""
 _MARGIN: Final = 2
 _LEAST: Final = 8
+_SHORTER: Final = 2
+"""Points by which a curve is shortened that powers of the time describe from no start on."""
 _LEAST_OF_PIECE: Final = 7
 _SHOWN: Final = 3.0
 """A term is stated where its square is so many of the uncertainties that it would have if it were 0."""
@@ -167,9 +169,12 @@ def noise_model(curve: Sequence[AllanPoint], samples: int, sampling: Sampling) -
     points, scale = _curve_of(curve, samples, sampling)
     every = [_N, _B, _K, _R] if not sampling.gapless else [_Q, _N, _B, _K, _R]
     size = len(curve)
-    begin = _start(points, size, every, _MARGIN if sampling.gapless else 0)
-    started = begin is not None
-    begin = begin or 0
+    margin, whole = _MARGIN if sampling.gapless else 0, size
+    found = _start(points, whole, every, margin)
+    while found is None and whole > _LEAST + margin:  # from the long end on, where what drifts is largest
+        whole -= _SHORTER
+        found = _start(points, whole, every, margin)
+    started, begin = found is not None, found or 0
     wide = every[:-1]
     if size - begin > len(every):
         fitted = points.fit(begin, size, every)
@@ -177,9 +182,9 @@ def noise_model(curve: Sequence[AllanPoint], samples: int, sampling: Sampling) -
             wide = every
     fitted = points.fit(begin, size, wide)
     chi_square, dof, p = points.p(begin, size, fitted) if started else (0.0, 0, 0.0)
-    described, end = started and p >= _P_FIT, size
+    described, end = whole == size and started and p >= _P_FIT, size
     if started and not described:
-        end = _piece(points, begin, size, wide)
+        end = _piece(points, begin, whole, wide)
     limits = _envelope(points, begin if started else 0)
     terms = _terms(points, begin, end, wide, limits) if end > begin and started else {}
     if not described:
@@ -239,7 +244,7 @@ def _beyond(chi_square: float, dof: int) -> float:
 
 def _piece(points: _Curve, begin: int, size: int, columns: list[int]) -> int:
     """Return the end of the longest piece from `begin` on that the fit describes, with margin; `begin` if none."""
-    for end in range(size - 1, begin + _LEAST_OF_PIECE + _MARGIN - 1, -1):
+    for end in range(size, begin + _LEAST_OF_PIECE + _MARGIN - 1, -1):
         if points.p(begin, end, points.fit(begin, end, columns))[2] >= _P_PIECE:
             return end - _MARGIN
     return begin

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -12,6 +13,7 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stabilit
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.analysis.noise_model import NoiseModel, noise_model
+from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 from vcfbench.values.value import Value
 
@@ -26,6 +28,8 @@ _PER_OCTAVE = 2
 _ALWAYS = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY)
 _USUAL_MARGIN = 2
 """Points at the start of a curve that the fit always leaves as a margin."""
+_LARGEST = 1e30
+"""deg/s: the fourth power of it is still a number."""
 _SLOW = 0.01
 """Probability below which a curve has slow noise in it."""
 _UNITS = {
@@ -100,7 +104,12 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
         sampling: how it was taken.
         corrected: whether dead time is taken out; else the record counts as gapless.
         u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
+
+    Raises:
+        ConfigError: a rate is larger than any gyroscope's.
     """
+    if float(np.abs(rates_deg_s).max()) > _LARGEST:
+        raise ConfigError("a rate of the record is larger than any gyroscope's")
     fitted = sampling if corrected else Sampling.without_gaps(sampling.interval_s)
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
@@ -171,14 +180,14 @@ def _remarks(
             "readings, a vibration)."
         )
     if not model.described:
-        found = f"chi-square {model.chi_square:.3g} of {model.dof}, p {model.p:.1g}"
+        found = f" (chi-square {model.chi_square:.3g} of {model.dof}, p {model.p:.1g})" if model.p < _SLOW else ""
         piece = (
             f"N is that of {begin:.4g} to {curve[model.end - 1].tau_s:.4g} s; B, K, R are"
             if model.end > model.begin
             else "N, B, K, R are"
         )
         yield (
-            f"No sum of these noises describes the curve from {begin:.4g} to {last:.4g} s ({found}): {piece} not "
+            f"No sum of these noises describes the curve from {begin:.4g} to {last:.4g} s{found}: {piece} not "
             "stated, below their bounds they are with 95 %."
         )
         return
