@@ -114,5 +114,7 @@ class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
     reading_noise_v: bounds.NoiseWindow | None = None
     k_vc_deg_s_per_v: bounds.SlopeWindow | None = None
     scale_factor_error_percent: bounds.PercentWindow | None = None
+    bias_repeatability_deg_s: bounds.RateWindow | None = None
+    scale_factor_repeatability_ppm: bounds.PpmWindow | None = None
     drift_ppm: bounds.DriftWindow | None = None
     e_n: bounds.EnWindow | None = None
