@@ -225,7 +225,9 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
     if not noise:
         return Text("no noise: the readings scatter by less than the meter resolves")
     columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
-    return Table(columns, [(each.name, each.value, each.u, each.upper_95, each.unit) for each in noise])
+    # Of one that does not stand out 0 is no finding: its bound is
+    rows = [(each.name, each.value if each.u else None, each.u, each.upper_95, each.unit) for each in noise]
+    return Table(columns, rows)
 
 
 def allan_table(rows: Sequence[AllanRow]) -> Table:
