@@ -87,7 +87,6 @@ JITTERY = {"aaaa"}
 LOOK_S = 0.1
 BEGIN_S = 1.5
 """From the begin of one worker to that of the next."""
-BOUND = re.compile(r"^(\S+nonlinearity): .*; it is below (\S+) ppm")
 
 
 class Shows:
@@ -333,9 +332,8 @@ def resumed(station: Station, folder: Path) -> dict[str, Any]:
     names = [name.removesuffix(".covered") for name in stated if name.endswith(".covered")]
     found = {name: [stated[name], stated[f"{name}.truth"], stated[f"{name}.u95"]] for name in names}
     truth = truth_of(kept, station.description)
-    for said in kept.results.uncertainty.not_in_u:  # one that errors alone may make has a bound in place of a value
-        if bound := BOUND.search(said):
-            found[bound[1]] = [0.0, truth[bound[1]], float(bound[2])]
+    for bound in kept.results.uncertainty.bounds:  # of one that errors alone may make
+        found[bound.name] = [0.0, truth[bound.name], bound.high]
     return line | {"record": "complete", "stated": found}
 
 

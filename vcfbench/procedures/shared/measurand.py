@@ -40,11 +40,11 @@ class Measurand(Struct, frozen=True):
         """Return value, u and U95 as they are printed: two digits of either, the value to the last one of u."""
         return stated_cells(self.value, self.u, self.expanded_u)
 
-    def as_value(self, name: str, kind: str = "", words: str = "", of: str = "") -> Value:
-        """Return it as a value of a run."""
+    def as_value(self, name: str, kind: str | None = None, words: str = "", of: str = "") -> Value:
+        """Return it as a value of a run, of the kind that has its name and unit where none is said."""
         return Value(
             *(name, self.value, self.unit, self.u, self.dof, self.expanded_u),
-            kind=kind or kind_of(name, self.unit),
+            kind=kind_of(name, self.unit) if kind is None else kind,
             words=words,
             of=of,
             parts=self.parts,

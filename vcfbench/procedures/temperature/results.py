@@ -15,7 +15,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, measurand, titled, value_table
+from vcfbench.procedures.shared.measurand import Measurand, measurand, value_table
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -103,25 +103,26 @@ class TemperatureResult(Struct, frozen=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values; a hysteresis that is not seen as its bound."""
+        at = f"at {self.reference_c:g} degC"
         named = {
-            f"scale factor at {self.reference_c:g} degC": self.scale_factor,
-            "temperature coefficient of the scale factor": self.scale_factor_tc,
-            "its change with temperature": self.scale_factor_tc2,
-            "hysteresis of the scale factor": self.scale_factor_hysteresis,
-            f"bias at {self.reference_c:g} degC": self.bias,
-            "temperature coefficient of the bias": self.bias_tc,
-            "hysteresis of the bias": self.bias_hysteresis,
-            f"drive frequency at {self.reference_c:g} degC": self.frequency,
-            "temperature coefficient of the drive frequency": self.frequency_tc,
-            "hysteresis of the drive frequency": self.frequency_hysteresis,
-            f"mode split at {self.reference_c:g} degC": self.split,
-            "temperature coefficient of the mode split": self.split_tc,
+            "scale_factor": (f"scale factor {at}", self.scale_factor),
+            "scale_factor_tc": ("temperature coefficient of the scale factor", self.scale_factor_tc),
+            "scale_factor_tc2": ("its change with temperature", self.scale_factor_tc2),
+            "scale_factor_hysteresis": ("hysteresis of the scale factor", self.scale_factor_hysteresis),
+            "bias": (f"bias {at}", self.bias),
+            "bias_tc": ("temperature coefficient of the bias", self.bias_tc),
+            "bias_hysteresis": ("hysteresis of the bias", self.bias_hysteresis),
+            "frequency": (f"drive frequency {at}", self.frequency),
+            "frequency_tc": ("temperature coefficient of the drive frequency", self.frequency_tc),
+            "frequency_hysteresis": ("hysteresis of the drive frequency", self.frequency_hysteresis),
+            "split": (f"mode split {at}", self.split),
+            "split_tc": ("temperature coefficient of the mode split", self.split_tc),
         }
-        for name, found in named.items():
+        for name, (words, found) in named.items():
             if found is None:
                 continue
-            value = titled(name, found)
-            if "hysteresis" in name and abs(found.value) <= found.expanded_u:
+            value = found.as_value(name, "", words)  # at one level and one temperature: of no kind that limits are for
+            if name.endswith("hysteresis") and abs(found.value) <= found.expanded_u:
                 value = replace(value, form="size-below", high=_bound(found), u=None, dof=None, u95=None)
             yield value
 
