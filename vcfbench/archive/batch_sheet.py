@@ -64,12 +64,12 @@ class SheetRow(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Whether the run is complete and kept every limit, those with a guard band too."""
+        """Tell whether the run is complete and kept every limit, those with a guard band too."""
         return self.status is Status.COMPLETE and self.verdict in {None, "pass"}
 
     @property
     def waits(self) -> bool:
-        """Whether nobody has tried to measure the device yet."""
+        """Tell whether nobody has tried to measure the device yet."""
         return not (self.run or self.why_none)
 
 

@@ -110,7 +110,7 @@ class Certificate(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="cert
 
     @property
     def beyond_u95(self) -> bool:
-        """Whether U95 of K_Vc was more than was wanted of it on the day of the measurement."""
+        """Tell whether U95 of K_Vc was more than was wanted of it on the day of the measurement."""
         u95_ppm = 1.96e6 * math.sqrt(self.k_vc.covariance[1][1]) / max(abs(self.k_vc.coefficients[1]), 1e-300)
         return u95_ppm >= (self.wanted_u95_ppm or math.inf) if self.u95_until is None else self.u95_until <= self.issued
 
@@ -213,7 +213,7 @@ class Entry(Struct, frozen=True):
 
     @property
     def simulated(self) -> bool:
-        """Whether it is from a simulated bench."""
+        """Tell whether it is from a simulated bench."""
         return not isinstance(self.record, Withdrawal) and self.record.conditions.simulated
 
 

@@ -65,7 +65,7 @@ class Acting(Struct, frozen=True):
 
     @property
     def alive(self) -> bool:
-        """Whether the PCB has enough power to show anything."""
+        """Tell whether the PCB has enough power to show anything."""
         positive, negative = self.pins
         return weaker_v((positive.approach, negative.approach), self.since_s) >= self.bench.supply.dead_v
 

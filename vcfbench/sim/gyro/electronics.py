@@ -206,7 +206,7 @@ class OutputLimits(Struct, frozen=True):
 
     @property
     def moving(self) -> bool:
-        """Whether a rail moves."""
+        """Tell whether a rail moves."""
         return bool(self.positive.terms or self.negative.terms)
 
     def at(self, elapsed_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
