@@ -38,7 +38,7 @@ Omega_z / (deg/s)   turntable / V   virtual Coriolis / V   V_Vc / V
              -100         1.20800                1.25970   -2.50000
              -200         2.45800                2.50970   -5.00000
 
-K_Vc = 40 (deg/s)/V,"""
+K_Vc = 40.000 00(90) (deg/s)/V, U95 0.0018,"""
 
 
 def reported(name: str) -> Report:

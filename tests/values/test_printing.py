@@ -63,6 +63,9 @@ def test_nothing_printed_is_further_off_than_half_of_the_last_place_of_u(u: floa
         (1234567.0, 560.0, "1 234 567(560)"),
         (3.2e-9, 1.1e-11, "3.200(11)e-09"),
         (12.0, None, "12"),
+        (-6e-12, 0.013, "0.000(13)"),
+        (4e-12, 4.5, "0.0(4.5)"),
+        (1e-15, 5e-11, "0(50)e-12"),
     ],
 )
 def test_a_value_has_its_uncertainty_in_parentheses(value: float, u: float | None, said: str) -> None:

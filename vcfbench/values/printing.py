@@ -15,6 +15,8 @@ def shorthand(value: float, u: float | None) -> str:
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return in_threes(format(value, ".6g"))
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
+    if power and int(power) < _second_digit(u):  # less than half a unit of the last digit of u
+        figure, power = "0", f"{_second_digit(u):03d}"
     digits = format(u, ".1f") if _second_digit(u) == -1 else f"{u * 10.0 ** -min(0, _second_digit(u)):.0f}"
     return f"{in_threes(figure)}({digits})" + (f"e{power}" if power else "")
 
@@ -52,9 +54,9 @@ def digits_of_value(value: float, u: float) -> str:
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return ".8g"
     place = min(0, _second_digit(u))
-    if value and abs(value) < _SMALLEST_FIXED:
+    if value and max(abs(value), u) < _SMALLEST_FIXED:
         return f".{max(0, math.floor(math.log10(abs(value))) - place)}e"
-    return f".{-place}f"
+    return f"z.{-place}f"
 
 
 def _second_digit(u: float) -> int:

@@ -109,4 +109,4 @@ def test_a_budget_has_a_row_for_each_part_with_degrees_of_freedom_and_what_it_is
     assert "tilt" in table.title
     assert budget_table("exact", measurand(1.0, "V", [UncertaintyPart("none", 0.0)])).rows[0][1:4] == (0.0, 0.0, None)
     (row,) = quantity_table({"bias": found}).rows
-    assert (row[0], row[4], row[5]) == ("bias", "V", "readings -4, meter 3")
+    assert (row[0], row[4], row[5]) == ("bias", "V", "readings 4, meter 3")
