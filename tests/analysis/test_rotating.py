@@ -86,7 +86,7 @@ def test_a_part_that_noise_hides_is_measured_where_it_was_sent() -> None:
     """Over 100 periods of the drive neither time base loses a thousandth of a turn."""
     random, times_s = np.random.default_rng(4), np.arange(3000) / (30.0 * 10_920.0)
     found = []
-    for _ in range(40):
+    for _ in range(8):
         drive = np.cos(2.0 * np.pi * 10_920.0 * times_s)
         turning = 1e-3 * np.cos(2.0 * np.pi * (10_920.0 + 4695.6) * times_s + 0.7)
         sense = 0.5 * drive + turning + 0.05 * random.standard_normal(times_s.size)

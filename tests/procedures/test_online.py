@@ -318,6 +318,7 @@ def test_a_sign_that_the_gyroscope_has_not_gives_no_result(chosen: OnlineSetting
         online_results(told, spoilt(Records(), v_vc=np.negative))
 
 
+@pytest.mark.exhaustive
 def test_a_sign_that_nothing_tells_is_missing(tmp_path: Path) -> None:
     """V_Vc as it is set has no phase against the output; the bench file, or a meter on V_Vc, tells the sign."""
     unmeasured = run(LAB, tmp_path, **FAST, v_vc="set").results

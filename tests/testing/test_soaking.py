@@ -101,6 +101,7 @@ def test_seeds_in_a_row_have_the_same_work_and_happenings_of_their_own() -> None
     assert drawn(30).describe()[:2] != draws[0].describe()[:2]
 
 
+@pytest.mark.exhaustive
 def test_an_offset_before_the_first_window_is_a_bias_that_no_reading_contradicts_and_a_later_one_is_found() -> None:
     draw = replace(drawn(404363), happenings=())
     clean = cleaned(draw)

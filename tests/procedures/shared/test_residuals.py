@@ -98,6 +98,7 @@ def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
     assert len(stated.correlation) == 4
 
 
+@pytest.mark.exhaustive
 def test_asymmetry_is_that_of_the_column_with_the_u_of_its_outputs() -> None:
     """Its u by readings alone is the scatter of 4000 draws through the definition itself."""
     true = curved(5e-3, 1e-3)

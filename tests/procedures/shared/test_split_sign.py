@@ -264,6 +264,7 @@ CORNERS = [
 ]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("k_vc_deg_s_per_v", "slope", "split_hz"), CORNERS)
 def test_the_store_has_the_signs_of_the_gyroscope(
     k_vc_deg_s_per_v: float, slope: float, split_hz: float, tmp_path: Path
