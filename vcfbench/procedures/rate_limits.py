@@ -158,24 +158,22 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
         while good < most and bad - good > settings.resolution_deg_s:
             rate_deg_s = min(good * settings.growth, most) if bad == math.inf else 0.5 * (good + bad)
             points.append((yield from _point(settings, _RAISED, sign * rate_deg_s, points)))
-            _require_same_leads(settings, line, points[-1])
             short = line.lacks(settings.input_of(points[-1]), points[-1].output_v) > settings.may_lack
             good, bad = (good, rate_deg_s) if short else (rate_deg_s, bad)
         if bad < math.inf:
             points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
-            _require_same_leads(settings, line, points[-1])
             points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
             _require_same_leads(settings, line, points[-1])
 
 
 def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) -> None:
-    """Raise MeasurementError where the output answers otherwise than in the line's windows.
+    """Raise MeasurementError where the output at the small rate is not about where the line's windows have it.
 
-    At a larger rate it clips, or follows the line; at the small one it is about where it was.
+    Beyond the limits it may be anywhere: a modulator that is driven too far turns it round as swapped leads do.
     """
     at = settings.input_of(point)
     of_small = (1.0 - line.lacks(at, point.output_v)) * abs(at / (0.5 * line.apart))
-    if of_small < SLOPES[0] or (point.step in {_LINE, _BACK} and of_small > SLOPES[1]):
+    if not SLOPES[0] <= of_small <= SLOPES[1]:
         raise MeasurementError(
             f"at {point.rate_deg_s:+g} deg/s the output moves by {point.output_v - line.zero_v:+.4g} V, "
             f"{of_small:+.3g} times as far as at {settings.level_deg_s:g} deg/s in the windows of the line",
