@@ -303,9 +303,10 @@ def _outputs(head: Head, rate: int) -> list[int]:
 def _steps(raw: IO[bytes], head: Head) -> dict[str, TableColumn]:
     """Return every step of a record's points that has enough for a line."""
     values = read_numbers(raw, head, range(len(POINT_COLUMNS))).values
+    values = values[np.argsort(values[:, 0], kind="stable")]
     found = {}
-    for step in sorted(set(values[:, 0].tolist())):
-        _, rate, _, output, std, counts = values[values[:, 0] == step].T
+    for rows in np.split(values, np.flatnonzero(np.diff(values[:, 0])) + 1):
+        step, (_, rate, _, output, std, counts) = float(rows[0, 0]), rows.T
         if rate.size >= _FEWEST_POINTS and np.ptp(rate) > 0.0:
             u = std / np.sqrt(np.maximum(counts, 1.0))
             found[_SERIES_OF_STEP.get(int(step), f"step_{step:g}")] = TableColumn(rate, output, u)

@@ -41,7 +41,7 @@ _OFFSET_V = 0.06
 """V_Vc that an output at rest is off by as soon as V_Vc is on: the carrier comes through."""
 _LEAST_DEG_H = 1e-3
 _READING_S = 0.2
-_HIGHEST_HZ, _HIGHEST_IN_PAIRS_HZ = 85.0, 75.0
+_HIGHEST_HZ, _HIGHEST_IN_PAIRS_HZ = 79.0, 75.0
 """Sines on V_Vc that a meter samples, and that two sample in turn."""
 _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
 """Frequencies of `bandwidth` at the usual split."""

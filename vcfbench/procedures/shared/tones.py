@@ -8,7 +8,7 @@ from vcfbench.steps import ModulatedRecord, SineResponse
 
 NPLC = 0.2
 """Integration time of a reading, power-line cycles: ten, as elsewhere, would average the mode split away."""
-HIGHEST_HZ = 85.0
+HIGHEST_HZ = 79.0
 SLOW_BELOW_HZ = 4.0
 _FAST_S, _SLOW_S = 5e-3, 47e-3
 _APART = 2.5
@@ -18,7 +18,7 @@ _APART = 2.5
 def sampled_every_s(frequency_hz: float) -> float:
     """Return the spacing of the samples of a tone, s.
 
-    No tone up to 85 Hz is folded; below 4 Hz records are longer, and their spacing folds the mains away from it.
+    No tone up to 79 Hz is folded; below 4 Hz records are longer, and their spacing folds the mains away from it.
     """
     return _SLOW_S if frequency_hz < SLOW_BELOW_HZ else _FAST_S
 

@@ -84,7 +84,8 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
         yield from _reached(settings, temperature_c)
         block = yield from watched(settings, chopped(settings, settings.cycles, block))
         for soaked in points:  # the level of the block, as it was before it
-            require_steady_slope([block[0], replace(soaked, step=block[0].step)], block[1:3])
+            at_level = replace(soaked, step=block[0].step, rate_deg_s=settings.level_deg_s)
+            require_steady_slope([block[0], at_level], block[1:3])
         if settings.station.oscilloscope is not None:
             yield from capture_drive(settings)
         if settings.split:
