@@ -166,6 +166,8 @@ class Cause:
     other: tuple[str, ...] = ()
     apart_k: tuple[float, float] = (0.0, 0.0)
     """Least and largest difference of the room's temperatures, either way."""
+    probe: bool = False
+    """Whether a channel of the oscilloscope, or its probe, has changed by 2e-4 to 1e-2, either way."""
     unseen: tuple[Unseen, ...] = ()
     """What drifts since the certificate, by up to what the bench file says it may."""
 
@@ -275,6 +277,9 @@ CAUSES: dict[str, Cause] = {
     "all_seen_elsewhere": Cause((*SEEN, harmless), other=EVERYTHING, apart_k=(0.0, 15.0)),
     "drive_alone": Cause((drive_alone,)),
     "drive_alone_elsewhere": Cause((drive_alone,), other=EVERYTHING),
+    "probe": Cause(probe=True),
+    "probe_and_drive": Cause((drive_alone,), probe=True),
+    "all_seen_probe": Cause((*SEEN, harmless), apart_k=(0.0, 15.0), probe=True),
     "too_warm": Cause(apart_k=(25.0, 35.0)),
     "combs": Cause(unseen=(combs,)),
     "mass": Cause(unseen=(mass,)),
@@ -474,6 +479,13 @@ def in_the_field(life: Life, cause: Cause) -> tuple[Station, float]:
         for drift in cause.unseen:
             gyroscope = merged(gyroscope, drift(drifted, merged(old, gyroscope)))
     specimens = {role: others[role] if role in cause.other else each for role, each in lab.specimens.items()}
+    if cause.probe:
+        gains = [
+            float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-3.7, -2.0)),
+            *specimens["oscilloscope"]["gain_error"][1:],
+        ]
+        gains[0] += specimens["oscilloscope"]["gain_error"][0]
+        specimens["oscilloscope"] = {**specimens["oscilloscope"], "gain_error": gains}
     for role, each in specimens.items():  # the same instrument does not make the same noise again
         if "noise_seed" in each:
             specimens[role] = {**each, "noise_seed": int(rng.integers(1 << 31))}

@@ -1,8 +1,10 @@
-"""What K_Vc depends on, measured without a table: each cause corrected, left to its drift, or K_Vc not stated."""
+"""What K_Vc depends on, measured without a table: each cause corrected, not measured, or K_Vc not stated."""
 
 from __future__ import annotations
 
 import math
+from random import Random
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from tests.procedures.shared.test_k_vc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.check import checked, health_parts, not_measured
-from vcfbench.procedures.health.found import Health, beside
+from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
 from vcfbench.procedures.shared.measurand import measurand
@@ -22,6 +24,7 @@ from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
+from vcfbench.steps import CaptureMeanSines, SineRecord, SineRecords
 from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
@@ -43,13 +46,14 @@ FRESH: dict[str, tuple[float, float]] = {
 }
 
 
-def health(*, scope: str = "DSO7104B no. 1", **now: float) -> Health:
-    """Return what was found, the vertical gain of `scope` within 2 %."""
+def health(*, exchanged: bool = True, **now: float) -> Health:
+    """Return what was found by channels whose gains are within 2 %, and which are in the ratio unless `exchanged`."""
 
     def found(name: str, value: float, u: float) -> Any:
         parts = [UncertaintyPart("records", u)]
         if name.endswith("amplitude_v"):
-            parts.append(UncertaintyPart(f"vertical gain, {name}", 0.0115 * value, of=scope))
+            parts.append(UncertaintyPart("gain", 0.0115 * value, of="both"))
+            parts.append(UncertaintyPart("gain of one", 0.0 if exchanged else 0.0115 * value))
         return measurand(value, "", parts)
 
     return {name: found(name, now.get(name, value), u) for name, (value, u) in FRESH.items()}
@@ -90,11 +94,34 @@ def test_a_cause_that_is_seen_is_corrected(now: dict[str, float], override: dict
     assert found.ppm == pytest.approx(sum(cause.ppm for cause in found.causes) + found.together_ppm)
 
 
-def test_another_oscilloscope_tells_amplitudes_too_badly_to_correct_by() -> None:
-    found = checked(THEN, beside(health(scope="DSO7104B no. 2", carrier_amplitude_v=2.04), Characteristics()))
+@pytest.mark.parametrize("exchanged", [False, True])
+def test_a_channel_or_a_probe_that_has_changed_is_in_no_ratio_of_exchanged_ones(*, exchanged: bool) -> None:
+    """Gains change by 2e-4 to 1e-2 of one number; the drive alone changes too, and that is all that is left."""
+    for seed in range(50):
+        rng = Random(seed)  # noqa: S311  # drawn cases, not secrets
+        gains = [1.0 + rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-3.7, -2.0) for _ in range(2)]
+        drive_v, carrier_v = (rng.uniform(0.3, 3.0) for _ in range(2))
+
+        def seen(on_drive: int, drive_v: float = drive_v, carrier_v: float = carrier_v) -> SineRecord:
+            return SineRecord(3489.0, (gains[on_drive] * drive_v, gains[1 - on_drive] * carrier_v), (0.0, 90.0))  # noqa: B023
+
+        (ratio,) = carrier_over_drive([seen(0)], [seen(1)] if exchanged else [])
+        assert (abs(ratio * drive_v / carrier_v - 1.0) < 1e-12) == exchanged
+
+
+def test_means_are_told_apart_by_the_channel_on_the_drive() -> None:
+    record = SineRecord(3489.0, (1.0, 2.0), (0.0, 90.0))
+    ways = [(1, 2), (2, 1), (2, 1), (1, 2)]
+    steps = [(CaptureMeanSines(way, (2.0, 2.0), 1, record), SineRecords(way, (record,))) for way in ways]
+    means, turned = means_of(SimpleNamespace(found=lambda _kind: steps), 1)  # type: ignore[arg-type]
+    assert (len(means), len(turned)) == (2, 2)
+
+
+def test_probes_as_they_are_tell_amplitudes_too_badly_to_correct_by() -> None:
+    found = checked(THEN, beside(health(exchanged=False, carrier_amplitude_v=2.04), Characteristics()))
     assert not found.refused
     assert found.u_ppm < 20.0  # not 16 000
-    assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["left to its drift"]
+    assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["not measured"]
 
 
 def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> None:
@@ -111,7 +138,7 @@ def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> Non
 
 
 def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() -> None:
-    larger = checked(THEN, beside(health(scope="DSO7104B no. 2", carrier_amplitude_v=2.4), Characteristics()))
+    larger = checked(THEN, beside(health(exchanged=False, carrier_amplitude_v=2.4), Characteristics()))
     assert "+200000 ppm" in larger.refused[0]
     turned = checked(THEN, beside(health(sense_phase_deg=0.4), Characteristics()))
     assert "+0.40 deg" in turned.refused[0]
@@ -163,6 +190,22 @@ def test_what_is_not_measured_widens_by_what_it_may_have_done() -> None:
     nothing_known = {part.source: 1e6 * part.u for part in not_measured(None)}
     assert math.hypot(*nothing_known.values()) > math.hypot(*found.values())
     assert len(not_measured(THEN, but=["Q"])) == len(found) - 1
+
+
+@pytest.mark.exhaustive
+def test_an_oscilloscope_that_has_changed_is_taken_for_no_change_of_k_vc(tmp_path: Path) -> None:
+    settings = {"dut": "G", "devices": str(tmp_path / "devices"), "warm_up_s": 1800.0}
+
+    def bench(gain: float) -> Any:
+        errors = {"gain_error": [gain, 0.0, 0.0, 0.0], "noise_div": 0.02, "converter_bits": 8}
+        simulation = structs.replace(LAB.simulation.errors, oscilloscope=errors)  # type: ignore[union-attr]
+        return structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=simulation))  # type: ignore[type-var]
+
+    vcfbench.run("kvc", bench(0.0), seed=1, settings=settings, runs=tmp_path)
+    found = vcfbench.run("self-calibration", bench(0.01), seed=2, settings=settings, runs=tmp_path).results
+    true, _ = truth(warm(physical_parameters(LAB)))
+    assert abs(found.scale_factor.value - true) < found.scale_factor.expanded_u < 100e-6 * abs(true)
+    assert found.scale_factor.complete
 
 
 @pytest.mark.exhaustive

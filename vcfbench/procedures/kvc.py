@@ -27,7 +27,7 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
-from vcfbench.procedures.health.plan import HEALTH, examined
+from vcfbench.procedures.health.plan import EXCHANGE, HEALTH, examined
 from vcfbench.procedures.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
@@ -69,6 +69,7 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
         float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
     ] = 500.0
     health: Annotated[bool, said(HEALTH, option=True)] = True
+    exchange: Annotated[bool, said(EXCHANGE)] = True
     axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
 
     def recalled(self) -> Self:
@@ -386,7 +387,7 @@ def k_vc(settings: KVcSettings) -> Plan:
     yield Settle(settings.settle_s, "gyro settles, table at rest")
     often, steps = (settings.cycles, settings.match_iterations), (TABLE, SEARCH, DRIVEN)
     _, _, levels_v = yield from nulled(settings, settings.magnitudes_deg_s, *often, steps)
-    yield from examined(settings, None, looked_for=settings.health)
+    yield from examined(settings, None, looked_for=settings.health, exchange=settings.exchange)
     yield from measured_levels(settings, (0.0, *levels_v.values()))
 
 

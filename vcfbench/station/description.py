@@ -185,7 +185,12 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     combs, their gap and charges, masses. Without it the class of the device counts (assumed).
 
     `k_vc_not_measured_ppm` is the most by which K_Vc may have changed through what a self-calibration could have
-    measured and did not (Q, modes, phases, feed-through). Without it each counts as far as ageing goes (assumed).
+    measured and did not (Q, modes, phases, feed-through, amplitudes). Without it each counts as far as ageing goes
+    (assumed).
+
+    `oscilloscope_gain_error` is the largest error of a channel with its probe, which on another day may be another one;
+    0.02 is a DSO7104B's of full scale. `exchanged_ratio_ppm` is what is left in the ratio of two amplitudes whose
+    probes were exchanged: how far the converter's steps leave a mean of another size (assumed).
     """
 
     meter_age_days: bounds.MeterAge | None = None
@@ -210,6 +215,8 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     bias_deg_s_demodulator_deg: bounds.BiasPerDegree | None = None
     k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None
     k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
+    oscilloscope_gain_error: bounds.LevelError = 0.02
+    exchanged_ratio_ppm: bounds.PpmPerYear = 10.0
 
 
 class SimulationErrors(parts.BenchFileTable, frozen=True, kw_only=True):

@@ -1,4 +1,4 @@
-"""Changes of K_Vc, cause by cause: corrected, left to its drift, or such that K_Vc cannot be stated."""
+"""Changes of K_Vc, cause by cause: corrected, not measured, or such that K_Vc cannot be stated."""
 
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -25,43 +25,34 @@ MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
     (CARRIER_PHASE, {"carrier_phase_deg": 1.0}, "by 1 deg"),
     (DEMODULATOR_PHASE, {"demodulator_phase_deg": 1.0}, "by 1 deg"),
     ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
+    (AMPLITUDES, {"drive_amplitude_v": 0.005, "carrier_amplitude_v": 0.0}, "by 0.5 %"),
 )
-"""Largest possible changes where nobody looks; of Q a share.
+"""Largest possible changes where nobody looks; of Q and amplitudes a share.
 
 The limits are this program's own, there is no source for them. Q halves where gas that damps a mode comes to twice its
 pressure. Half a hertz of split is 3e-4 of a mode's spring, 5 Hz of the in-phase mode 3e-3. A degree is 0.8 us at 3.5
-kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes answer is as far as
-`benchmarks/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
+kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes answer and 0.5 % of the drive alone are
+as far as `benchmarks/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
 """
+_AMPLITUDES = ("drive_amplitude_v", "carrier_amplitude_v")
 _COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
 """Phases measured by health, or counted as not measured: not missing, though no bench file says it."""
 
 
-def missing_of(settings: KnownDeviceSettings, *, amplitudes: bool = False) -> tuple[str, ...]:
-    """Return the missing contributions of a scale factor: `amplitudes`, too, unless their ratio was measured.
-
-    No figure stands for how far that may have changed.
-    """
-    missing = tuple(name for name in settings.missing_without_table if name not in _COUNTED)
-    stated = amplitudes or settings.station.sources.k_vc_not_measured_ppm is not None
-    return missing if stated else (*missing, AMPLITUDES)
+def missing_of(settings: KnownDeviceSettings) -> tuple[str, ...]:
+    """Return the missing contributions of a scale factor."""
+    return tuple(name for name in settings.missing_without_table if name not in _COUNTED)
 
 
-def gaps_of(settings: KnownDeviceSettings, missing: Collection[str]) -> Iterator[str]:
-    """Yield in words the unknown quantities, of those `missing` too."""
+def gaps_of(settings: KnownDeviceSettings) -> Iterator[str]:
+    """Yield in words the unknown quantities."""
     yield from (f"MISSING {gap.words}" for gap in settings.own_gaps() if gap.name not in _COUNTED)
-    if AMPLITUDES in missing:
-        yield (
-            f"MISSING the ratio of {AMPLITUDES}, since the certificate: by the oscilloscope of the certificate (its "
-            "inventory_number in both bench files); or say that k_vc_drift_ppm_per_year has it: "
-            "uncertainty.k_vc_not_measured_ppm"
-        )
 
 
 def unmeasured(settings: KnownDeviceSettings, measured: Collection[str] = ()) -> list[UncertaintyPart]:
     """Return the possible unmeasured changes of K_Vc, relative; limits of phases in the bench file count elsewhere."""
     stated = settings.station.sources
-    if CARRIER_PHASE in measured:
+    if {name for name, *_ in MAY_HAVE} <= {*measured}:
         return []
     if stated.k_vc_not_measured_ppm is not None:
         u = 1e-6 * stated.k_vc_not_measured_ppm / math.sqrt(3.0)
@@ -78,7 +69,8 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
     Each is the limit of what may have changed times what the device makes of it; what the certificate does not know of
     the device counts as wide as its class.
     """
-    devices, found = inputs_of(then or Characteristics()), []
+    equal = {name: Kept(value=1.0, u=0.0) for name in _AMPLITUDES}  # only how their ratio changes counts
+    devices, found = [known | equal for known in inputs_of(then or Characteristics())], []
     for name, moved, by in MAY_HAVE:
         if name not in but:
             ends = []
@@ -86,7 +78,7 @@ def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> 
                 device = structs.replace(Characteristics(), **known)
                 values = {
                     each: known[each].value * (1.0 + share)
-                    if each.startswith("q_")
+                    if each.startswith("q_") or each in _AMPLITUDES
                     else known[each].value + sign * share
                     for each, share in moved.items()
                 }
@@ -119,7 +111,6 @@ _DRIVE_PPM_K = -30.0
 """Temperature coefficient of silicon's drive frequency, where nobody measured it."""
 _CHARGED_SPLIT_HZ = 0.05
 """A change of the split that temperature does not explain: charges on the combs are springs as well."""
-_CARRIER, _DRIVE = "carrier_amplitude_v", "drive_amplitude_v"
 _NAMES: Final = {
     "drive_hz": "drive frequency (temperature)",
     "split_hz": "mode split",
@@ -134,7 +125,7 @@ _NAMES: Final = {
 }
 TEMPERATURES: Final = (_NAMES["drive_hz"], _NAMES["temperature_c"])
 """The causes that temperature is seen by."""
-Done = Literal["corrected", "left to its drift", "refused", "explained"]
+Done = Literal["corrected", "not measured", "refused", "explained"]
 
 
 class Cause(Struct, frozen=True):
@@ -171,22 +162,22 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
     seen = structs.replace(now, in_phase_share=None)  # force and pick-off of either mode stay as they were
     alone = Characteristics(drive_amplitude_v=seen.drive_amplitude_v, carrier_amplitude_v=seen.carrier_amplitude_v)
     amplitudes = k_vc_change(then, alone)
-    worth = amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
+    worth = bool(amplitudes.parts) and amplitudes.u_ppm <= AMPLITUDES_WORTH_PPM
     whole = k_vc_change(
         then, seen if worth else structs.replace(seen, drive_amplitude_v=None, carrier_amplitude_v=None)
     )
     causes, refused = [], []
     for part in whole.parts:
-        if part.quantity not in {_CARRIER, _DRIVE}:
+        if part.quantity not in _AMPLITUDES:
             name = _NAMES.get(part.quantity, part.quantity)
             causes.append(Cause(name, part.unit, part.then, part.now, part.ppm, part.u_ppm, "corrected"))
     if amplitudes.parts:  # of which only the ratio counts
-        done: Done = "corrected" if worth else "left to its drift"
+        done: Done = "corrected" if worth else "not measured"
         if not worth and abs(amplitudes.ppm) > SEEN * amplitudes.u_ppm:
             done = "refused"
             refused.append(
                 f"the carrier's amplitude over the drive's has changed: K_Vc by {amplitudes.ppm:+.0f} ppm, which "
-                f"another scope than the certificate's tells to {amplitudes.u_ppm:.0f} ppm (u) alone"
+                f"probes that were not exchanged tell to {amplitudes.u_ppm:.0f} ppm (u) alone"
             )
         causes.append(Cause(AMPLITUDES, "", _ratio(then), _ratio(seen), amplitudes.ppm, amplitudes.u_ppm, done))
     if then.sense_phase_deg is not None and now.sense_phase_deg is not None:  # K_Vc would change by its tangent
@@ -207,7 +198,11 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         together_ppm=whole.together_ppm,
         refused=tuple(refused),
         warning=charging_warning(then, seen),
-        measured=tuple(name for name, moved, _ in MAY_HAVE if all(getattr(now, each) for each in moved)),
+        measured=tuple(
+            name
+            for name, moved, _ in MAY_HAVE
+            if all(getattr(now, each) for each in moved) and (worth or name != AMPLITUDES)
+        ),
     )
 
 

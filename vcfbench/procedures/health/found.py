@@ -19,15 +19,14 @@ from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, mea
 from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
-from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecords
+from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.measured import Measured
 from vcfbench.values.value import UncertaintyPart
 
-_GAIN = 0.02
-"""DSO7104B: vertical gain, of full scale (unverified), rectangular."""
 _FLAT = 0.05
 """By which a feed-through may differ between the frequencies where it shows and that of the drive (assumed)."""
 _ROUNDS = 5
+_GAIN, _EXCHANGED = "vertical gain, of both amplitudes", "carrier over drive, probes exchanged"
 _SHARE = "shares of the modes, as the certificate has them"
 
 
@@ -68,18 +67,16 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     decays = rang_down(measured, RING_DOWNS, modes=2)
     if not measured.found(Rotations):
         return {}
-    placed = settings.station.instruments["oscilloscope"]
-    scope = placed.owner
+    scope = settings.station.instruments["oscilloscope"].owner
     pairs = [modes_of(each) for each in decays]
     middle = middle_of(pairs)
     at_rest_v, phase_deg, of_phase = _at_rest(measured, level_v(settings))
-    taken = [found for step, found in measured.found(SineRecords) if isinstance(step, CaptureMeanSines)]
-    means = [each for found in taken for each in found.records]
+    means, turned = means_of(measured, settings.station.channel_of("drive"))
     skew = oscilloscope.skew(middle.drive_hz, scope)
     carrier = mean_of_records([math.remainder(each.phases_deg[1] - 90.0, 180.0) for each in means], "deg", skew)
     share, beyond_deg = _share(pairs, at_rest_v, phase_deg, carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
-    carrier_v = [drive_v * each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
+    carrier_v = [drive_v * ratio for ratio in carrier_over_drive(means, turned)]
     rotations = [(step, each) for step, found in measured.found(Rotations) for each in found.records]
     far = [each for step, each in rotations if isinstance(step, CaptureFar)]
     near = [(each.difference_hz, each.reference_deg) for step, each in rotations if not isinstance(step, CaptureFar)]
@@ -88,10 +85,11 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
     kept_share = _share_of(then, middle) or share.kept()
 
-    def gain(node: str, amplitude_v: float) -> UncertaintyPart:
-        # so large an error cancels only where it is beyond doubt that the specimen is the same
-        whose = scope if placed.station is None else None
-        return UncertaintyPart(f"vertical gain, {node}", _GAIN / math.sqrt(3.0) * amplitude_v, of=whose)
+    # A channel with its probe: of the same number on another day it may have another gain
+    gain, middle_v = settings.station.sources.oscilloscope_gain_error / math.sqrt(3.0), fmean(carrier_v)
+    left = 1e-6 * settings.station.sources.exchanged_ratio_ppm / math.sqrt(3.0)
+    ratio = (_EXCHANGED, left) if turned else ("vertical gain, carrier over drive", math.sqrt(2.0) * gain)
+    of_carrier = [UncertaintyPart(ratio[0], ratio[1] * middle_v), UncertaintyPart(_GAIN, gain * middle_v, of=_GAIN)]
 
     return {
         "drive_hz": oscilloscope.frequency_of([each.drive_hz for each in pairs], scope),
@@ -105,10 +103,26 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
         "carrier_phase_deg": carrier,
         "demodulator_phase_deg": measurand(reference_deg, "deg", [records, skew]),
         "v_vc_feedthrough": _feedthrough(far, middle, kept_share, at_rest_v),
-        "drive_amplitude_v": measurand(drive_v, "V", [gain("drive", drive_v)]),
-        "carrier_amplitude_v": mean_of_records(carrier_v, "V", gain("carrier", fmean(carrier_v))),
+        "drive_amplitude_v": measurand(drive_v, "V", [UncertaintyPart(_GAIN, gain * drive_v, of=_GAIN)]),
+        "carrier_amplitude_v": mean_of_records(carrier_v, "V", *of_carrier),
         "sense_phase_deg": measurand(beyond_deg, "deg", [of_phase, skew]),
     }
+
+
+def means_of(measured: Measured, on_drive: int) -> tuple[list[SineRecord], list[SineRecord]]:
+    """Return the means with the drive on channel `on_drive`, and those with its probe and the carrier's exchanged."""
+    found: tuple[list[SineRecord], list[SineRecord]] = [], []
+    for step, records in measured.found(SineRecords):
+        if isinstance(step, CaptureMeanSines):
+            found[step.channels[0] != on_drive].extend(records.records)
+    return found
+
+
+def carrier_over_drive(means: Sequence[SineRecord], turned: Sequence[SineRecord]) -> list[float]:
+    """Return the carrier's amplitude over the drive's; with those of exchanged probes no gain is in it."""
+    ratios = [each.amplitudes_v[1] / each.amplitudes_v[0] for each in means]
+    others = [each.amplitudes_v[1] / each.amplitudes_v[0] for each in turned] or ratios
+    return [math.sqrt(one * other) for one, other in zip(ratios, others, strict=True)]
 
 
 def _at_rest(measured: Measured, level: float) -> tuple[float, float, UncertaintyPart]:

@@ -40,6 +40,7 @@ from vcfbench.steps.scope import Screen
 from vcfbench.steps.step import Routine
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
+EXCHANGE: Final = "whether a person exchanges the probes of drive and carrier for it, so that their gains cancel"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 """Nodes that the oscilloscope must see."""
 
@@ -165,11 +166,12 @@ def level_v(settings: KnownVvcSettings) -> float:
 
 
 def examined(
-    settings: KnownVvcSettings, then: Characteristics | None, *, looked_for: bool, source: str = ""
+    settings: KnownVvcSettings, then: Characteristics | None, *, looked_for: bool, exchange: bool, source: str = ""
 ) -> Routine[None]:
     """Measure the characteristics, if that is `looked_for` and the bench can; V_Vc is off before and afterwards.
 
-    `then` is what `source` has of it; a certificate's own calibration has none (None), and needs none.
+    `exchange`: a person puts the probes of drive and carrier in each other's place for it. `then` is what `source` has
+    of it; a certificate's own calibration has none (None), and needs none.
     """
     if not looked_for:
         return
@@ -194,7 +196,8 @@ def examined(
     modes = modes_of(decays[-1])
     split_hz, drive_hz = abs(modes.drive_hz - modes.anti_phase.frequency_hz), modes.drive_hz
     lasts_s = modes.anti_phase.q / (math.pi * modes.anti_phase.frequency_hz)
-    yield from _at_both_signs(settings, drive_hz, seen.amplitudes_v[0], one_two_five(_APART * lasts_s))
+    spacing_s = one_two_five(_APART * lasts_s)
+    yield from _at_both_signs(settings, drive_hz, seen.amplitudes_v[0], spacing_s, exchange=exchange)
     near_hz = min(_NEAR_HZ, _OF_SPLIT * split_hz)
     near_s_per_div = one_two_five(_TURNS / near_hz / 10.0)
     far_s_per_div = one_two_five(_FAR_PERIODS / drive_hz / 10.0)
@@ -227,10 +230,20 @@ def _expected(drive_hz: float) -> Modes:
     return Modes(drive_hz, RingingMode(near, _Q, 1.0 - _SHARE), RingingMode(far, _Q, _SHARE))
 
 
-def _at_both_signs(settings: KnownVvcSettings, drive_hz: float, amplitude_v: float, spacing_s: float) -> Routine[None]:
+def exchanged_probes(on_drive: int, on_carrier: int) -> steps.AskOperator:
+    """Return the step that has the probe of one channel put on the drive, and that of another on the carrier."""
+    words = f"put the probe of channel {on_drive} on the drive and that of channel {on_carrier} on the carrier"
+    inputs = ((on_drive, "drive"), (on_carrier, "carrier"))
+    return steps.AskOperator(words, adjustments=tuple((f"oscilloscope.channel_{n}.node", node) for n, node in inputs))
+
+
+def _at_both_signs(
+    settings: KnownVvcSettings, drive_hz: float, amplitude_v: float, spacing_s: float, *, exchange: bool
+) -> Routine[None]:
     """Take drive, carrier and sense signal at both signs of V_Vc; means of many records of the first two.
 
-    `drive_hz` and `amplitude_v` are the drive's.
+    `drive_hz` and `amplitude_v` are the drive's. With `exchange` the means are of the probes as they are, exchanged
+    twice as many, and as they are (A B B A).
     """
     channels = channels_of(settings, "carrier", "sense")
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
@@ -240,10 +253,16 @@ def _at_both_signs(settings: KnownVvcSettings, drive_hz: float, amplitude_v: flo
         shown_v = max(shown_v, (yield from amplitudes(settings, *channels)), key=lambda seen: seen[2])
     turned = 1j * _expected(drive_hz).answer(_SHARE, 0.0)
     expected = steps.SineRecord(drive_hz, (amplitude_v, amplitude_v), (0.0, -90.0))
-    for place in range(_MEANS):
-        level = _HIGHEST * amplitude_v * (2.0 * place / (_MEANS - 1) - 1.0)
-        yield steps.ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), channels[0], level)
-        yield steps.CaptureMeanSines(channels[:2], shown_v[:2], 1, expected)
+    every, pair, common_v = range(_MEANS), channels[:2], (max(shown_v[:2]),) * 2
+    turns = [(pair, every[::2]), (pair[::-1], every), (pair, every[1::2])] if exchange else [(pair, every)]
+    for turn, ((on_drive, on_carrier), places) in enumerate(turns):
+        if turn:
+            yield exchanged_probes(on_drive, on_carrier)
+        for place in places:
+            level = _HIGHEST * amplitude_v * (2.0 * place / (_MEANS - 1) - 1.0)
+            yield steps.ConfigureScope(one_two_five(_PERIODS / drive_hz / 10.0), on_drive, level)
+            # at one scale: another one has an error of its own
+            yield steps.CaptureMeanSines((on_drive, on_carrier), common_v, 1, expected)
     yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channels[0])
     for sign in _STATES:
         yield from set_v_vc(settings, sign * level_v(settings))

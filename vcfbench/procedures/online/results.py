@@ -347,7 +347,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         v_vc_by=v_vc.v_vc_error(settings).name,
         since=said,
         unseen=settings.known.unseen,
-        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings, missing)),
+        holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings)),
         drift=drift_of(scale_factor, settings.known, settings.acceptance),
     )
 

@@ -41,7 +41,8 @@ def self_calibration(settings: SelfCalibrationSettings) -> Plan:
             yield DisableVvc()
     yield from _at_rest(settings)
     known = settings.known
-    yield from examined(settings, known.characteristics, looked_for=settings.health, source=known.source)
+    asked = {"looked_for": settings.health, "exchange": settings.exchange}
+    yield from examined(settings, known.characteristics, **asked, source=known.source)
     yield from measured_levels(settings, levels_v.values())
 
 

@@ -21,7 +21,7 @@ from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
 from vcfbench.procedures.health.found import beside, health_of, unchanged
-from vcfbench.procedures.health.plan import HEALTH
+from vcfbench.procedures.health.plan import EXCHANGE, HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget.known_levels import known_levels
@@ -51,7 +51,9 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     virtual_rates_deg_s: Annotated[tuple[Rate, ...], several(2, 100, "rates that V_Vc stands for, with both signs")] = (
         *(10.0, 20.0, 50.0, 100.0, 200.0),
     )
+
     health: Annotated[bool, said(HEALTH, option=True)] = True
+    exchange: Annotated[bool, said(EXCHANGE)] = True
 
     @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
@@ -214,8 +216,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     by_phases = [UncertaintyPart(name, u) for name, u in by.items()]
     moved = [*since, *by_phases, *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
-    amplitudes = () if check is None else (each for each in check.causes if each.cause == health_check.AMPLITUDES)
-    without = health_check.missing_of(settings, amplitudes=any(each.done == "corrected" for each in amplitudes))
+    without = health_check.missing_of(settings)
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}
     scale_factor, line, nonlinearity = (
         measurand(float(value), unit, of_value, missing[unit])
@@ -243,7 +244,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         v_vc_by=v_vc.v_vc_error(settings).name,
         unseen=health_check.STILL_UNSEEN if health_check.CARRIER_PHASE in measured else known.unseen,
         since=said,
-        holds_not=(*known.holds_not, *_HOLDS_NOT, *health_check.gaps_of(settings, without)),
+        holds_not=(*known.holds_not, *_HOLDS_NOT, *health_check.gaps_of(settings)),
         drift=drift_of(scale_factor, known, settings.acceptance),
     )
 

@@ -12,7 +12,7 @@ from msgspec import Struct, structs
 
 from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sensitivities
 from vcfbench.errors import ConfigError
-from vcfbench.records.device_values import Characteristics, Measured, Sensitivity
+from vcfbench.records.device_values import Characteristics, Measured, Sensitivity, Share
 from vcfbench.reports.document import Table, heads
 
 
@@ -256,6 +256,7 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     Temperature counts where the drive frequency was not measured both times, which shows it; the rails where the
     amplitudes of drive and carrier were not. What both measurements share (`Share.of`) cancels.
     """
+    then, now = map(_against_drive, (then, now))
     known = then if then.split_size_hz is None else structs.replace(then, split_hz=then.split_size_hz)
     seen = {name: found for name in QUANTITIES if getattr(known, name) and (found := getattr(now, name))}
     if any(name not in seen for name in _AMPLITUDES):  # one of them alone says nothing of their ratio
@@ -280,6 +281,23 @@ def k_vc_change(then: Characteristics, now: Characteristics) -> KvcChange:
     whole = together.value + math.fsum(each.ppm for each in steps)
     beyond = whole - math.fsum(part.ppm for part in parts)
     return KvcChange(whole, u, tuple(sorted(parts, key=lambda part: -abs(part.ppm))), beyond)
+
+
+def _against_drive(of: Characteristics) -> Characteristics:
+    """Return the carrier's amplitude as that over the drive's, which has none of the errors that both have."""
+    drive, carrier = (getattr(of, name) for name in _AMPLITUDES)
+    if drive is None or carrier is None:
+        return of
+    errors: dict[object, Share] = {}
+    ratio = carrier.value / drive.value
+    for sign, each in ((1.0, carrier), (-1.0, drive)):
+        for place, share in enumerate(each.shares or (Share(source="u", u=each.u),)):
+            key = (share.of, share.source) if share.of else (sign, place)
+            earlier = errors[key].u if key in errors else 0.0
+            errors[key] = structs.replace(share, u=earlier + sign * ratio * share.u / each.value)
+    u = math.hypot(*(each.u for each in errors.values()))
+    over = Measured(value=ratio, u=u, shares=tuple(errors.values()))
+    return structs.replace(of, drive_amplitude_v=Measured(value=1.0, u=0.0), carrier_amplitude_v=over)
 
 
 def _changes(first: _Inputs, seen: _Inputs) -> tuple[Measured, dict[str, tuple[float, float, Measured]]]:
