@@ -195,6 +195,7 @@ def test_the_drift_that_a_pause_allows_goes_by_its_time_however_long_the_windows
     assert run.status == "complete"
 
 
+@pytest.mark.exhaustive
 def test_a_pause_waits_until_a_ring_down_was_seen() -> None:
     """What one step begins and the next one measures is gone after a pause."""
     settings = test_resonance.QUICK

@@ -7,6 +7,7 @@ import sys
 from threading import Event, Thread
 from typing import Any
 
+import pytest
 from msgspec import Struct
 
 from vcfbench.typed import decoder_of, typed
@@ -61,6 +62,7 @@ def test_one_thread_at_a_time() -> None:
     second.join()
 
 
+@pytest.mark.exhaustive
 def test_four_threads_that_read_a_bench_file_at_once_end_well() -> None:
     """Without care for it msgspec ends the interpreter by a signal, more often than not."""
     subprocess.run([sys.executable, "-c", AT_ONCE], check=True, timeout=60)  # noqa: S603

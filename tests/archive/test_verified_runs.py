@@ -88,6 +88,7 @@ def test_a_record_of_each_procedure_passes(procedure: str, tmp_path: Path) -> No
     assert_each_passes(tmp_path)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("procedure", "paused", "stopped"),
     few(
@@ -128,6 +129,7 @@ def changed(record: Path, kind: str) -> Path:
     return copied
 
 
+@pytest.mark.exhaustive
 def test_no_verdict_depends_on_what_was_verified_before(tmp_path: Path) -> None:
     """Nor on what else is loaded: a step of phase's own is looked into, one of another file's is not."""
     phase, own = (run(each, Presser(), tmp_path).directory for each in ("phase", str(HYSTERESIS)))

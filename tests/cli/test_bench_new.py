@@ -225,6 +225,7 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
     assert "scale factor" in run.stdout
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 def test_ctrl_c_leaves_nothing_behind(served: ServedLab, tmp_path: Path) -> None:
     with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port)) as terminal:

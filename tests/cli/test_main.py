@@ -166,6 +166,7 @@ def test_an_error_that_cannot_be_told_keeps_its_exit_code() -> None:
     assert (done.returncode, done.stdout) == (2, "")
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="no shell to close a stream with")
 @pytest.mark.parametrize("closed", few([">&-", "2>&-", "<&-"], ">&-"))
 def test_closed_streams_are_no_error(closed: str) -> None:

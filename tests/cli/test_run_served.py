@@ -137,6 +137,7 @@ def test_turntable_with_every_table_gives_the_same_bytes(short: Path, tmp_path: 
     assert {json.dumps(each) for each in over_wires} == {json.dumps(alone)}
 
 
+@pytest.mark.exhaustive
 @needs_ptys
 def test_a_led_run_begins_at_the_beginning_though_a_table_has_been_talking(short: Path, tmp_path: Path) -> None:
     speak(short, "ruya")

@@ -99,6 +99,7 @@ def test_an_option_that_stands_for_a_key_is_named_itself() -> None:
     assert refusal("--match", "zero", *sets("match=zero")) == "--set match=zero: match is given twice"
 
 
+@pytest.mark.exhaustive
 def test_options_may_be_called_otherwise_than_their_keys() -> None:
     """A key called like a procedure would make ``[procedure.zero]`` both; a truth value needs no word."""
     asked = ["--order", "abba", "--zero", "bracket", "--repeat", "2", "--kvc", "plus-minus"]
@@ -179,6 +180,7 @@ def test_a_list_of_the_procedures_imports_none() -> None:
 # --- files of one's own ---
 
 
+@pytest.mark.exhaustive
 def test_a_file_is_run_like_a_name(tmp_path: Path) -> None:
     settings = sets("rates_deg_s=0,50,100", "samples=3", "loops=2")
     done = call(str(HYSTERESIS), "--json", "--quiet", "--runs", str(tmp_path), *settings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
-from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from vcfbench import dry_run
@@ -43,7 +42,8 @@ def test_figures_become_parameters(tmp_path: Path) -> None:
     assert "# scale_factor_v_per_deg_s = -0.005\n" in (tmp_path / "own.toml").read_text("utf-8")
 
 
-@pytest.mark.parametrize("figures", few(["--split 76", "--k-vc -150", "--range 100", "--split -24.8"], "--split 76"))
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("figures", ["--split 76", "--k-vc -150", "--range 100", "--split -24.8"])
 def test_what_the_kind_may_have_gives_a_bench_for_all_procedures(figures: str, tmp_path: Path) -> None:
     done = new(*figures.split())
     assert (done.exit_code, done.stderr) == (0, "")

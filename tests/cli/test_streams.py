@@ -62,6 +62,7 @@ def test_code_journal_and_words_are_right_whatever_the_streams_are(ended: list[M
         assert (last["error"] or {}).get("kind") == kind, case
 
 
+@pytest.mark.exhaustive
 @posix
 def test_a_closed_terminal_is_code_four_and_the_record_is_whole(tmp_path: Path) -> None:
     """The terminal goes away amid the live display, as when its window is closed."""

@@ -77,6 +77,7 @@ def test_what_k_vc_depends_on_is_that_of_the_data_sheet(sheet: DataSheet, tmp_pa
         assert phase.value == pytest.approx(0.0, abs=0.12)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("sheet", few(SHEETS[:10:4], SHEETS[0]), ids=named)
 def test_phases_are_those_of_the_data_sheet(sheet: DataSheet, tmp_path: Path) -> None:
     found = run("phase", bench_of(sheet, tmp_path), warm_up_s=10.0)
@@ -86,6 +87,7 @@ def test_phases_are_those_of_the_data_sheet(sheet: DataSheet, tmp_path: Path) ->
     assert found.carrier_from_velocity_deg.value == pytest.approx(0.0, abs=0.12)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("sheet", few((*SHEETS[12:20:3], *QUICK_SHEETS[1:2]), *QUICK_SHEETS[1:2]), ids=named)
 def test_the_vibration_of_a_healthy_device_is_the_closed_forms(sheet: DataSheet, tmp_path: Path) -> None:
     found = run("vibration", bench_of(sheet, tmp_path), warm_up_s=10.0)

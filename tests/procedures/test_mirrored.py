@@ -135,7 +135,7 @@ def results(case: str, k_vc: float, scale: float) -> Any:
         return plain(run.results)
 
 
-USUAL = ("four steps", "four steps, V_Vc set", "self-calibration")
+USUAL = ("four steps",)
 EVERY = pytest.mark.exhaustive
 DRAWN = [pytest.param(case, "both", marks=[] if case in USUAL else [EVERY]) for case in CASES]
 DRAWN += [pytest.param("four steps", mirror, marks=[EVERY]) for mirror in ("K_Vc", "scale factor")]

@@ -79,6 +79,7 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(tmp_path: Path) -> 
     assert found.response_ppm == pytest.approx(87.0, abs=2.0)
 
 
+@pytest.mark.exhaustive
 def test_what_nobody_looked_at_widens(tmp_path: Path) -> None:
     """`online` measures none of K_Vc's causes, so it states no more than a self-calibration without health."""
     asked = {**FAST, "k_vc": repr(K_VC), "warm_up_s": 0.0, "duration_s": 10.0}
@@ -122,6 +123,7 @@ def test_the_record_gives_the_same_and_the_report_shows_it(turning: Any) -> None
     assert len(answer["results"]["windows"]) == 15
 
 
+@pytest.mark.exhaustive
 def test_the_one_meter_is_moved_by_hand_and_the_sign_is_that_expected(tmp_path: Path) -> None:
     one = structs.replace(QUIET, v_vc_meter=None)
     found = run(one, tmp_path, **FAST).results

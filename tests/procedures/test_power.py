@@ -42,6 +42,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return vcfbench.run("power", "lab", seed=5, settings=settings, runs=tmp_path_factory.mktemp("runs"))
 
 
+@pytest.mark.exhaustive
 def test_the_steady_currents_are_found(run: Any) -> None:
     for rail in run.results.rails:
         assert abs(rail.current.value - QUIESCENT_A) < rail.current.expanded_u < 4e-3

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
@@ -100,6 +101,7 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, 
     assert abs(found.drift.change_ppm.value) < 1.0
 
 
+@pytest.mark.exhaustive
 def test_a_cold_one_is_off_by_what_its_warm_up_is_stated_to_leave(tmp_path: Path) -> None:
     """The drift of the gyroscope while it warms up: 104 ppm a kelvin, 0.3 K exp(-t / 300 s), mean of the run."""
     cold = calibrated(tmp_path, still(LAB))
@@ -173,6 +175,7 @@ def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels
     assert (kept.certificate, kept.since_last_ppm.value, kept.verdict) == ("0001", 0.0, "pass")  # type: ignore[union-attr]
 
 
+@pytest.mark.exhaustive
 def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB)
     done = vcfbench.run("self-calibration", FIELD, settings=settings, runs=tmp_path)
@@ -190,6 +193,7 @@ def numbered(bench: BenchDescription, **more: Any) -> BenchDescription:
     return structs.replace(bench, multimeter=structs.replace(bench.multimeter, inventory_number="K-7", **more))  # type: ignore[type-var]
 
 
+@pytest.mark.exhaustive
 def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path: Path) -> None:
     """At the same address of another bench is another; its gain then counts twice."""
     settings = calibrated(tmp_path, numbered(LAB))
@@ -397,6 +401,7 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
     assert level_for(curve, 0.0, "rates") == 0.0
 
 
+@pytest.mark.exhaustive
 def test_the_command_of_a_drift_that_failed_ends_with_1_each_time(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB)
     gain = 0.97 * physical_parameters(FIELD).output_stage.gain
@@ -531,7 +536,7 @@ def test_a_number_of_the_other_sign_than_k_vc_is_refused(sign: float, tmp_path: 
         run(tmp_path, LAB, {**guessed, "dut": "G-1", "k_vc": str(150.0 * sign)})
 
 
-@pytest.mark.parametrize("procedure", ["self-calibration", "online"])
+@pytest.mark.parametrize("procedure", few(["self-calibration", "online"], "self-calibration"))
 def test_a_scale_factor_of_the_sign_that_the_gyroscope_has_not_is_refused(procedure: str, tmp_path: Path) -> None:
     expected = structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013))
     own = {"self-calibration": QUICK, "online": {"warm_up_s": 60.0, "duration_s": 10.0}}[procedure]

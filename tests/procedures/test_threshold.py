@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from msgspec import structs
 from scipy.optimize import curve_fit
+from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
@@ -76,7 +77,7 @@ def found_of(half_deg_s: float, bench: str = "ideal", **settings: Any) -> Thresh
 
 
 @pytest.mark.parametrize("settings", [{}, {"by": "table", "rate_tolerance_deg_s": 0.01}])
-@pytest.mark.parametrize("half_deg_s", [0.03, 0.3])
+@pytest.mark.parametrize("half_deg_s", few([0.03, 0.3], 0.3))
 def test_dead_band_of_a_gyroscope_without_noise_comes_out_at_its_size(
     half_deg_s: float, settings: dict[str, Any]
 ) -> None:
@@ -91,12 +92,14 @@ def test_dead_band_of_a_gyroscope_without_noise_comes_out_at_its_size(
     assert shares[2.0] == pytest.approx(1.0 - half_deg_s / 2.0, abs=2e-3)
 
 
+@pytest.mark.exhaustive
 def test_share_other_than_half_moves_the_threshold_alone() -> None:
     """At 80 % of the expected output the input is five half widths."""
     found = found_of(0.03, share=0.8)
     assert found.threshold.deg_s.value == pytest.approx(5.0 * found.dead_band.deg_s.value, rel=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_a_gyroscope_without_one_has_a_bound_and_not_zero() -> None:
     found = found_of(0.0, "lab")
     assert 0.0 < found.dead_band.at_most_deg_s < 6e-3
@@ -106,6 +109,7 @@ def test_a_gyroscope_without_one_has_a_bound_and_not_zero() -> None:
     assert not found.dead_band.v_vc_v.missing
 
 
+@pytest.mark.exhaustive
 def test_k_vc_is_that_of_the_certificate(tmp_path: Path) -> None:
     named = {"dut": "G1", "devices": str(tmp_path / "devices")}
     quick = {"samples": 3, "cycles": 1, "health": False}
@@ -144,6 +148,7 @@ def test_settings_that_cannot_be(settings: dict[str, Any], said: str) -> None:
         vcfbench.dry_run("threshold", "lab", settings=settings)
 
 
+@pytest.mark.exhaustive
 def test_noisier_output_is_taken_more_often_within_the_time() -> None:
     assert found_of(0.0, "lab").blocks == 2
     assert 3 <= found_of(0.0, "lab", at_most_s=3000.0).blocks <= 6

@@ -102,6 +102,7 @@ def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, others: 
     assert "three means in a row agree" in vcfbench.text_of(run.report())
 
 
+@pytest.mark.exhaustive
 def test_what_is_not_steady_at_the_longest_is_said_to_be_so(tmp_path: Path) -> None:
     settings = {**SCALE, "shortest_s": 300.0, "longest_s": 600.0}
     run = vcfbench.run("warmup", bench(60.0, 3000.0), seed=1, settings=settings, runs=tmp_path)

@@ -69,6 +69,7 @@ def walk_of(results: ZeroResult) -> tuple[float, float]:
     return found.value, found.u
 
 
+@pytest.mark.exhaustive
 def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_corrected(hour: Run) -> None:
     value, u = walk_of(hour.results)
     assert hour.results.angle_random_walk_as_read / N_DEG_RTH == pytest.approx(2.6, abs=0.1)
@@ -94,6 +95,7 @@ def test_a_record_is_read_once_for_its_results_and_readings(hour: Run, monkeypat
     assert len(opens) == 2  # what is not kept is on the disk, and not in memory
 
 
+@pytest.mark.exhaustive
 def test_as_it_stands_is_said_to_be_so(hour: Run, tmp_path: Path) -> None:
     raw = run(tmp_path, mode="dead-time", duration_s=1200.0)
     value, u = walk_of(raw.results)

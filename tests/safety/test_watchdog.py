@@ -134,6 +134,7 @@ def test_the_death_of_the_watchdog_stops_a_run(tmp_path: Path) -> None:
         assert what_is_on(lab) == []
 
 
+@pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:process .* died with this bench")  # ports are given again
 def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -417,6 +418,7 @@ def test_neither_signals_nor_forks_of_the_program_reach_it(listener: Callable[..
     assert "left safe" not in said()
 
 
+@pytest.mark.exhaustive
 def test_what_has_the_number_of_its_pipe_later_is_kept_from_no_fork(
     listener: Callable[..., tuple[Watchdog, Process]], tmp_path: Path
 ) -> None:

@@ -529,6 +529,7 @@ def test_a_part_of_the_rails_ripple_comes_through_to_the_output() -> None:
     assert means[0][1] == pytest.approx(means[1][1], abs=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_looks_from_outside_change_no_reading_that_comes_later() -> None:
     """Through start-up, a turning table, V_Vc: nodes, currents and temperature as the control port reads them."""
 
@@ -557,6 +558,7 @@ def test_looks_from_outside_change_no_reading_that_comes_later() -> None:
     assert means(looking=True) == means(looking=False)
 
 
+@pytest.mark.exhaustive
 def test_looks_from_outside_see_noise_that_goes_on() -> None:
     """Each 50 ms for 100 s, no instrument asking: as scattered as looks of an instrument, and no two alike."""
     (clock, world), (other_clock, other) = powered(PAPER, 5), powered(PAPER, 6)

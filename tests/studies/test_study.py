@@ -59,6 +59,7 @@ def again(whole: Path, folder: Path, **how: Any) -> vcfbench.StudyResult:
     return vcfbench.study(folder / "study.toml", output=folder / "t.csv", **how)
 
 
+@pytest.mark.exhaustive
 def test_a_row_a_run_and_a_case_a_value(whole: Path) -> None:
     with (whole / "t.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))

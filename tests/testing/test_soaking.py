@@ -65,6 +65,7 @@ def test_a_freeze_of_bench_time_is_found_and_made_small(monkeypatch: pytest.Monk
     assert shrunk(found).draw.happenings == (LATE,)
 
 
+@pytest.mark.exhaustive
 def test_the_command_repeats_a_seed_and_says_what_it_draws() -> None:
     answer = CliRunner().invoke(app, ["sim", "soak", "--seeds", "11:12", "-v"])
     assert answer.exit_code == 0

@@ -183,6 +183,7 @@ def test_seals_that_are_not_checked_are_named(monkeypatch: pytest.MonkeyPatch) -
     assert failed(benches.checks(), ["seals"]) == ["seals"]
 
 
+@pytest.mark.exhaustive
 def test_flipped_sign_of_the_meter_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     read = vcfbench.drivers.hp34401a.Hp34401A.begun_reading_v
     monkeypatch.setattr(vcfbench.drivers.hp34401a.Hp34401A, "begun_reading_v", lambda meter: -read(meter))

@@ -86,6 +86,7 @@ def test_half_the_difference_takes_the_even_order_of_the_modulator_away(runs: di
     assert one_point / pair - 1.0 == pytest.approx(8.7e-4, abs=1e-5)
 
 
+@pytest.mark.exhaustive
 def test_a_curve_brings_the_methods_together(runs: dict[str, Any]) -> None:
     """The odd order of the modulator is 2 % at 200 deg/s, which one point cannot know."""
     off = {by: abs(run.results.scale_factor_error_percent) for by, run in runs.items()}

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.shared.test_k_vc import LAB
@@ -106,7 +107,7 @@ def test_one_temperature_acts_on_output_and_k_vc_together(of_output: float, of_k
     assert with_temperature({}, since) == since
 
 
-@pytest.mark.parametrize("procedure", ["self-calibration", "online"])
+@pytest.mark.parametrize("procedure", few(["self-calibration", "online"], "self-calibration"))
 def test_the_temperature_of_a_run_without_a_table_is_one_part(procedure: str, tmp_path: Path) -> None:
     """Known within 1 K: the output by 104 ppm/K, K_Vc by 30 with a u of its own, both by the same kelvin."""
     override = {"temperature_k": 1.0, "scale_factor_ppm_k": 104.0}

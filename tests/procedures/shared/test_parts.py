@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.fakes import make_settings
@@ -146,7 +147,7 @@ def test_noise_of_the_values_goes_through_the_parabola() -> None:
 AT_RUN_C = np.array([10.0, 30.0, 50.0, 30.0])
 
 
-@pytest.mark.parametrize("by", ["table", "v-vc"])
+@pytest.mark.parametrize("by", few(["table", "v-vc"], "v-vc"))
 def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp_path: Path) -> None:
     bench = vcfbench.load_bench("lab")
     bench = structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, misalignment_deg=0.5))
@@ -242,6 +243,7 @@ def test_the_parts_of_what_rails_do(imbalance_v: float) -> None:
         assert part(each, "imbalance of the rails") == pytest.approx(share * kink)
 
 
+@pytest.mark.exhaustive
 def test_the_imbalance_of_rails_moves_both_halves_as_drawing_it_does() -> None:
     """Rails that are of one size as read back, within 4 mV: what is read is a drive by the weaker of them."""
     drawn = np.random.default_rng(1).normal(0.0, 0.004, 1500)

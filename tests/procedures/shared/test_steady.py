@@ -95,6 +95,7 @@ def test_the_largest_jump_is_that_of_the_definition(seed: int) -> None:
     assert abs(found.sigmas) == pytest.approx(abs(by_columns(walk)), rel=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_the_look_at_many_windows_needs_memory_with_their_square() -> None:
     """Of 45 repeats of a turntable: their patterns, a column each, would take 2.4 GB."""
     rates = np.random.default_rng(1).choice(np.array(RATES), 855)

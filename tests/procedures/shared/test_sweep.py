@@ -236,6 +236,7 @@ def off_ppm(drifting: dict[str, Any], name: str) -> float:
     return float(1e6 * (drifting[name].results.scale_factor.value / true - 1.0))
 
 
+@pytest.mark.exhaustive
 def test_a_drifting_bench_reads_wrong_in_the_paper_s_order_by_what_theory_says(drifting: dict[str, Any]) -> None:
     rates = np.array(QUICK["rates_deg_s"])
     times = np.array([0.0, *np.cumsum(np.abs(np.diff(rates)) / 100.0 + 5.0)])

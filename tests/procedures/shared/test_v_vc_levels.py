@@ -45,6 +45,7 @@ def test_the_methods_are_seen_to_disagree(run: Run[Any]) -> None:
     assert "V_Vc meter readings: match" in known_by
 
 
+@pytest.mark.exhaustive
 def test_the_record_and_the_report_have_the_same_levels(run: Run[Any]) -> None:
     again = vcfbench.load_run(run.directory)
     assert again.results == run.results

@@ -127,6 +127,7 @@ def test_an_edge_through_the_bandwidth_limit_is_an_exponential() -> None:
     assert volts[after] == pytest.approx(1.0 - np.exp(-times[after] / tau_s), abs=0.02)
 
 
+@pytest.mark.exhaustive
 def test_the_trigger_sees_the_bandwidth_limit() -> None:
     bench = bench_with("sampled", 0.0, Sine(1.0, 100e6, 0.0))
     bench.send(":TIM:RANG 1E-6;:TRIG:SWE NORM;LEV 0.5;:CHAN1:BWL ON;:SING")
@@ -197,6 +198,7 @@ def test_high_resolution_reduces_noise_by_the_samples_that_there_are() -> None:
         assert waveform(bench)[1].std() == pytest.approx(expected, rel=0.15)
 
 
+@pytest.mark.exhaustive
 def test_what_peak_detection_shows_is_what_is_measured() -> None:
     bench = Bench()
     bench.nodes["drive"] = lambda t: np.where(np.abs(t % 0.1 - 60.00005e-3) < 1e-6, 1.0, -1.0)  # 2 us in 0.1 s

@@ -96,6 +96,7 @@ def test_a_level_changed_on_the_way_turns_where_the_voltage_is() -> None:
     assert tau_s(0.02, 0.05, 0.0) <= 1.0 / share[0] <= tau_s(0.02, 0.05, current)
 
 
+@pytest.mark.exhaustive
 def test_the_current_limit_is_met_on_the_way_without_a_jump() -> None:
     """10 V into 5 ohm with 0.5 A: the exponential until 2.5 V, then nothing but 2.5 V."""
     world, _, talk = bench()

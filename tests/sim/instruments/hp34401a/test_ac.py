@@ -192,6 +192,7 @@ def test_each_error_shows_by_itself(errors: AcErrors, frequency_hz: float, chang
     assert read / ideal - 1.0 == pytest.approx(change, abs=3e-6)
 
 
+@pytest.mark.exhaustive
 def test_noise_of_readings() -> None:
     made = ac(Sine(1.0, 1e3, 0.0), filter_hz=200, errors=MeterErrors(ac=AcErrors(noise=1e-5), noise_seed=3))
     made.talk.write("TRIG:DEL 0;:SAMP:COUN 400")

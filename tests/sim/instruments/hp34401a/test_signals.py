@@ -301,6 +301,7 @@ def test_amplitude_modulation_of_100_percent_loses_the_cycles_below_the_threshol
     assert meter(source, "CONF:FREQ").value() == pytest.approx(1e5 * counted_part, rel=2e-3)
 
 
+@pytest.mark.exhaustive
 def test_noise_is_counted_as_often_as_it_crosses_both_thresholds() -> None:
     """Against Gaussian numbers through a Butterworth filter, counted one by one."""
     rate_hz, rms_v = 64e6, 0.3
