@@ -106,7 +106,7 @@ def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Pat
     assert math.isclose(first["drift_ppm"], 1e6 * change, rel_tol=1e-6, abs_tol=1e-6)
     assert first["e_n"] > 0.0
     assert second["drift_ppm"] is None
-    still = structs.replace(sheet_rows("b7", folder / "runs")[0], drift_ppm=-0.3, u_drift_ppm=None, e_n=0.0)
+    still = structs.replace(sheet_rows("b7", folder / "runs")[0], drift_ppm=-0.3, u95_drift_ppm=None, e_n=0.0)
     assert "   0 (0.00)" in text_of(batch_sheet("b7", [still]))
 
 
@@ -164,7 +164,7 @@ def test_an_incomplete_u95_is_marked_and_the_drift_has_its_own(folder: Path) -> 
     batch(folder)
     (first, _) = sheet_rows("b7", folder / "runs")
     row = structs.replace(
-        first, missing=("temperature",), verdict="marginal", drift_ppm=5371.2, u_drift_ppm=1413.0, e_n=1.9
+        first, missing=("temperature",), verdict="marginal", drift_ppm=5371.2, u95_drift_ppm=2826.0, e_n=1.9
     )
     text = text_of(batch_sheet("b7", [row]), 80)
     assert max(map(len, text.splitlines())) <= 80

@@ -1,17 +1,18 @@
 """Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from statistics import mean, stdev
 from types import MappingProxyType
 from typing import Any, Final
 
-from msgspec import Struct, structs
+from msgspec import Struct, field, structs
 
-from vcfbench.archive.compared import difference
+from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.archive.recorded import load_run
+from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.value_columns import SLOPES, ValueColumn, columns_of
 from vcfbench.archive.written import write_document
@@ -24,7 +25,7 @@ from vcfbench.values.kinds import limit_words
 from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
 
-_DRIFT: Final = "drift of the scale factor since the device's last complete run of the procedure in ppm, ± 2 u"
+_DRIFT: Final = "drift of the scale factor since the device's last complete run of the procedure in ppm, ± U95"
 _LAST: Final = heads("drift (E_n) | verdict")
 
 
@@ -35,8 +36,10 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     those that the device did not keep, or is too near to. `missing` is what U95 of a value or the guard band of a limit
     is incomplete without. `drift_ppm` is the change of the scale factor since the last complete run of the same device
     and procedure (on a batch sheet, outside of the batch), on real benches or on simulated ones as it is itself,
-    `u_drift_ppm` its standard uncertainty, `e_n` its normalised error. `why_none` says why there are no results; `run`
-    is empty of a device that has no record.
+    `u_drift_ppm` its standard uncertainty, `u95_drift_ppm` the expanded one, `e_n` its normalised error; `drift_note`
+    says how it was found where the two were not subtracted, or why there is none. `since_first_ppm` is the change since
+    the device's first run with a scale factor of this kind, None where it cannot be stated. `why_none` says why there
+    are no results; `run` is empty of a device that has no record.
     """
 
     device: str
@@ -54,13 +57,16 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     """What the run states, without the parts of its uncertainties."""
     drift_ppm: float | None = None
     u_drift_ppm: float | None = None
+    u95_drift_ppm: float | None = None
     e_n: float | None = None
+    drift_note: str = ""
+    since_first_ppm: float | None = None
     why_none: str | None = None
 
     @property
     def scale_factor(self) -> Value | None:
         """Its scale factor: that on the table, else that of small signals, else that by V_Vc."""
-        return next((each for each in self.values if each.kind in SLOPES), None)
+        return _slope(self.values)
 
     @property
     def passed(self) -> bool:
@@ -73,19 +79,26 @@ class SheetRow(Struct, frozen=True, kw_only=True):
         return not (self.run or self.why_none)
 
 
-def sheet_rows(batch: str, runs: str | Path = "runs", left_out: Container[str] | None = None) -> tuple[SheetRow, ...]:
+def sheet_rows(
+    batch: str,
+    runs: str | Path = "runs",
+    left_out: Container[str] | None = None,
+    devices: str | Path = "devices",
+) -> tuple[SheetRow, ...]:
     """Return the last run of each device and procedure with the tag ``batch=BATCH``, complete ones first.
 
     Args:
         batch: name of the batch.
         runs: directory of the records.
         left_out: names of the records that do not count; None: those of simulated benches, where there are real ones.
+        devices: directory of what is known of the devices.
     """
     left_out = rehearsals(batch, runs) if left_out is None else left_out
     known = run_summaries(runs)
     inside = [each for each in known if each.tags.get("batch") == batch and each.run not in left_out]
     outside = [each for each in known if each.tags.get("batch") != batch]
-    return tuple(_row(each, _before(each, outside)) for each in last_runs(inside).values())
+    history = _History(outside, devices)
+    return tuple(history.row(each) for each in last_runs(inside).values())
 
 
 def last_runs(found: Sequence[RunSummary]) -> dict[tuple[str, str], RunSummary]:
@@ -106,42 +119,88 @@ def rehearsals(batch: str, runs: str | Path = "runs") -> dict[str, str]:
     return {each.run: f"{each.dut}, {each.procedure}: on a simulated bench" for each in known if each.simulated}
 
 
-def device_rows(serial: str, runs: str | Path = "runs") -> tuple[SheetRow, ...]:
+def device_rows(serial: str, runs: str | Path = "runs", devices: str | Path = "devices") -> tuple[SheetRow, ...]:
     """Return the complete runs of a device that gave a scale factor, oldest first.
 
     Args:
         serial: serial number of the device.
         runs: directory of the records.
+        devices: directory of what is known of the devices.
     """
     known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
-    rows = (_row(each, _before(each, known)) for each in known)
-    return tuple(each for each in rows if each.scale_factor is not None)
+    history = _History(known, devices)
+    return tuple(history.row(each) for each in known if _slope(each.results.values()) is not None)
 
 
-def _before(run: RunSummary, known: Sequence[RunSummary]) -> RunSummary | None:
-    """Return the last complete run before it of the same device and procedure, real or simulated as it is."""
-    same = (
-        each
-        for each in known
-        if (each.dut, each.procedure, each.simulated) == (run.dut, run.procedure, run.simulated)
-        and each.status is Status.COMPLETE
-        and each.started < run.started
-    )
-    return max(same, key=lambda each: each.started, default=None)
+class _History(Struct, frozen=True):
+    """The runs from which changes are counted; each is read once."""
+
+    known: Sequence[RunSummary]
+    devices: str | Path
+    read: dict[Path, Compared] = field(default_factory=dict)
+    coefficients: dict[tuple[str | None, bool], Coefficients] = field(default_factory=dict)
+
+    def compared(self, summary: RunSummary) -> Compared:
+        """Return a run as it is compared."""
+        if summary.directory not in self.read:
+            self.read[summary.directory] = Compared(load_run(str(summary.directory)))
+        return self.read[summary.directory]
+
+    def earlier(self, run: RunSummary) -> list[RunSummary]:
+        """Return the runs of the same device with a scale factor before it, real or simulated as it is."""
+        same = [
+            each
+            for each in self.known
+            if (each.dut, each.simulated, each.status) == (run.dut, run.simulated, Status.COMPLETE)
+            and each.started < run.started
+            and _slope(each.results.values()) is not None
+        ]
+        return sorted(same, key=lambda each: each.started)
+
+    def changes(self, summary: RunSummary, scale: Value) -> dict[str, Any]:
+        """Return what a row says of the change of the scale factor since earlier runs."""
+        earlier, now, found = self.earlier(summary), self.compared(summary), dict[str, Any]()
+        witness = next((run for each in reversed(earlier) if (run := self.compared(each)).tells_curve), None)
+        key = summary.dut, bool(summary.simulated)
+        if key not in self.coefficients:
+            self.coefficients[key] = Coefficients.kept([now.run], self.devices)
+
+        def since(before: Compared | None) -> Difference | None:
+            then = None if before is None else _slope(before.run.values.values(), scale.kind)
+            if before is None or then is None or not then.value:
+                return None
+            witnesses = [] if witness is None else [witness]
+            change = Pair(before, now, self.coefficients[key], witnesses).change(then, scale)
+            ppm = 1e6 / then.value
+            sized = [None if each is None else abs(ppm) * each for each in (change.u, change.u95)]
+            value = None if change.value is None else ppm * change.value
+            return structs.replace(change, value=value, u=sized[0], u95=sized[1])
+
+        alike = [each for each in earlier if each.procedure == summary.procedure]
+        if alike and (last := since(self.compared(alike[-1]))) is not None:
+            found |= {"drift_ppm": last.value, "u_drift_ppm": last.u, "u95_drift_ppm": last.u95, "e_n": last.e_n}
+            found["drift_note"] = last.reason or last.note
+        first = next(
+            (run for each in earlier if _slope((run := self.compared(each)).run.values.values(), scale.kind)), None
+        )
+        change = since(first)
+        return found | {"since_first_ppm": 0.0 if first is None else None if change is None else change.value}
+
+    def row(self, summary: RunSummary) -> SheetRow:
+        """Return the row of a run."""
+        run = self.compared(summary).run
+        values = run.values
+        scale = _slope(values.values())
+        return _row(summary, run, {} if scale is None else self.changes(summary, scale))
 
 
-def _row(summary: RunSummary, before: RunSummary | None) -> SheetRow:
-    run = load_run(str(summary.directory))
+def _slope(values: Iterable[Value], *kinds: str) -> Value | None:
+    """Return the first scale factor, of these kinds or any."""
+    return next((each for each in values if each.kind in (kinds or SLOPES)), None)
+
+
+def _row(summary: RunSummary, run: Run, found: Mapping[str, Any]) -> SheetRow:
     values = run.values
-    scale = next((each for each in values.values() if each.kind in SLOPES), None)
-    found: dict[str, Any] = {}
-    earlier = None if before is None else load_run(str(before.directory))
-    if earlier is not None and scale is not None:
-        then = earlier.values.get(scale.name)
-        if then is not None and then.kind == scale.kind and then.value and scale.value:
-            drift = difference(then, scale)
-            found |= {"drift_ppm": 1e6 * drift.value / then.value, "e_n": drift.e_n}
-            found["u_drift_ppm"] = None if drift.u is None else 1e6 * drift.u / abs(then.value)
     judged = [] if run.verdict is None else [each for each in run.verdict.limits if each.measured]
     limits = [(limit_words(each.key), each) for each in judged]
     shown = [column.example.missing for column in columns_of([list(values.values())])]
@@ -200,15 +259,17 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
     ]
     for name in dict.fromkeys(each.procedure for each in rows):
         of_procedure = [each for each in rows if each.procedure == name]
+        notes = _letters(of_procedure)
         own = columns_of([each.values for each in of_procedure])
         columns = [Column("device", align="left", verbatim=True), *_heads(own)]
         several = len({each.operator for each in of_procedure}) > 1
         if several:
             columns.append(Column("operator", align="left", verbatim=True))
         cells = [
-            [each.device, *_cells(own, each), *([each.operator or "-"] if several else [])] for each in of_procedure
+            [each.device, *_cells(own, each, notes), *([each.operator or "-"] if several else [])]
+            for each in of_procedure
         ]
-        parts += [Heading(name, 2), _said(own), Table(columns, cells), *_footnote(of_procedure)]
+        parts += [Heading(name, 2), _said(own), Table(columns, cells), *_footnotes(of_procedure, notes)]
         if limits := dict.fromkeys(limit for each in of_procedure for limit in each.limits):
             not_kept = [f"{each.device} ({', '.join(each.not_kept)})" for each in of_procedure if each.not_kept]
             parts.append(
@@ -232,16 +293,16 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
     """Return the runs of one device, a row each, in a table for each kind of scale factor."""
-    mixed = len({each.simulated for each in rows}) > 1
+    mixed, notes = len({each.simulated for each in rows}) > 1, _letters(rows)
     parts: list[Part] = [Heading("Runs with this device", 2)]
     for kind in dict.fromkeys(each.scale_factor.kind for each in rows if each.scale_factor is not None):
         of_kind = [each for each in rows if each.scale_factor is not None and each.scale_factor.kind == kind]
         own = columns_of([each.values for each in of_kind])
         names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in of_kind)
         both = zip(of_kind, names, strict=True)
-        cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(own, each)] for each, name in both]
+        cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(own, each, notes)] for each, name in both]
         parts += [_said(own), Table([*heads("day (UTC) | <procedure"), *_heads(own)], cells)]
-    return [*parts, *_footnote(rows)]
+    return [*parts, *_footnotes(rows, notes)]
 
 
 def _said(columns: Sequence[ValueColumn]) -> Text:
@@ -254,22 +315,35 @@ def _heads(columns: Sequence[ValueColumn]) -> list[Column]:
     return [*(head for column in columns for head in column.heads), *_LAST]
 
 
-def _cells(columns: Sequence[ValueColumn], row: SheetRow) -> list[Any]:
+def _cells(columns: Sequence[ValueColumn], row: SheetRow, notes: Mapping[str, str] = MappingProxyType({})) -> list[Any]:
     drift = "-" if row.drift_ppm is None else f"{row.drift_ppm:+.0f}" if round(row.drift_ppm) else "0"
-    drift += "" if row.u_drift_ppm is None else f"±{2.0 * row.u_drift_ppm:.0f}"
+    drift += "" if row.u95_drift_ppm is None else f"±{row.u95_drift_ppm:.0f}"
+    drift += "" if row.e_n is None else f" ({row.e_n:.2f})"
     mark = "*" * bool(row.missing)
     unjudged = "no record" if not row.run else "-" if row.status is Status.COMPLETE else row.status.value
     return [
         *(cell for column in columns for cell in column.cells(row.values, mark)),
-        drift if row.e_n is None else f"{drift} ({row.e_n:.2f})",
+        f"{drift} {notes[row.drift_note]}" if row.drift_note else drift,
         row.verdict.upper() + mark if row.verdict else unjudged,
     ]
 
 
-def _footnote(rows: Sequence[SheetRow]) -> list[Part]:
-    """Say what the U95 that are marked, and of verdicts that are, are incomplete without."""
+def _letters(rows: Sequence[SheetRow]) -> dict[str, str]:
+    """Return the letters of what is said below of drifts."""
+    said = dict.fromkeys(each.drift_note for each in rows if each.drift_note)
+    return {note: _letter(place) for place, note in enumerate(said)}
+
+
+def _letter(place: int) -> str:
+    return (_letter(place // 26 - 1) if place >= 26 else "") + chr(ord("a") + place % 26)
+
+
+def _footnotes(rows: Sequence[SheetRow], notes: Mapping[str, str]) -> list[Part]:
+    """Say how drifts were found, and what the U95 that are marked, and of verdicts that are, are incomplete without."""
     missing = dict.fromkeys(name for each in rows for name in each.missing)
-    return [Text(f"* U95 is incomplete: without {', '.join(missing)}.")] if missing else []
+    said = [f"{letter}  {note}" for note, letter in notes.items()]
+    said += [f"* U95 is incomplete: without {', '.join(missing)}."] if missing else []
+    return [Text("\n".join(said))] if said else []
 
 
 def write_sheet(

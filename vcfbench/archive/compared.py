@@ -3,14 +3,15 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, groupby
+from pathlib import Path
 from typing import Any, Final
 
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
@@ -21,19 +22,6 @@ _OF_FITS: Final = frozenset(
     ("type_a", "polynomial", "s_v", "dof", "coverage_factor", "u95_fit_ppm", "covariance", "durbin_watson", "sign_runs")
 )
 """Statistics of a fit, by their names in results: programs get them, people compare what comes of them."""
-
-_BESIDE: Final = frozenset(("oscilloscope", "rate_source"))  # They only look on, or are off, unless they are needed
-
-
-class Difference(Struct, frozen=True):
-    """Difference of one run's value from that of the first: `u` and `e_n` None where an uncertainty is not known.
-
-    `e_n` is its size over its expanded uncertainty (95 %), both runs' taken as independent; above 1 they disagree.
-    """
-
-    value: float
-    u: float | None
-    e_n: float | None
 
 
 class SharedResult(Struct, frozen=True):
@@ -53,8 +41,7 @@ class RunComparison(Struct, frozen=True):
 
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be
     paired, else empty. `settings` (of those that all have) and `equipment` are what is not the same in all, by name,
-    as printed. `instruments` says which instruments that reach the results all runs were made with, by their numbers;
-    `unnumbered` are those of one model that tell no number, so that nobody knows.
+    as printed. `instruments` are those that runs have in common with the first: their errors cancel.
     """
 
     runs: tuple[Run, ...]
@@ -63,9 +50,8 @@ class RunComparison(Struct, frozen=True):
     settings: Mapping[str, tuple[str, ...]]
     equipment: Mapping[str, tuple[str, ...]]
     instruments: tuple[str, ...]
-    unnumbered: tuple[str, ...] = ()
     of_others: tuple[str, ...] = ()
-    """Results of one name that are of another measurand in each, and so not compared."""
+    """Results of one name that cannot be compared, each with the reason: another measurand, or other conditions."""
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench compare --json``."""
@@ -76,7 +62,6 @@ class RunComparison(Struct, frozen=True):
             "settings": {name: list(each) for name, each in self.settings.items()},
             "equipment": {name: list(each) for name, each in self.equipment.items()},
             "shared_instruments": list(self.instruments),
-            "unnumbered_instruments": list(self.unnumbered),
             "of_other_measurands": list(self.of_others),
         }
 
@@ -104,8 +89,10 @@ class RunComparison(Struct, frozen=True):
         )
 
 
-def compare_runs(*runs: Run) -> RunComparison:
+def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
     """Compare runs, of one procedure or of several, with the first of them: ``compare_runs(before, after)``.
+
+    What is known in `devices` of their device corrects for another temperature, or other rails.
 
     Raises:
         ConfigError: there are fewer than two, more than 26, something else than runs is among them, or they share
@@ -117,17 +104,21 @@ def compare_runs(*runs: Run) -> RunComparison:
             raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
     if not 2 <= len(runs) <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
-    of_each = [_compared(run) for run in runs]
-    results, others = [], []
+    of_each, seen = [_compared(run) for run in runs], [Compared(run) for run in runs]
+    known = Coefficients.kept(runs, devices)
+    results, others, cancelled = [], [], list[str]()
     for name, first in of_each[0].items():
         found = [each[name] for each in of_each if name in each and each[name].unit == first.unit]
         if len(found) < len(runs):  # V is not deg/s
             continue
-        if len({each.kind for each in found}) > 1:
-            others.append(f"{name}: {', '.join(dict.fromkeys(each.named.words for each in found))}")
+        pairs = zip(found[1:], seen[1:], strict=True)
+        unlike = tuple(Pair(seen[0], run, known, seen).change(first, value) for value, run in pairs)
+        if reasons := dict.fromkeys(each.reason for each in unlike if each.reason):
+            others.append(f"{first.named.words}: {'; '.join(reasons)}")
+        if all(each.reason for each in unlike):
             continue
+        cancelled += [owner for each in unlike for owner in each.cancelled]
         numbers, u = tuple(each.value or 0.0 for each in found), tuple(each.u for each in found)
-        unlike = tuple(difference(first, each) for each in found[1:])
         missing = tuple(tuple(each.missing) for each in found)
         results.append(SharedResult(name, first.unit, numbers, u, unlike, missing, first.named.words))
     points = tuple(run.points for run in runs) if _alike(*(run.points for run in runs)) else ()
@@ -140,18 +131,13 @@ def compare_runs(*runs: Run) -> RunComparison:
     settings = [dict(_flat(run.header.get("settings", {}))) for run in runs]
     keys = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
     alike = [key for key in keys if all(key in each for each in settings)]
-    reaching = [_reaching(run) for run in runs]
-    of_all = sorted(set.intersection(*(set(each) for each in reaching)))
-    shared = [f"{name} {reaching[0][name]}" for name in of_all if len({each[name] for each in reaching}) == 1]
-    unnumbered = tuple(name for name in of_all if not all(each[name] for each in reaching))
     return RunComparison(
         runs,
         tuple(results),
         points,
         _unlike([{key: each[key] for key in alike} for each in settings]),
         _unlike([_circumstances(run) for run in runs]),
-        tuple(each for each in shared if not each.endswith(" None")),
-        unnumbered,
+        tuple(dict.fromkeys(cancelled)),
         tuple(others),
     )
 
@@ -174,28 +160,8 @@ def _numbers(values: Mapping[str, Any], before: str) -> Iterator[tuple[str, floa
             yield from _numbers(value, f"{name}.")
 
 
-def _reaching(run: Run) -> dict[str, str | None]:
-    """Return the numbers of the instruments that reach the results, by role and model: not those that only look on."""
-    known = PROCEDURES.get(run.procedure)
-    beside = set() if known is None or "parts" in known.settings.__struct_fields__ else _BESIDE.difference(known.needs)
-    return {
-        f"{each.role} {each.model}": each.serial_number or each.inventory_number
-        for each in run.equipment
-        if each.role not in beside
-    }
-
-
 def _name(run: Run) -> str:
     return run.name or run.procedure
-
-
-def difference(first: Value, other: Value) -> Difference:
-    """Return by how much the value of one run differs from that of the first."""
-    value, u, e_n = (other.value or 0.0) - (first.value or 0.0), None, None
-    if first.u is not None and other.u is not None and first.u95 is not None and other.u95 is not None:
-        u, u95 = math.hypot(first.u, other.u), math.hypot(first.u95, other.u95)
-        e_n = abs(value) / u95 if u95 > 0.0 else None
-    return Difference(value, u, e_n)
 
 
 def _alike(first: Sequence[Point], *others: Sequence[Point]) -> bool:
@@ -256,11 +222,13 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
             yield Text(f"INCOMPLETE: u of {_named(each)[0]}: {'; '.join(said)}")
     if known:
         yield Text(
-            "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. Uncertainties of "
-            f"the runs are taken as independent. {_said_of_instruments(comparison)}"
+            "E_n is the difference over its expanded uncertainty (95 %); above 1 the runs disagree. "
+            f"{_said_of_instruments(comparison)}"
         )
+        notes = [(_named(each)[0], d.note) for each in known for d in each.differences if d.note]
+        yield from (Text(f"{words}: {note}") for words, note in dict.fromkeys(notes))
     if comparison.of_others:
-        yield Text(f"Of another measurand in each run, and not compared: {'; '.join(comparison.of_others)}.")
+        yield Text("\n  ".join(["Not compared:", *comparison.of_others]))
     names = {_named(each) for each in known}
     unknown = [
         each
@@ -276,19 +244,9 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
 
 
 def _said_of_instruments(comparison: RunComparison) -> str:
-    shared = "No instrument that reaches them is known to be in all runs."
-    if comparison.instruments:
-        shared = (
-            "They are not where runs share instruments: in all of them are "
-            f"{', '.join(comparison.instruments)}, whose errors cancel in part, so that u of the difference is too "
-            "large there and E_n too small."
-        )
-    if comparison.unnumbered:
-        shared += (
-            f" Whether they share {', '.join(comparison.unnumbered)} is not known: no serial number is told; "
-            "inventory_number in the bench file tells one."
-        )
-    return shared
+    if not comparison.instruments:
+        return "No instrument that reaches them is known to be in several runs: their uncertainties are independent."
+    return f"Errors of instruments that both runs have cancel: {', '.join(comparison.instruments)}."
 
 
 def _named(shared: SharedResult) -> tuple[str, str]:

@@ -10,7 +10,7 @@ from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_document
 from vcfbench.cli.answer import print_json
-from vcfbench.cli.options import Json_, Runs_, argument, option, output_option, run_names
+from vcfbench.cli.options import Devices_, Json_, Runs_, argument, option, output_option, run_names
 from vcfbench.errors import ConfigError
 from vcfbench.reports.text import text_of
 
@@ -24,6 +24,7 @@ def compare(
     ] = None,
     output: Annotated[Path | None, output_option("Write the comparison with figures: .html, .pdf or .md.")] = None,
     directory: Runs_ = Path("runs"),
+    devices: Devices_ = Path("devices"),
     dut: Annotated[str | None, option("SERIAL", "The last 2 complete runs of this device, of one procedure.")] = None,
     *,
     json: Json_ = False,
@@ -36,7 +37,7 @@ def compare(
     if len(chosen := runs or alike[-2:]) < 2:
         said = f"{directory}: expected two runs{f' of {dut}' if dut else ''} to compare, found {len(chosen)}"
         raise ConfigError(said, hint="one of elsewhere is named by its path: vcfbench compare DIRECTORY/RUN last")
-    comparison = compare_runs(*(load_run(each, directory) for each in chosen))
+    comparison = compare_runs(*(load_run(each, directory) for each in chosen), devices=devices)
     if output is not None:
         both = " and ".join(run.name or run.procedure for run in comparison.runs)
         written = write_document(comparison.report(), "Comparison of runs", both, output)

@@ -106,7 +106,7 @@ def device(
     if serial is None:
         _list(store, runs, json=json)
         return
-    calibrations = device_rows(serial, runs)
+    calibrations = device_rows(serial, runs, devices)
     known = store.device(serial) if not calibrations or store.entries(serial) else Device(serial, ())
     entries = known.entries
     if plot is not None:
@@ -184,7 +184,8 @@ _ENTRIES = "certificates and self-calibrations"
 def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetRow], path: Path) -> None:
     """Draw the scale factor of each entry, and of each run by its procedure, over time.
 
-    In ppm, against the first of its kind: the slope of a line is none of small signals.
+    In ppm, against the first of its kind: the slope of a line is none of small signals, and lines are compared over
+    the rates that they share.
 
     Behind the name of each stands E_n of its last one: against the certificate, or the run before.
     """
@@ -199,10 +200,18 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
             found[_ENTRIES].append((entry.done, scale.value, scale.u))
             last_e_n[_ENTRIES] = getattr(entry.record, "e_n", None)
             kept.add(entry.run)
+    left_out, first_line = 0, None
     for each in calibrations:
         slope = each.scale_factor
         if each.run not in kept and slope is not None and slope.value:
-            found[each.procedure].append((each.started, slope.value, slope.u or 0.0))
+            value = slope.value
+            if slope.kind == "scale_factor":
+                first_line = value if first_line is None else first_line
+                if each.since_first_ppm is None:
+                    left_out += 1
+                    continue
+                value = first_line * (1.0 + 1e-6 * each.since_first_ppm)
+            found[each.procedure].append((each.started, value, slope.u or 0.0))
             last_e_n[each.procedure], kinds[each.procedure] = each.e_n, slope.kind
     known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
@@ -223,7 +232,9 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
         for name, points in found.items()
     ]
     of = f" ({series[0].label})" if len(series) == 1 else ""  # several have a legend
-    save_figure(Figure(f"Scale factor of {serial}{of}; bars: 2 u", since, Axis("change", "ppm"), series), path)
+    said = f"Left out, since their rates or conditions do not compare: {left_out}." if left_out else ""
+    title = f"Scale factor of {serial}{of}; bars: 2 u"
+    save_figure(Figure(title, since, Axis("change", "ppm"), series, caption=said), path)
 
 
 def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:

@@ -68,7 +68,7 @@ class StationDirectories:
     def sheet(self, batch: str, kind: str) -> bytes:
         """Return the sheet of a batch as a file of that kind: html, pdf, md, xlsx; a BenchError where there is none."""
         left_out = rehearsals(batch, self._runs)
-        rows = sheet_rows(batch, self._runs, left_out)
+        rows = sheet_rows(batch, self._runs, left_out, self._devices)
         if not rows:
             raise ConfigError(f"there is no batch {batch!r}")
         with TemporaryDirectory() as folder:

@@ -170,7 +170,9 @@ class Batch(Struct, frozen=True):
         """
         left_out = self.left_out(runs) if left_out is None else left_out
         places = {device: place for place, device in enumerate(self.devices)}
-        found = sorted(sheet_rows(self.name, runs, left_out), key=lambda each: places.get(each.device, len(places)))
+        found = sorted(
+            sheet_rows(self.name, runs, left_out, self.kept_in), key=lambda each: places.get(each.device, len(places))
+        )
         done = {(each.device, each.procedure) for each in found}
         devices = dict.fromkeys([*self.devices, *why, *(each.device for each in found)])
         names = [each.procedure.name for each in self.runs]

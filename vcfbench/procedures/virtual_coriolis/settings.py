@@ -1,7 +1,7 @@
 """Settings of the virtual Coriolis calibration."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from vcfbench.procedures.shared.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
@@ -26,6 +26,8 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
     match_rates_deg_s: Annotated[
         tuple[Rate, ...], several(3, 100, "rates at which a curve is matched, each with both signs")
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
+
+    table_step: ClassVar[int] = 3
 
     @property
     def as_in_the_paper(self) -> bool:

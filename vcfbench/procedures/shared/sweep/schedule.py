@@ -7,7 +7,7 @@ A drift of the zero reads as scale factor where rate and time go together: in th
 import math
 from collections.abc import Iterator, Sequence
 from enum import Enum
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from vcfbench.procedures.shared.kept import KnownFlickerSettings
 from vcfbench.station.bounds import ranged, said
@@ -83,6 +83,9 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
         Earth, said("the Earth's rate stays in the bias, or is added to the table's rate", option=True)
     ] = Earth.BIAS
     axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit; counts where earth is rate")] = 0.5
+
+    table_step: ClassVar[int] = 1
+    """The number that the points on the table carry."""
 
     @property
     def as_in_the_paper(self) -> bool:

@@ -1,0 +1,110 @@
+"""Changes from run to run: like is compared with like, and what cannot be says why."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
+from vcfbench.records.device_values import Measured
+
+if TYPE_CHECKING:
+    from vcfbench import Run
+
+WIDE, NARROW, HALF = [200, 100, 50, 20, 0, -20, -50, -100, -200], [75, 30, 0, -30, -75], [0, -60, -90, -120]
+NOTHING = Coefficients()
+
+
+def ran(seed: int, rates: list[float], celsius: float | None = 20.0, bench: str = "paper", **settings: Any) -> Run:
+    asked = {"rates_deg_s": rates, "samples": 6, "warm_up_s": 1800.0, **settings}
+    told = {"dut": "G"} | ({} if celsius is None else {"ambient_temperature_c": celsius})
+    return vcfbench.run("turntable", bench, seed=seed, settings=asked, metadata=told, runs=None)
+
+
+@pytest.fixture(scope="module")
+def wide() -> Run:
+    return ran(1, WIDE)
+
+
+@pytest.fixture(scope="module")
+def narrow() -> Run:
+    return ran(2, NARROW)
+
+
+def changed(
+    first: Run, other: Run, known: Coefficients = NOTHING, *more: Run, name: str = "scale_factor"
+) -> Difference:
+    pair = Pair(Compared(first), Compared(other), known, [Compared(each) for each in more])
+    return pair.change(first.values[name], other.values[name])
+
+
+def ppm(found: Difference, run: Run) -> tuple[float, float]:
+    size = 1e6 / abs(run.values["scale_factor"].value or 1.0)
+    assert found.value is not None
+    assert found.u95 is not None, found.reason
+    return size * found.value, size * found.u95
+
+
+def test_lines_over_other_rates_differ_and_their_device_does_not(wide: Run, narrow: Run) -> None:
+    found = changed(wide, narrow)
+    value, u95 = ppm(found, wide)
+    assert abs(value) < u95 < 500.0
+    assert found.note.startswith("over 75, 30, 0, -30, -75 deg/s, by the curve of both runs; as they stand")
+    common = changed(wide, ran(3, [100, 50, 0, -50, -100]))
+    assert common.note.startswith("over 100, 50, 0, -50, -100 deg/s, the rates of both")
+    assert common.e_n is not None
+    assert common.e_n < 1.0
+
+
+def test_without_rates_in_common_there_is_no_figure_and_a_run_that_would_give_one(narrow: Run) -> None:
+    found = changed(narrow, ran(4, [100, 90, 80]))
+    assert found.value is None
+    assert found.reason.endswith("would tell: --rates 100,90,80,75,30,0,-30,-75")
+
+
+def test_two_devices_share_no_curve(wide: Run, narrow: Run) -> None:
+    found = changed(wide, structs.replace(narrow, metadata=structs.replace(narrow.metadata, dut="H")))
+    assert found.value is None
+    assert "other rates, of devices that nobody knows to be one" in found.reason
+
+
+@pytest.mark.parametrize("name", ["bias", "bias_deg_s", "nonlinearity"])
+def test_what_a_line_leaves_is_of_its_rates(name: str, wide: Run, narrow: Run) -> None:
+    found = changed(wide, narrow, name=name)
+    assert found.value is None
+    assert found.reason == ("of another measurand: rates: 9 rates, 200 to -200 deg/s and 75, 30, 0, -30, -75 deg/s")
+
+
+def test_errors_of_the_same_instruments_cancel(wide: Run) -> None:
+    apart = changed(wide, ran(5, WIDE))
+    again = changed(wide, structs.replace(ran(5, WIDE), seed=1, _header=wide.header))
+    assert not apart.cancelled
+    assert [each.split()[0] for each in again.cancelled] == ["34401A", "acl"]
+    assert (again.u or 0.0) < (apart.u or 0.0)
+
+
+def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
+    warm = structs.replace(wide, metadata=structs.replace(wide.metadata, ambient_temperature_c=25.0))
+    known = changed(wide, warm, Coefficients(Measured(value=-104.0, u=2.0)))
+    value, u95 = ppm(known, wide)
+    assert value == pytest.approx(-520.0, abs=1.0)  # of a slope that is below 0, as it has not changed
+    assert u95 > 1.96 * 10.0
+    assert "corrected by +520 ppm for 25 instead of 20 degC" in known.note
+    unknown = changed(wide, warm)
+    assert unknown.value is None
+    assert "no temperature coefficient of the device is known" in unknown.reason
+    silent = structs.replace(wide, metadata=structs.replace(wide.metadata, ambient_temperature_c=None))
+    assert changed(wide, silent).missing == ("temperature of one of the runs",)
+
+
+def test_other_rails_are_corrected_or_refused(wide: Run) -> None:
+    settings = {**wide.header["settings"], "positive_rail_v": 10.4, "negative_rail_v": -10.4}
+    wider = structs.replace(wide, _header={**wide.header, "settings": settings})
+    known = changed(wide, wider, Coefficients(None, Measured(value=375.0, u=15.0)))
+    assert ppm(known, wide)[0] == pytest.approx(150.0, abs=1.0)
+    unknown = changed(wide, wider)
+    assert unknown.value is None
+    assert "what rails change of the device is not known (vcfbench run power)" in unknown.reason

@@ -1,0 +1,349 @@
+"""Change of a value from one run to another: like is compared with like, and what cannot be compared says why.
+
+Conditions that both runs tell and that differ are corrected where the device's coefficient is known. Lines over the
+same rates are subtracted; over others it is their own points at the rates that both have, else, of one device, the
+curve that its runs share. What instruments both have in common cancels. Where none of it gives a figure there is none.
+"""
+
+import math
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import numpy as np
+from msgspec import Struct
+
+from vcfbench.analysis.shared_curve import Windows, slopes_over
+from vcfbench.archive.run import Run
+from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.definition import conditions_of, definition_of
+from vcfbench.procedures.layers import recorded_settings
+from vcfbench.procedures.shared.sweep.schedule import SweepSettings
+from vcfbench.procedures.shared.sweep.windows import WindowNoise, line_weights, sweep_of
+from vcfbench.records.device_values import Measured
+from vcfbench.records.devices import DeviceStore
+from vcfbench.station.settings import ProcedureSettings
+from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
+from vcfbench.values.quantile import t_quantile
+from vcfbench.values.value import UncertaintyPart, Value
+
+STATED_PPM: Final = 500.0
+"""U95 of a change by other rates, or under other conditions, up to which it is stated."""
+_LEAST_LEVELS: Final = 7
+"""Rates from which a run, with both signs among them, tells the curve of others of its device."""
+_LIKE_K: Final = 1.0
+"""Difference of temperature that is none, of values whose coefficient nobody keeps."""
+_CLASS_PPM_K: Final = 500.0
+_ENDS: Final = 0.7
+"""Part of the range of both runs that common rates must span."""
+_SAME_CURVE: Final = 0.05
+"""Chance of one curve below which it is told to have changed."""
+_MOST_RATES: Final = 21
+
+
+class Difference(Struct, frozen=True):
+    """Difference of one run's value from that of the first: `u` and `e_n` None where an uncertainty is not known.
+
+    `e_n` is its size over its expanded uncertainty (95 %); above 1 they disagree. `value` is None where there is no
+    figure, `reason` then says why and what would give one. `note` says how it was found where the two values are not
+    subtracted as they stand. `cancelled` are the instruments of both, `missing` what `u` lacks.
+    """
+
+    value: float | None
+    u: float | None = None
+    u95: float | None = None
+    e_n: float | None = None
+    note: str = ""
+    reason: str = ""
+    cancelled: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+class Coefficients(Struct, frozen=True):
+    """Change of a device's scale factor with temperature, ppm/K, and with the size of both rails, ppm/V, if known."""
+
+    ppm_k: Measured | None = None
+    ppm_v: Measured | None = None
+
+    @classmethod
+    def kept(cls, runs: Sequence[Run], devices: str | Path) -> "Coefficients":
+        """Return the last that the entries of the runs' device have; none where the runs are of several devices."""
+        (serial, simulated), *others = {(run.metadata.dut, bool(run.simulated)) for run in runs}
+        store = DeviceStore(Path(devices), simulated=simulated)
+        if serial is None or others or not (store.root / serial).is_dir():
+            return cls()
+        found: dict[str, Measured] = {}
+        for entry in store.standing(serial):
+            known = getattr(entry.record, "characteristics", None)
+            for key, of in (("ppm_k", "table_slope_ppm_k"), ("ppm_v", "table_slope_ppm_v")):
+                if (one := getattr(known, of, None)) is not None:
+                    found[key] = one
+        return cls(**found)
+
+
+class Compared(Struct, frozen=True, dict=True, eq=False):
+    """A run as it is compared: with its settings, which are read once."""
+
+    run: Run
+
+    @cached_property
+    def settings(self) -> ProcedureSettings | None:
+        """Its settings; None where they are those of no procedure that is known here."""
+        procedure, written = PROCEDURES.get(self.run.procedure), self.run.header.get("settings")
+        try:
+            return None if procedure is None or not written else recorded_settings(procedure, written)
+        except ConfigError:
+            return None
+
+    def definition(self, value: Value) -> Definition:
+        """Return what a value of the run is of."""
+        return Definition() if self.settings is None else definition_of(self.settings, value)
+
+    @cached_property
+    def conditions(self) -> Conditions:
+        """What is told of rails and temperature."""
+        return Conditions() if self.settings is None else conditions_of(self.settings, self.run.metadata)
+
+    @cached_property
+    def windows(self) -> Windows | None:
+        """The windows of its line on the table, in rates by the line's own slope; None: it has none."""
+        settings = self.settings
+        if not isinstance(settings, SweepSettings):
+            return None
+        step = settings.table_step
+        points = self.run.measured.corrected(settings.station.sources)
+        sweep = sweep_of(settings, points, step)
+        rate = np.array([point.rate_deg_s for point in sweep.points])
+        output = np.array([point.output_v for point in sweep.points])
+        slope = float(line_weights(rate)[0] @ output)
+        noise = WindowNoise.of(settings, points, slope)
+        white = noise.by_readings(sweep.mixing)
+        covariance = white + noise.by_flicker(sweep.mixing, [True] * rate.size)
+        mean = math.sqrt(float(np.diag(white).mean())) / abs(slope)
+        return Windows(rate, output / slope, covariance / slope**2, mean)
+
+    @property
+    def tells_curve(self) -> bool:
+        """Tell whether its rates are so many, on both sides, that it tells the curve of other runs of the device."""
+        seen = self.windows
+        levels = set() if seen is None else set(np.round(seen.rate_deg_s, 2).tolist())
+        return len(levels) >= _LEAST_LEVELS and min(levels) < 0.0 < max(levels)
+
+    def owner(self, source: str) -> str | None:
+        """Return whose error a source of its budget is: the instrument, as it was calibrated last."""
+        role = next((role for start, role in _ROLES.items() if source.startswith(start)), None)
+        if role is None or self.settings is None:
+            return None
+        if (placed := self.settings.station.instruments.get(role)) is not None:
+            return placed.owner
+        found = next((each for each in self.run.equipment if each.role == role), None)
+        if found is None:
+            return None
+        drawn = f", seed {self.run.seed}" if self.run.simulated else ""
+        at = found.serial_number or found.inventory_number or f"at {found.resource} of {self.run.bench}{drawn}"
+        return f"{found.model} {at}" + ("" if found.calibrated is None else f", calibrated {found.calibrated}")
+
+
+_ROLES: Final = {
+    "multimeter": "multimeter",
+    "meter gain": "multimeter",
+    "meter offset": "multimeter",
+    "table rate": "rate_table",
+}
+"""Roles of the instruments that sources of a budget are of, by the beginnings of their names."""
+
+
+class Pair(Struct, frozen=True):
+    """Two runs whose values are compared, what is known of their device, and more runs of it, which tell its curve."""
+
+    first: Compared
+    other: Compared
+    coefficients: Coefficients = Coefficients()
+    witnesses: Sequence[Compared] = ()
+
+    def change(self, then: Value, now: Value) -> Difference:
+        """Return by how much the value `now` of the other run differs from `then` of the first."""
+        plain = (now.value or 0.0) - (then.value or 0.0)
+        if not then.kind and then.u is None and now.u is None:
+            return Difference(plain)
+        definitions = self.first.definition(then), self.other.definition(now)
+        unlike = definitions[0].unlike(definitions[1])
+        if (then.kind, then.unit, then.form) != (now.kind, now.unit, now.form):
+            unlike = f"{then.named.words} and {now.named.words}"
+        elif not unlike and None in {then.value, now.value, then.u, now.u, then.u95, now.u95}:
+            return Difference(plain)
+        lines = then.kind == now.kind == "scale_factor" and definitions[0].choices == definitions[1].choices
+        if unlike and not (lines and then.value and now.value):
+            return Difference(None, reason=f"of another measurand: {unlike}")
+        moved = _moved(then, self.first, self.other, self.coefficients)
+        if isinstance(moved, str):
+            return Difference(None, reason=moved)
+        own = _by_windows(then, now, self) if unlike else _as_they_stand(then, now)
+        if isinstance(own, str):
+            return Difference(None, reason=own + _bridge(*definitions))
+        return self._stated(then, now, own, moved, _bridge(*definitions) if unlike else "")
+
+    def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
+        """Return the change without what conditions and instruments of both make; or no figure, and why."""
+        size = abs(then.value or 0.0)
+        common, cancelled = _common(then, now, self.first, self.other)
+        u = math.sqrt(max(own.u**2 + own.u_instruments**2 - 2.0 * common, 0.0) + (moved.u * size) ** 2)
+        u95 = t_quantile(0.05, u**4 / own.freedom if own.freedom else math.inf) * u
+        if (bridge or moved.u) and 1e6 * u95 > STATED_PPM * size:
+            why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "nothing is known of the conditions' effect"
+            return Difference(None, reason=f"{why}{': ' * bool(moved.said)}{moved.said}{bridge}")
+        value = own.value - moved.relative * (then.value or 0.0)
+        note = "; ".join(each for each in (own.note, moved.said) if each)
+        return Difference(value, u, u95, abs(value) / u95 if u95 else None, note, "", cancelled, moved.missing)
+
+
+class _Own(NamedTuple):
+    """A change in the unit of the value, its u by noise and by instruments, and the sum of u^4 over its freedom."""
+
+    value: float
+    u: float
+    u_instruments: float
+    freedom: float
+    note: str = ""
+
+
+class _Moved(NamedTuple):
+    """What other conditions change, relative, with its u, in words, and which condition one run does not tell."""
+
+    relative: float = 0.0
+    u: float = 0.0
+    said: str = ""
+    missing: tuple[str, ...] = ()
+
+
+def _as_they_stand(then: Value, now: Value) -> _Own:
+    both = [(each.u or 0.0, each.dof or math.inf) for each in (then, now)]
+    u = math.hypot(*(u for u, _ in both))
+    return _Own((now.value or 0.0) - (then.value or 0.0), u, 0.0, sum(u**4 / dof for u, dof in both))
+
+
+def _moved(value: Value, first: Compared, other: Compared, known: Coefficients) -> _Moved | str:
+    """Return what other conditions of the runs change; or, where nobody knows that, why there is no figure."""
+    slope = value.kind.startswith("scale_factor")
+    effects = _by_temperature(first, other, known.ppm_k, slope=slope), _by_rails(first, other, known.ppm_v, slope=slope)
+    for each in effects:
+        if isinstance(each, str):
+            return each
+    found = [each for each in effects if isinstance(each, _Moved)]
+    said = "; ".join(each.said for each in found if each.said)
+    missing = tuple(name for each in found for name in each.missing)
+    return _Moved(sum(each.relative for each in found), math.hypot(*(each.u for each in found)), said, missing)
+
+
+def _by_temperature(first: Compared, other: Compared, known: Measured | None, *, slope: bool) -> _Moved | str:
+    then_c, now_c = first.conditions.temperature_c, other.conditions.temperature_c
+    if then_c is None or now_c is None:
+        return _Moved() if then_c == now_c else _Moved(missing=("temperature of one of the runs",))
+    away_k, words = now_c - then_c, f"{now_c:g} instead of {then_c:g} degC"
+    if away_k and slope and known is not None:
+        return _corrected(known, away_k, words)
+    bands = [each.settings.station.sources for each in (first, other) if each.settings is not None]
+    if abs(away_k) <= max(sum(each.temperature_k or 0.0 for each in bands), 0.0 if slope else _LIKE_K):
+        return _Moved()
+    nobody = f"{words}, and no temperature coefficient of the device is known (vcfbench run temperature)"
+    stated = [each.scale_factor_ppm_k for each in bands if "scale_factor_ppm_k" not in each.assumed]
+    limit = 1e-6 * abs(away_k) * max((each for each in stated if each is not None), default=_CLASS_PPM_K)
+    return _Moved(u=limit / math.sqrt(3.0), said=nobody) if slope else nobody
+
+
+def _by_rails(first: Compared, other: Compared, known: Measured | None, *, slope: bool) -> _Moved | str:
+    then_v, now_v = first.conditions.rails_v, other.conditions.rails_v
+    if then_v is None or now_v is None or then_v == now_v:
+        return _Moved()
+    wider_v = now_v[0] - then_v[0], then_v[1] - now_v[1]
+    tolerance_v = max(each.settings.rail_tolerance_v for each in (first, other) if each.settings is not None)
+    words = f"rails of {now_v[0]:g} and {now_v[1]:g} V instead of {then_v[0]:g} and {then_v[1]:g} V"
+    if slope and known is not None and abs(wider_v[0] - wider_v[1]) <= tolerance_v:
+        return _corrected(known, 0.5 * sum(wider_v), words)
+    if max(map(abs, wider_v)) <= tolerance_v * (1.0 + 1e-9):
+        return _Moved()
+    return f"{words}, and what rails change of the device is not known (vcfbench run power)"
+
+
+def _corrected(known: Measured, by: float, words: str) -> _Moved:
+    relative = 1e-6 * known.value * by
+    return _Moved(relative, 1e-6 * known.u * abs(by), f"corrected by {-1e6 * relative:+.0f} ppm for {words}")
+
+
+def _common(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:
+    """Return the covariance of both values by instruments that both have, and these."""
+    found, owners = 0.0, []
+    earlier = {_key(first, part): part.u for part in then.parts}
+    for part in now.parts:
+        key = _key(other, part)
+        if key[0] is not None and key in earlier:
+            found += earlier[key] * part.u
+            owners.append(key[0])
+    return found, tuple(dict.fromkeys(owners))
+
+
+def _key(run: Compared, part: UncertaintyPart) -> tuple[str | None, str]:
+    return part.of or run.owner(part.source), part.source.rpartition(": ")[2]
+
+
+def _by_instruments(value: Value) -> float:
+    """Return the variance of a value by all but noise."""
+    return sum(part.u**2 for part in value.parts if not part.source.startswith(("readings", "flicker")))
+
+
+def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
+    """Return the change over rates of both runs; or why there is none."""
+    both_runs = pair.first, pair.other
+    a, b = (each.windows for each in both_runs)
+    if a is None or b is None or not then.value or not now.value:
+        return "of another measurand: other rates"
+    size = then.value
+    low, high = max(a.rate_deg_s.min(), b.rate_deg_s.min()), min(a.rate_deg_s.max(), b.rate_deg_s.max())
+    lines = now.value / then.value  # of slopes that are 1 each in their windows
+    as_they_stand = f"as they stand the lines differ by {1e6 * (lines - 1.0):+.0f} ppm"
+    instruments = math.sqrt(sum(_by_instruments(each) for each in (then, now)))
+
+    def over(rates_deg_s: Sequence[float], relative: float, u: float, how: str) -> _Own:
+        dof = min(part.dof or math.inf for of in (then, now) for part in of.parts if part.source.startswith("readings"))
+        u *= abs(size)
+        words = f"over {Definition.of(rates_deg_s).levels_words}, {how}; {as_they_stand}"
+        return _Own((lines * relative - 1.0) * size, u, instruments, u**4 / dof, words)
+
+    levels = [_levels(each) for each in (a, b)]
+    both = [rate for rate in levels[0] if np.isclose(rate, levels[1], WITHIN, WITHIN_DEG_S).any()]
+    if len(both) > 1 and both[0] - both[-1] >= _ENDS * (high - low):
+        (one, u_one), (two, u_two) = (each.at(both, WITHIN, WITHIN_DEG_S).slope for each in (a, b))
+        if 1.96e6 * (u := math.hypot(u_one / one, u_two / two)) <= STATED_PPM:
+            return over(both, two / one, u, "the rates of both")
+    dut = {each.run.metadata.dut for each in both_runs}
+    if None in dut or len(dut) > 1:
+        return "of another measurand: other rates, of devices that nobody knows to be one"
+    if high - low <= 0.0:
+        return "the runs have no range of rates in common"
+    narrower = min(levels, key=lambda each: each[0] - each[-1])
+    within = [rate for rate in narrower if low <= rate <= high]
+    if len(within) < 2 or within[0] - within[-1] < _ENDS * (high - low):
+        within = np.linspace(high, low, 5).tolist()
+    witness = next((each for each in pair.witnesses if each not in both_runs and each.tells_curve), None)
+    found = slopes_over(within, [a, b, *([] if witness is None or witness.windows is None else [witness.windows])])
+    ratio = float(found.values[1] / found.values[0])
+    by = np.array([-ratio, 1.0]) / found.values[0]
+    u = math.sqrt(float(by @ found.covariance[:2, :2] @ by))
+    curve = "both runs" if witness is None else f"both runs and {witness.run.name}"
+    changed = "; the curve itself has changed, this holds for these rates only"
+    return over(within, ratio, u, f"by the curve of {curve}{changed * (found.same_curve < _SAME_CURVE)}")
+
+
+def _levels(windows: Windows) -> list[float]:
+    """Return the different rates of a run, falling."""
+    return sorted({round(float(rate), 6) for rate in windows.rate_deg_s}, reverse=True)
+
+
+def _bridge(first: Definition, other: Definition) -> str:
+    """Say with which rates a run would compare with both."""
+    rates = sorted({round(rate, 3) for each in (first, other) for rate, _ in each.levels_deg_s}, reverse=True)
+    if len(rates) > _MOST_RATES:
+        rates = np.linspace(rates[0], rates[-1], _MOST_RATES).tolist()
+    return f"; a run at the rates of both would tell: --rates {','.join(f'{rate:g}' for rate in rates)}"
