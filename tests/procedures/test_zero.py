@@ -17,7 +17,7 @@ from vcfbench.analysis.allan import Sampling, Term, deviation_factor
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.procedures.zero.noise import with_what_is_let_through
+from vcfbench.procedures.zero.noise import by_scatter, with_what_is_let_through, without_meter
 from vcfbench.procedures.zero.plan import ZERO
 from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zero_report, zero_results
 from vcfbench.records import journal
@@ -153,6 +153,45 @@ def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> N
     half = 0.5 * (nothing - fitted) / math.sqrt(3.0)
     assert found.u == pytest.approx(math.hypot(u, half), rel=1e-5)
     assert found.upper_95 == pytest.approx(found.value + 1.645 * math.hypot(u, half), rel=1e-5)
+
+
+@pytest.mark.parametrize("split_hz", [-9.0, 4.12, 8.5, 37.75])
+def test_n_of_readings_that_share_what_rings_at_the_split_is_that_of_their_scatter(split_hz: float) -> None:
+    """A mode of 0.15 Hz half width, read once a second: long means have more of it, or less, by where the split is."""
+    draw = np.random.default_rng(7)
+    kept = math.exp(-math.tau * 0.15) * np.exp(2j * math.pi * split_hz)
+    steps = draw.standard_normal((2, 3600)) * math.sqrt(1.0 - abs(kept) ** 2)
+    ringing, last = np.empty(3600), 0j
+    for place, (real, imaginary) in enumerate(steps.T):
+        last = kept * last + complex(real, imaginary)
+        ringing[place] = last.real
+    readings = ringing + draw.standard_normal(3600)
+    for wrong in (0.5, 1.0, 2.0):  # what a fit of long means may have made of it
+        fit = NoiseFit(
+            Coefficients(angle_random_walk=wrong), {Term.ANGLE_RANDOM_WALK: NoiseTerm(wrong, 0.0, wrong, 0.0)}
+        )
+        found = by_scatter(fit, readings, Sampling(1.0, 0.2, 7.0)).terms[Term.ANGLE_RANDOM_WALK]
+        assert found.u is not None
+        assert found.value == pytest.approx(math.sqrt(2.0 / 14.0), abs=3.0 * found.u)
+        assert 0.011 < found.u / found.value < 0.016
+
+
+@pytest.mark.parametrize("meter", [0.0, 0.1, 0.5, 0.9])
+def test_the_meters_own_scatter_widens_n_as_far_as_it_may_be_that(meter: float) -> None:
+    sampling, u = Sampling(1.0, 0.2, 3.4), 0.01
+    fit = NoiseFit(Coefficients(angle_random_walk=1.0), {Term.ANGLE_RANDOM_WALK: NoiseTerm(1.0, u, 1.02, u)})
+    found = without_meter(fit, sampling, meter * math.sqrt(6.8)).terms[Term.ANGLE_RANDOM_WALK]
+    least = math.sqrt(1.0 - meter**2)
+    assert found.value == pytest.approx(0.5 * (1.0 + least))
+    assert found.u == pytest.approx(math.hypot(u, 0.5 * (1.0 - least) / math.sqrt(3.0)))
+    assert found.upper_95 == 1.02
+
+
+def test_n_that_the_meter_alone_may_make_is_no_value() -> None:
+    term = NoiseTerm(1.0, 0.01, 1.02, 0.01)
+    fit = NoiseFit(Coefficients(angle_random_walk=1.0), {Term.ANGLE_RANDOM_WALK: term})
+    found = without_meter(fit, Sampling(1.0, 0.2, 3.4), 3.0).terms[Term.ANGLE_RANDOM_WALK]
+    assert (found.value, found.u, found.upper_95) == (0.0, None, 1.02)
 
 
 def test_a_bandwidth_of_another_integration_time_is_not_known() -> None:

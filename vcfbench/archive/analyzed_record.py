@@ -136,7 +136,9 @@ def analyze_record(
     doubts = doubts_of_record(record)
     notices += [f"{each.words} (first in line {numbers.line(begin + each.row)})" for each in doubts]
     del numbers
-    found: RecordNoise = record_noise(record, Sampling.without_gaps(interval_s), corrected=False, u_bandwidth_hz=0.0)
+    found: RecordNoise = record_noise(
+        record, Sampling.without_gaps(interval_s), corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0
+    )
     return RecordAnalysis(
         name.written, taken_as, tuple(notices), record.size, interval_s, float(record.mean()), found.coefficients,
         found.rows, found.stability, found.fitted_from_s,

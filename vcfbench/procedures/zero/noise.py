@@ -13,6 +13,7 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stabilit
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.analysis.noise_model import NoiseModel, noise_model
+from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
 from vcfbench.values.value import Value
@@ -30,6 +31,10 @@ _USUAL_MARGIN = 2
 """Points at the start of a curve that the fit always leaves as a margin."""
 _LARGEST = 1e30
 """deg/s: the fourth power of it is still a number."""
+_APART = range(8, 17)
+"""Intervals between readings by whose differences the scatter of one is known: few share what rings at a mode split."""
+_STANDS_OUT = 3.0
+"""Uncertainties of its own by which N is a value."""
 _SLOW = 0.01
 """Probability below which a curve has slow noise in it."""
 _UNITS = {
@@ -96,7 +101,9 @@ class RecordNoise(Struct, frozen=True):
     """What the curve does not tell, in sentences."""
 
 
-def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_bandwidth_hz: float) -> RecordNoise:
+def record_noise(
+    rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_bandwidth_hz: float, meter_deg_s: float
+) -> RecordNoise:
     """Return the noise of `rates_deg_s`, one every ``sampling.interval_s``.
 
     Args:
@@ -104,6 +111,7 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
         sampling: how it was taken.
         corrected: whether dead time is taken out; else the record counts as gapless.
         u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
+        meter_deg_s: the most that a reading of the meter may scatter by itself, rms.
 
     Raises:
         ConfigError: a rate is larger than any gyroscope's.
@@ -122,7 +130,8 @@ def record_noise(rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_
         walk = follows[0].deviation * math.sqrt(follows[0].tau_s)
     else:
         walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
-        fit = with_what_is_let_through(model.fit, fitted, u_bandwidth_hz)
+        fit = with_what_is_let_through(by_scatter(model.fit, rates_deg_s, fitted), fitted, u_bandwidth_hz)
+        fit = without_meter(fit, fitted, meter_deg_s)
     if fit is not None and fit.coefficients.squares()[:-1].any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
         law, points = fit.coefficients.phase_noise(fitted), []
@@ -199,6 +208,61 @@ def _remarks(
         )
 
 
+def by_scatter(fit: NoiseFit, rates_deg_s: Floats, sampling: Sampling) -> NoiseFit:
+    """Return the fit with N by the scatter of readings with dead time: that has the whole noise bandwidth of a reading.
+
+    What passes at the split rings for the sense mode's time constant. Where that is no less than the interval, readings
+    share it, and a mean of many has more of it, or less, than so many readings that share nothing: up to 40 % of N, as
+    the split is near a whole number of readings a second. The curve of a record that has much slow noise tells N
+    better.
+    """
+    walk, band_hz = fit.terms.get(Term.ANGLE_RANDOM_WALK), sampling.noise_bandwidth_hz
+    if band_hz is None or walk is None or walk.u is None:
+        return fit
+    law, size, interval_s = fit.coefficients, rates_deg_s.size, sampling.interval_s
+    phase = PhaseNoise(flicker=law.bias_instability, random_walk=law.rate_random_walk * math.sqrt(interval_s))
+    folded = deviation_factor(sampling, Term.BIAS_INSTABILITY) ** 2 - 1.0
+    slow = folded * (allan.BIAS_INSTABILITY_FACTOR * law.bias_instability) ** 2
+    between = np.array([1.0, -1.0, -1.0, 1.0])  # of phases at the edges of two readings
+    for lag in _APART:
+        drifted = between @ phase.among(np.array([0.0, 1.0, lag, lag + 1.0])) @ between
+        slow += 0.5 * (float(drifted) + (law.rate_ramp * lag * interval_s) ** 2) / len(_APART)
+    of_lags = {
+        lag: 0.5 * float(np.mean((rates_deg_s[lag:] - rates_deg_s[:-lag]) ** 2)) for lag in range(1, _APART.stop)
+    }
+    scatter = math.fsum(of_lags[lag] for lag in _APART) / len(_APART)
+    white = scatter - slow
+    if slow > 0.5 * white:
+        return fit
+    shared = 2.0 * math.fsum((1.0 - of_lags[lag] / scatter) ** 2 for lag in range(1, _APART.start))
+    u_slow = slow * math.sqrt(fit.covariance_of_squares[2, 2]) / (law.bias_instability**2 or math.inf)
+    value = math.sqrt(white / (2.0 * band_hz))
+    u = 0.5 * value * math.hypot(scatter * math.sqrt((2.0 + shared) / size), u_slow) / white
+    return _with_walk(fit, value, u, value + _ONE_SIDED * u)
+
+
+def without_meter(fit: NoiseFit, sampling: Sampling, meter_deg_s: float) -> NoiseFit:
+    """Return the fit with N less what the meter's own scatter may make of it: between none and all that it may be.
+
+    No data sheet says how much: the middle is stated, and what it may be off by is a rectangular limit (ours). Where
+    little else is left, N has a bound alone.
+    """
+    walk = fit.terms.get(Term.ANGLE_RANDOM_WALK)
+    if walk is None or walk.u is None:
+        return fit
+    white = (deviation_factor(sampling, Term.ANGLE_RANDOM_WALK) * walk.value) ** 2 / sampling.interval_s
+    least = walk.value * math.sqrt(max(0.0, 1.0 - meter_deg_s**2 / white))
+    value, u = 0.5 * (walk.value + least), math.hypot(walk.u, 0.5 * (walk.value - least) / math.sqrt(3.0))
+    if value < _STANDS_OUT * u:
+        return _with_walk(fit, 0.0, None, walk.upper_95)
+    return _with_walk(fit, value, u, walk.upper_95)
+
+
+def _with_walk(fit: NoiseFit, value: float, u: float | None, upper_95: float) -> NoiseFit:
+    walk = replace(fit.terms[Term.ANGLE_RANDOM_WALK], value=value, u=u, upper_95=upper_95)
+    return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: walk})
+
+
 def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: float) -> NoiseFit:
     """Return the fit, with N's uncertainty by the noise bandwidth of a reading, and by noise that dead time folds in.
 
@@ -216,8 +280,7 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
     value = walk.value * (1.0 + 0.25 * folded / white)
     besides = 0.5 * walk.value * math.hypot(let_through, 0.5 * folded / white / math.sqrt(3.0))
     upper = value + math.hypot(walk.upper_95 - walk.value, _ONE_SIDED * besides)
-    wider = replace(walk, value=value, u=math.hypot(walk.u or 0.0, besides), upper_95=upper)
-    return replace(fit, terms={**fit.terms, Term.ANGLE_RANDOM_WALK: wider})
+    return _with_walk(fit, value, math.hypot(walk.u or 0.0, besides), upper)
 
 
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:

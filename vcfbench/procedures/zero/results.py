@@ -233,7 +233,12 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
     readings = readings_v / scale.value
     # Without gaps the readings themselves, whose short averages tell N better than means over an interval
     of_noise, each = (readings, Sampling.without_gaps(settings.aperture_s)) if gapless else (rates, sampling)
-    noise = noises.record_noise(of_noise, each, corrected=corrected, u_bandwidth_hz=settings.u_passed_hz)
+    noise = noises.record_noise(
+        *(of_noise, each),
+        corrected=corrected,
+        u_bandwidth_hz=settings.u_passed_hz,
+        meter_deg_s=(settings.station.meter_resolution_v or 0.0) / abs(scale.value),
+    )
     fit = noise.fit
     dead_share = 1.0 - sampling.aperture_s / sampling.interval_s
     if sampling.gapless:  # between bursts without gaps the times tell it
