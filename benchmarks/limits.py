@@ -1,4 +1,4 @@
-"""Limits of what studies may find: shares of truths within U95, and errors over u, allowing for the number of runs."""
+"""Limits of what studies may find: shares of truths within U95, errors over that, allowing for the number of runs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 SHARES = 0.93, 0.975
 """U95 holds so much of the truths."""
@@ -15,12 +15,17 @@ CHANCE = 1e-4
 """Probability that a value at a limit is said to be beyond it."""
 
 
+def scores(found: Iterable[tuple[float, float, float, float | None]]) -> list[float]:
+    """Return the errors of some (value, truth, u, U95), over U95 / 1.96: of few records u alone is less than that."""
+    return [(value - truth) / (u if u95 is None else u95 / 1.96) for value, truth, u, u95 in found]
+
+
 def outside(held: Sequence[bool], z: Sequence[float] = ()) -> str:
     """Return what is beyond the limits in words; empty if nothing is.
 
     Args:
         held: whether U95 held the truth, or a bound was one, in each run.
-        z: errors over u; none of bounds.
+        z: errors over U95 / 1.96; none of bounds.
     """
     from scipy.stats import binom, chi2  # noqa: PLC0415  # SciPy takes longer to import than all else
 
