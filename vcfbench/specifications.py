@@ -102,6 +102,7 @@ class Assumed(Struct, frozen=True):
     source: str
 
 
+_A_DEGREE: Final = "0.8 us at 3.5 kHz: a capacitor of a filter off by 3 %; no source"
 WORST_OF_CLASS: Final = MappingProxyType(
     {
         "table_rate_error": Assumed(1e-3, "", "a stepping stage, or a direct drive over 1 degree"),
@@ -118,6 +119,10 @@ WORST_OF_CLASS: Final = MappingProxyType(
             500.0, "ppm a year", "what a tactical MEMS gyroscope keeps of its whole scale factor, STIM210; none of K_Vc"
         ),
         "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
+        "temperature_k": Assumed(5.0, "K", "a room of 18 to 28 degC, either side of its middle"),
+        "carrier_phase_deg": Assumed(1.0, "deg", _A_DEGREE),
+        "demodulator_phase_deg": Assumed(1.0, "deg", _A_DEGREE),
+        "bias_deg_s_demodulator_deg": Assumed(2.0, "deg/s a degree", "quadrature of 100 deg/s, rounded up; unverified"),
     }
 )
 """Values that a bench file need not state, by their key of ``[uncertainty]``."""

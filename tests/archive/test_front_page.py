@@ -18,6 +18,7 @@ from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.text import text_of
+from vcfbench.specifications import WORST_OF_CLASS
 from vcfbench.station.file import embedded_text
 from vcfbench.values.printing import grouped
 
@@ -81,15 +82,17 @@ def test_results_have_uncertainty_factor_limits_and_verdict(judged: Run) -> None
 
 @pytest.fixture(scope="module")
 def lacking(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """A run that knows few of its uncertainties, judged with a guard band."""
+    """A run whose uncertainties lack what no class tells, judged with a guard band."""
     folder = tmp_path_factory.mktemp("lacking")
     bench = re.sub(r"\[uncertainty\].*?\n(?=\[)", "", embedded_text("paper"), flags=re.DOTALL)
     bench = bench.replace("[multimeter]", '[multimeter]\ncertificate = "K-1, Lab Ltd"\ncalibrated = 2026-01-15')
     limits = '[acceptance]\nguard_band = "U95"\nscale_factor_v_per_deg_s = [-0.02, -0.01]\n'
     (folder / "bench.toml").write_text(bench + limits, encoding="utf-8")
-    return vcfbench.run(
-        "turntable", folder / "bench.toml", seed=3, settings=QUICK, runs=folder / "runs", metadata={"dut": "G-1"}
-    )
+    known = {key: each for key, each in WORST_OF_CLASS.items() if key not in {"temperature_k", "demodulator_phase_deg"}}
+    asked = {"seed": 3, "settings": QUICK, "runs": folder / "runs", "metadata": {"dut": "G-1"}}
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("vcfbench.procedures.layers.WORST_OF_CLASS", known)
+        return vcfbench.run("turntable", folder / "bench.toml", **asked)
 
 
 def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:

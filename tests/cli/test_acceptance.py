@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -104,15 +103,6 @@ def test_a_gyroscope_that_is_not_the_expected_one_ends_the_run_with_3(tmp_path: 
     assert done.exit_code == 3
     assert words in done.stderr
     assert "multimeter at GPIB0::22::INSTR: " in done.stderr
-
-
-def test_a_dry_run_says_what_its_u95_will_be_incomplete_without(tmp_path: Path) -> None:
-    file = bench(tmp_path, "")
-    text = re.sub(r"\n(temperature_k|demodulator_phase_deg) = .*", "", file.read_text("utf-8"))
-    file.write_text(text, encoding="utf-8")
-    words = ["run", "turntable", "--bench", str(file), "--dry-run"]
-    said = CliRunner().invoke(app, words).stdout
-    assert "INCOMPLETE without temperature, demodulator phase; u of" in said
 
 
 def test_a_dry_run_is_of_the_expected_gyroscope(tmp_path: Path) -> None:

@@ -164,8 +164,8 @@ def test_temperature_and_warm_up_go_into_scale_factor_and_bias_but_not_into_what
     known = Sources(temperature_k=1.0, scale_factor_ppm_k=104.0, bias_deg_h_k=36.0, warm_up_k=0.3, warm_up_time_s=300.0)
     stated, left_k = four(known), 0.3 * math.exp(-settings(known).start_up_s / 300.0)
     away_k = math.hypot(1.0, left_k) / math.sqrt(3.0)
-    apart = abs(BIAS / K) * 104e-6  # between the zeros, deg/s a kelvin: it grows where the bias falls
-    driven_deg_s = math.hypot(0.01 - apart, 0.01 * left_k) / math.sqrt(3.0)
+    apart = abs(BIAS / K) * 104e-6  # between the zeros, deg/s a kelvin; which of both signs is not told
+    driven_deg_s = math.hypot(0.01 + apart, 0.01 * left_k) / math.sqrt(3.0)
     for column, bias_deg_s in (("turntable", 0.01 * away_k), ("virtual", driven_deg_s)):
         assert stated.value(f"{column}.scale_factor").u == pytest.approx(abs(K) * 104e-6 * away_k)
         assert stated.value(f"{column}.bias").u == pytest.approx(abs(K) * bias_deg_s, rel=1e-6)

@@ -211,7 +211,8 @@ def _placed_part(part: Any, station: str) -> PlacedInstrument:
 def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Sources:
     """Return the sources of uncertainty; ConfigError when the stated age of a meter is beyond its data sheet."""
     known = structs.asdict(description.uncertainty)
-    left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None}
+    idle = {"bias_deg_s_demodulator_deg"} if known["demodulator_phase_deg"] == 0.0 else set()
+    left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None and key not in idle}
     known |= {key: each.value for key, each in left_open.items()}
     known["generator_ranges_v"] = tuple(sorted(known["generator_ranges_v"] or ()))
     instruments = _meter_sources(description, chosen, "multimeter") | _meter_sources(description, chosen, "v_vc_meter")

@@ -178,8 +178,8 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
 
     `carrier_phase_deg` and `demodulator_phase_deg` are how far the phases of carrier and demodulator may be from those
     for which values are stated. `k_vc_ppm_carrier_deg`, `k_vc_ppm_demodulator_deg`, `scale_factor_ppm_demodulator_deg`
-    and `bias_deg_s_demodulator_deg` are what a degree of either does, as `phase` measures it; 1000 ppm are those of the
-    paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
+    and `bias_deg_s_demodulator_deg` are what a degree of either does, as `phase` measures it; 1000 and 100 ppm
+    are those of the paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
 
     `k_vc_drift_ppm_per_year` is the most by which K_Vc may drift in a year through what nobody sees without a table:
     combs, their gap and charges, masses. Without it the class of the device counts (assumed).
@@ -210,7 +210,7 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     carrier_phase_deg: bounds.PhaseLimit | None = None
     demodulator_phase_deg: bounds.PhaseLimit | None = None
     k_vc_ppm_carrier_deg: bounds.PpmPerDegree = 1000.0
-    k_vc_ppm_demodulator_deg: bounds.PpmPerDegree = 0.0
+    k_vc_ppm_demodulator_deg: bounds.PpmPerDegree = 100.0
     scale_factor_ppm_demodulator_deg: bounds.PpmPerDegree = 1000.0
     bias_deg_s_demodulator_deg: bounds.BiasPerDegree | None = None
     k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None

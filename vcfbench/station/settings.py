@@ -207,7 +207,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     carrier_phase_deg: float | None = None
     demodulator_phase_deg: float | None = None
     k_vc_ppm_carrier_deg: float = 1000.0
-    k_vc_ppm_demodulator_deg: float = 0.0
+    k_vc_ppm_demodulator_deg: float = 100.0
     scale_factor_ppm_demodulator_deg: float = 1000.0
     bias_deg_s_demodulator_deg: float | None = None
     k_vc_drift_ppm_per_year: float = 0.0

@@ -96,14 +96,16 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
     scale, k_vc = 1.0 + around.phases.effect("scale_factor", q), 1.0 + around.phases.effect("k_vc", q)
     moved = 0.043 * (1.0 / (k_vc * scale * (1.0 - 100e-6 * 0.6)) - 1.0)
     drifted = 0.01 * 1.0 + 0.5
+    by_phase = sum(around.phases.per_deg[each][DEMODULATOR_PHASE] for each in ("k_vc", "scale_factor"))
+    also = 0.043 / 0.0127 * (100e-6 * 0.6 + abs(by_phase))  # the same sources, so that both add up
     assert found == pytest.approx(
         {
             "virtual.k_vc": 150.0 / 1.001 / k_vc,
             "turntable.scale_factor": -0.0125 * 1.001 / (1.0 - 100e-6) / scale,
             "virtual.scale_factor": -0.0127 * 1.001 / (1.0 - 100e-6) / scale,
             "turntable.bias": -0.042 + drifted * 0.0125,
-            "virtual.bias": 0.001 + drifted * 0.0127 + moved,
-            "virtual.bias_deg_s": (-0.08 - drifted) / 1.001 + moved / -0.0127,
+            "virtual.bias": 0.001 + (drifted + also) * 0.0127,
+            "virtual.bias_deg_s": (-0.08 - drifted) / 1.001 - also,
             "bias_difference_v": 0.043 + moved,
         }
     )

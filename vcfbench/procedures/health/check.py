@@ -3,7 +3,7 @@
 import math
 from collections.abc import Collection, Iterator, Mapping
 from itertools import product
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
 from msgspec import Struct, structs
 
@@ -39,6 +39,9 @@ _COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
 """Phases measured by health, or counted as not measured: not missing, though no bench file says it."""
 
 
+S = TypeVar("S", bound=KnownDeviceSettings)
+
+
 def missing_of(settings: KnownDeviceSettings) -> tuple[str, ...]:
     """Return the missing contributions of a scale factor."""
     return tuple(name for name in settings.missing_without_table if name not in _COUNTED)
@@ -58,9 +61,32 @@ def unmeasured(settings: KnownDeviceSettings, measured: Collection[str] = ()) ->
         u = 1e-6 * stated.k_vc_not_measured_ppm / math.sqrt(3.0)
         part = UncertaintyPart(f"{NOT_MEASURED} (uncertainty.k_vc_not_measured_ppm)", u, rectangular=True)
         return [part] if u else []
-    limits = {CARRIER_PHASE: stated.carrier_phase_deg, DEMODULATOR_PHASE: stated.demodulator_phase_deg}
-    but = [*measured, *(name for name, limit in limits.items() if limit is not None)]
+    keys = {CARRIER_PHASE: "carrier_phase_deg", DEMODULATOR_PHASE: "demodulator_phase_deg"}
+    but = [*measured, *(name for name, key in keys.items() if key not in stated.assumed)]
     return not_measured(settings.known.characteristics, but=but)
+
+
+def at_phases(settings: S, measured: Collection[str]) -> S:
+    """Return the settings such that values are those at the phases of now, where these were `measured`."""
+    if CARRIER_PHASE not in measured:
+        return settings
+    known = settings.station.sources
+    gone = {"carrier_phase_deg", "demodulator_phase_deg", "bias_deg_s_demodulator_deg"}
+    assumed = {key: words for key, words in known.assumed.items() if key not in gone}
+    sources = structs.replace(known, carrier_phase_deg=0.0, demodulator_phase_deg=0.0, assumed=assumed)
+    return structs.replace(settings, station=structs.replace(settings.station, sources=sources))
+
+
+def by_phases(settings: KnownDeviceSettings) -> list[UncertaintyPart]:
+    """Return what the phases may have done to a scale factor by K_Vc since its certificate, relative.
+
+    Of limits that are assumed :func:`unmeasured` has what they do to K_Vc, and this what they do to the output.
+    """
+    errors, assumed = phases.PhaseErrors.of(settings.station.sources), settings.station.sources.assumed
+    told, output = errors.u("self_calibrated"), errors.u("scale_factor")
+    keys = {phases.CARRIER_PHASE: "carrier_phase_deg", phases.DEMODULATOR_PHASE: "demodulator_phase_deg"}
+    found = {name: (output if keys[name] in assumed else told).get(name) for name in keys}
+    return [UncertaintyPart(name, u) for name, u in found.items() if u]
 
 
 def not_measured(then: Characteristics | None, *, but: Collection[str] = ()) -> list[UncertaintyPart]:

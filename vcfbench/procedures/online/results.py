@@ -18,9 +18,8 @@ from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.health.check import gaps_of, missing_of, unmeasured
+from vcfbench.procedures.health.check import by_phases, gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
@@ -357,7 +356,6 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     size = abs(gain.value / k_vc)
     meter, error = v_vc.meter_error(settings, "multimeter"), v_vc.v_vc_error(settings)
     of_modes = math.hypot(2.0 * settings.u_split_hz / settings.split_hz, _U_SHARE / (1.0 - settings.in_phase_share))
-    phases = PhaseErrors.of(settings.station.sources).u("self_calibrated")
     own = [
         UncertaintyPart(v_vc.READINGS, gain.u_mean_readings / abs(k_vc), gain.dof),
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
@@ -365,7 +363,7 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
     common = [
         UncertaintyPart(v_vc.METER_GAIN, size * meter.u_gain, None, meter.owner),
         UncertaintyPart("response at the frequency of the modulation", size * ((gain.response - 1.0) * of_modes)),
-        *(UncertaintyPart(name, size * u) for name, u in phases.items()),
+        *(replace(part, u=size * part.u) for part in by_phases(settings)),
     ]
     if gain.u_v_vc:
         common.append(UncertaintyPart(v_vc.V_VC_NOISE, gain.u_v_vc / abs(k_vc)))

@@ -25,7 +25,6 @@ from vcfbench.procedures.health.plan import EXCHANGE, HEALTH
 from vcfbench.procedures.procedure import Provenance
 from vcfbench.procedures.self_calibration import shape
 from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.columns import combined
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
@@ -210,11 +209,8 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
     settings.require_sign(float(values[0]))
     measured = () if check is None else check.measured
-    # Once the phases are measured K_Vc is that of the phases of now
-    of_phases = PhaseErrors.of(settings.station.sources)
-    by = of_phases.u("scale_factor" if health_check.CARRIER_PHASE in measured else "self_calibrated")
-    by_phases = [UncertaintyPart(name, u) for name, u in by.items()]
-    moved = [*since, *by_phases, *health_check.unmeasured(settings, measured)]
+    settings = health_check.at_phases(settings, measured)
+    moved = [*since, *health_check.by_phases(settings), *health_check.unmeasured(settings, measured)]
     parts = _parts(settings, seen, coefficients, moved)
     without = health_check.missing_of(settings)
     units, missing = ("V/(deg/s)", "V/(deg/s)", "ppm"), {"V/(deg/s)": without, "ppm": ()}

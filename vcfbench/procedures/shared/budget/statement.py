@@ -220,8 +220,21 @@ class Circumstances(Struct, frozen=True):
             warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
             moved = values[_DIFFERENCE] * (1.0 / (k_vc * scale_factor * warmer) - 1.0)
             found[_DIFFERENCE] = values[_DIFFERENCE] + moved
-            found["virtual.bias"] = found["virtual.bias"] + moved
-            found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] + moved / values["virtual.scale_factor"]
+            # That of one source adds to what it does to the zero of the table: sizes are told, hardly their signs
+            apart_deg_s = values[_DIFFERENCE] / values["virtual.scale_factor"]
+            sign = math.copysign(1.0, getattr(apart_deg_s, "nominal_value", apart_deg_s))
+            also_deg_s = sign * apart_deg_s * self._of_offset(q)
+            found["virtual.bias"] = found["virtual.bias"] - also_deg_s * values["virtual.scale_factor"]
+            found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] - also_deg_s
+        return found
+
+    def _of_offset(self, q: Mapping[str, Any]) -> Any:
+        """Return by how much the sources move what a volt at the modulator does, with the signs that a bias has."""
+        per_k = math.copysign(self.scale_factor_per_k, self.bias_deg_s_per_k)
+        of, found = self.phases.per_deg, per_k * q.get(_TEMPERATURE, 0.0)
+        for name in (CARRIER_PHASE, DEMODULATOR_PHASE):
+            moved = abs(of["k_vc"][name] + of["scale_factor"].get(name, 0.0))
+            found = found + math.copysign(moved, of["bias_deg_s"].get(name, 0.0)) * q.get(name, 0.0)
         return found
 
 

@@ -98,7 +98,8 @@ class Limits(Struct, frozen=True):
         begun_k = (_WARM_UP_K if known.warm_up_k is None else known.warm_up_k) * math.exp(
             -settings.start_up_s / known.warm_up_time_s
         )
-        wander_k = _WANDERS_K if known.temperature_k is None else known.temperature_k
+        stated_k = None if "temperature_k" in known.assumed else known.temperature_k
+        wander_k = _WANDERS_K if stated_k is None else stated_k
         wander_v = bias * per_deg_h * wander_k if expected.zero_drift_v is None else expected.zero_drift_v
         return cls(
             flicker_v=flicker * per_deg_h,
