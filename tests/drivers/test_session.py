@@ -344,8 +344,20 @@ def test_an_answer_that_drips_in_runs_into_its_deadline_too(ask: str) -> None:
             assert self._clock.now() < 60.0
             return b"1", False
 
-    with pytest.raises(DeadlineExceeded, match=r"the answer does not end, command 'ANY\?', after 1\.2 s"):
+    with pytest.raises(DeadlineExceeded, match=r"no answer but b'1+', command 'ANY\?', after 1\.2 s"):
         getattr(on(Dripping(VirtualClock(), b"", 1)), ask)("ANY?")
+
+
+@pytest.mark.parametrize(
+    ("ask", "answer"), [("query", b"+1.5\n"), ("query_raw", b"+1,2\n"), ("query_block", b"#13abc\n")]
+)
+def test_an_answer_that_is_cut_anywhere_is_told_as_far_as_it_came(ask: str, answer: bytes) -> None:
+    for cut in range(len(answer)):
+        with pytest.raises(DeadlineExceeded) as caught:
+            getattr(on(PieceWire(VirtualClock(), answer[:cut], 2)), ask)("ANY?")
+        begun = answer[: min(cut, 4 if ask == "query_block" else cut)]  # of a block, its header and what came with it
+        came = f" but {begun!r}" if cut else ""
+        assert str(caught.value).startswith(f"device at X: no answer{came}, command 'ANY?', after 1 s")
 
 
 def test_a_line_may_be_ended_by_end_alone() -> None:

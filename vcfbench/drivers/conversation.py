@@ -154,6 +154,14 @@ class Conversation:
         """True on a serial port, whose speed may be another than the instrument's."""
         return self._wire.interface in ("asrl", "serial") and "://" not in self.resource
 
+    def _with_what_came(self, late: DeadlineExceeded, received: bytes) -> DeadlineExceeded:
+        """Return `late` with the part of an answer that has come: it has no end, or is less than it was to be."""
+        if received:
+            self._came = received
+            late.what += f" but {received[:60]!r}"
+            late.hint = late.hint or self._cause()
+        return late
+
     def _cause(self) -> str | None:
         return likely_cause(self._came, self._said, on_port=self.on_port)
 

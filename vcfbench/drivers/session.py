@@ -129,9 +129,7 @@ class Session(Conversation):
             answer, self._received = bytearray(self._received), b""
             ended = False
             while not replies.is_whole(answer, ended=ended):
-                if answer:
-                    _require_time(limit, 0)
-                more, ended = self._wire.receive(limit)
+                more, ended = self._more(answer, limit)
                 answer += more
             return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
 
@@ -372,12 +370,21 @@ class Session(Conversation):
         self._said = command
         self._wire.send(command.encode("ascii") + b"\n", deadline)
 
+    def _more(self, received: bytes | bytearray, deadline: Deadline) -> tuple[bytes, bool]:
+        """Take the next bytes of an answer, of which `received` has come, from the wire."""
+        if received and deadline.expired():  # what drips in for ever is late too
+            raise self._with_what_came(errors.DeadlineExceeded("no answer"), bytes(received))
+        try:
+            return self._wire.receive(deadline)
+        except errors.DeadlineExceeded as error:
+            raise self._with_what_came(error, bytes(received)) from error.__cause__
+
     def _read_line(self, deadline: Deadline) -> bytes:
         received, end = self._received, False
         while not end and b"\n" not in received:
-            if received:
-                _require_time(deadline, len(received))
-            more, end = self._wire.receive(deadline)
+            more, end = self._more(received, deadline)
+            if len(received) > _LONGEST_LINE:
+                raise errors.FramingError(f"{len(received)} bytes came without an end of line")
             received = received + more if received else more
         cut = received.find(b"\n") + 1 or len(received)
         self._received = received[cut:]
@@ -387,12 +394,12 @@ class Session(Conversation):
     def _read_block(self, deadline: Deadline) -> bytes:
         received, self._received, end = self._received, b"", False
         while (lengths := replies.block_length(received)) is None:
-            more, end = self._wire.receive(deadline)
+            more, end = self._more(received, deadline)
             received += more
         header, count = lengths
         parts, excess = [received[header:]], len(received) - header - count
         while excess < 0 or (excess == 0 and not end):  # the newline after the data belongs to the message
-            more, end = self._wire.receive(deadline)
+            more, end = self._more(received, deadline)
             parts.append(more)  # joined once at the end: a waveform has megabytes
             excess += len(more)
         last = parts.pop()
@@ -417,10 +424,3 @@ def _event_status(text: str) -> tuple[int, str]:
     """Return the errors in a standard event status register; reading it has cleared it (IEEE 488.2, 11.5.1)."""
     bits = replies.integer(text) & sum(_STATUS_ERRORS)
     return bits, ", ".join(words for bit, words in _STATUS_ERRORS.items() if bits & bit)
-
-
-def _require_time(deadline: Deadline, so_far: int) -> None:
-    if deadline.expired():
-        raise errors.DeadlineExceeded("the answer does not end")
-    if so_far > _LONGEST_LINE:
-        raise errors.FramingError(f"{so_far} bytes came without an end of line")

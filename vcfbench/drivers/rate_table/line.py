@@ -286,11 +286,7 @@ class TableLine(Conversation):
         try:
             self._arrived(self._wire.receive(deadline)[0])
         except errors.DeadlineExceeded as error:
-            if self._received:  # without its end, or less than it was to be
-                self._came = self._received
-                error.what += f" but {self._received[:60]!r}"
-                error.hint = error.hint or self._cause()
-            raise
+            raise self._with_what_came(error, self._received) from error.__cause__
         self._awaited = False
 
     def _arrived(self, data: bytes) -> None:
