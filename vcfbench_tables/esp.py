@@ -118,6 +118,7 @@ class EspDialect(TableDialect):
                 if within.expired():
                     raise line.locate(DeadlineExceeded("the stage did not stop"), f"{self.axis}ST", within)
                 sleep(line.clock, _POLL_S)
+            deadline = line.deadline()
         self._steady.demand(rate_deg_s)
         if rate_deg_s == 0.0:
             self._command(line, f"{ramps}{self.axis}ST", deadline)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tests.drivers.boxes import METERS, box
+from tests.drivers.boxes import METERS, SCOPES, box
 from vcfbench.drivers.e3631a import E3631A
 from vcfbench.drivers.e36312a import E36312A
 from vcfbench.errors import InstrumentError
@@ -21,9 +21,9 @@ GENERATORS = {"33220A": (20e6, 20e-3), "33522B": (30e6, 2e-3)}
 SUPPLIES = {"E3631A": E3631A, "E36312A": E36312A}
 
 
-def many(few: int) -> Any:
-    """Return how many numbers are drawn: a few each time, ten thousand where all is tried."""
-    return pytest.mark.parametrize("draws", [few, pytest.param(10_000, marks=pytest.mark.exhaustive)])
+def many(few: int, most: int = 10_000) -> Any:
+    """Return how many numbers are drawn: a few each time; ten thousand, less of what takes long, where all is tried."""
+    return pytest.mark.parametrize("draws", [few, pytest.param(most, marks=pytest.mark.exhaustive)])
 
 
 def drawn() -> Random:
@@ -77,6 +77,35 @@ def test_every_temperature_and_window_of_the_chamber_is_set(draws: int) -> None:
         for _ in range(draws):
             chamber.set_temperature(random.uniform(-40.0, 120.0), log_uniform(random, 0.1, 9999.0))
             chamber.set_settled(random.uniform(0.1, 9.9), random.uniform(0.0, 9999.0))
+
+
+@many(50, 2000)
+@pytest.mark.parametrize("model", SCOPES)
+def test_every_screen_and_trigger_of_an_oscilloscope_is_set(model: str, draws: int) -> None:
+    random = drawn()
+    with box(model).driven() as scope:
+        for _ in range(draws):
+            channel, scale_v = random.randint(1, 4), log_uniform(random, scope.least_scale_v, 5.0)
+            offset_v = random.uniform(-1.0, 1.0) * min(8.0 * scale_v, 5.0)
+            scope.configure_channel(channel, scale_v, offset_v)
+            scope.configure_timebase(log_uniform(random, 500e-12, 1e-3))
+            scope.configure_trigger(channel, offset_v + random.uniform(-3.5, 3.5) * scale_v)
+            scope.acquire(channel)
+
+
+@many(10, 500)
+@pytest.mark.parametrize("model", METERS)
+def test_every_number_and_interval_of_samples_is_taken(model: str, draws: int) -> None:
+    random, wired = drawn(), box(model)
+    with wired.driven() as meter:
+        for _ in range(draws):
+            meter.configure_dc_voltage(
+                10.0, random.choice([each for each in meter.integration_times_nplc if each >= 0.02])
+            )
+            count = random.randint(meter.least_samples, min(meter.memory_readings, 30))
+            lasts_s = meter.start_sampling(count, meter.aperture_s + log_uniform(random, 1e-6, 1.0))
+            wired.clock.sleep_until(wired.clock.now() + lasts_s)
+            assert len(meter.sampled_voltages_v()) == count
 
 
 @pytest.mark.parametrize("model", METERS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -121,6 +122,24 @@ def test_rates_are_reached_and_read_back(name: str) -> None:
         assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=quantum)
         assert bench.driver.rate_deg_s() == pytest.approx(rate, abs=2e-3)
         assert bench.driver.fault() is None
+
+
+@pytest.mark.parametrize("draws", [12, pytest.param(1000, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("name", [name for name in DIALECTS if name != "aaaa"])  # it comes to the end of its travel
+def test_every_rate_and_acceleration_is_taken_whatever_went_before(name: str, draws: int) -> None:
+    """Down to the least that each can be told."""
+    random, bench = Random(0), Bench(name)  # noqa: S311  # rates, no secrets
+    bench.driver.enable()
+    quantum = bench.driver.dialect.rate_quantum_deg_s
+    for _ in range(draws):
+        size, most = (
+            math.exp(random.uniform(math.log(low), math.log(high))) for low, high in ((quantum, 300.0), (4, 200))
+        )
+        rate = random.choice((-1.0, 1.0)) * size
+        assert bench.driver.realised_deg_s(rate) == pytest.approx(rate, rel=1e-12, abs=0.5001 * quantum)
+        bench.driver.set_rate(rate, most)
+        bench.wait(random.choice((0.05, 60.0)))
+        bench.driver.check_errors()
 
 
 @pytest.mark.parametrize("name", DIALECTS)
@@ -293,6 +312,18 @@ def test_an_esp_stage_turns_as_fast_as_is_asked_whatever_unit_was_left(unit: int
         bench.reach(rate)
         assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=6e-3)
         assert bench.driver.rate_deg_s() == pytest.approx(rate, abs=6e-3)
+
+
+@pytest.mark.parametrize("name", ["esp", "ruya"])
+@pytest.mark.parametrize("acceleration_deg_s2", [30.0, 100.0])
+def test_a_table_that_stops_before_it_reverses_is_waited_for(name: str, acceleration_deg_s2: float) -> None:
+    """Longer than an answer may take: what is told it afterwards has a time of its own."""
+    bench = Bench(name)
+    bench.driver.enable()
+    for rate in (250.0, -250.0):
+        bench.driver.set_rate(rate, acceleration_deg_s2)
+        bench.wait(20.0)
+        assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=0.01)
 
 
 def test_ruya_stops_before_each_change_of_rate_and_waits_for_it() -> None:
