@@ -110,10 +110,11 @@ def test_block_length_takes_only_ascii_digits() -> None:
 @given(st.integers(min_value=-999, max_value=999), st.text(st.characters(min_codepoint=32, max_codepoint=126)))
 def test_error_entries_come_back(number: int, words: str) -> None:
     doubled = words.replace('"', '""')
-    assert replies.error_entry(f'{number:+d},"{doubled}"') == (number, words)
+    for form in ("{:+d},", "{:d}, ", "{:d} ,", "{:+.5f},", "{:d}.,", "{:+d}.00E+00, "):
+        assert replies.error_entry(form.format(number) + f'"{doubled}"') == (number, words)
 
 
-@pytest.mark.parametrize("text", ["", "0", "+0,No error", '0,"No error', 'x,"y"', '0,"a"b"'])
+@pytest.mark.parametrize("text", ["", "0", "+0,No error", '0,"No error', '0.5,"a"', '1E1,"a"', 'x,"y"', '0,"a"b"'])
 def test_what_is_no_error_entry(text: str) -> None:
     with pytest.raises(FramingError):
         replies.error_entry(text)

@@ -19,7 +19,8 @@ Its last digit is apart: no double holds 9.9E37 to the fifteen decimals of some 
 
 _ANY_NUMBER = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INTEGER = re.compile(r"[+-]?[0-9]+")
-_ERROR = re.compile(r'([+-]?[0-9]+),"((?:[^"]|"")*)"')
+_ERROR = re.compile(r'([+-]?[0-9]+)(?:\.0*)?(?:[eE][+-]?0+)? *, *"((?:[^"]|"")*)"')
+"""A number that some boxes send as a decimal one, and blanks about the comma that others send, tell nothing else."""
 _PLAIN_DATA = re.compile(rb"(?:[^;,\n\"]|\"[^\"\n]*\")*")
 """One item of an answer that is no block; a quoted one may hold separators (IEEE 488.2, 8.7.8)."""
 
