@@ -41,6 +41,14 @@ def changed(
     return pair.change(first.values[name], other.values[name])
 
 
+def under(run: Run, **conditions: Any) -> Run:
+    """The same run, told to have been under other conditions."""
+    values = tuple(
+        structs.replace(each, conditions=structs.replace(each.conditions, **conditions)) for each in run.values.values()
+    )
+    return structs.replace(run, _values=values)
+
+
 def ppm(found: Difference, run: Run) -> tuple[float, float]:
     size = 1e6 / abs(run.values["scale_factor"].value or 1.0)
     assert found.value is not None
@@ -87,7 +95,7 @@ def test_errors_of_the_same_instruments_cancel(wide: Run) -> None:
 
 
 def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
-    warm = structs.replace(wide, metadata=structs.replace(wide.metadata, ambient_temperature_c=25.0))
+    warm = under(wide, temperature_c=25.0)
     known = changed(wide, warm, Coefficients(Measured(value=-104.0, u=2.0)))
     value, u95 = ppm(known, wide)
     assert value == pytest.approx(-520.0, abs=1.0)  # of a slope that is below 0, as it has not changed
@@ -96,13 +104,11 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     unknown = changed(wide, warm)
     assert unknown.value is None
     assert "no temperature coefficient of the device is known" in unknown.reason
-    silent = structs.replace(wide, metadata=structs.replace(wide.metadata, ambient_temperature_c=None))
-    assert changed(wide, silent).missing == ("temperature of one of the runs",)
+    assert changed(wide, under(wide, temperature_c=None)).missing == ("temperature of one of the runs",)
 
 
 def test_other_rails_are_corrected_or_refused(wide: Run) -> None:
-    settings = {**wide.header["settings"], "positive_rail_v": 10.4, "negative_rail_v": -10.4}
-    wider = structs.replace(wide, _header={**wide.header, "settings": settings})
+    wider = under(wide, rails_v=(10.4, -10.4))
     known = changed(wide, wider, Coefficients(None, Measured(value=375.0, u=15.0)))
     assert ppm(known, wide)[0] == pytest.approx(150.0, abs=1.0)
     unknown = changed(wide, wider)

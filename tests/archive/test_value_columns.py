@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from random import Random
 
-from vcfbench.archive.value_columns import columns_of
+from vcfbench.archive.value_columns import columns_of, of_one_definition
+from vcfbench.values.definition import Definition
 from vcfbench.values.kinds import KINDS
 from vcfbench.values.value import Value
 
@@ -39,3 +40,16 @@ def test_a_spread_in_ppm_stands_in_no_column_of_a_scale_factor() -> None:
     (column,) = columns_of([[spread]])
     assert column.said == "repeatability of the scale factor in ppm"
     assert list(column.cells([spread])) == ["7.4 (4.8 to 16)"]
+
+
+def test_values_of_other_definitions_stand_in_no_column_together() -> None:
+    def row(*rates: float) -> list[Value]:
+        over = Definition.of(rates)
+        slope = Value("scale_factor", -0.0125, "V/(deg/s)", 1e-7, kind="scale_factor", definition=over)
+        return [slope, Value("bias", -0.04, "V", 1e-5, kind="bias", definition=over)]
+
+    rows = [row(50, 0, -50), row(200, 0, -200), [], row(50, 0, -50, 50, 0, -50), row(50.001, 0, -50)]
+    assert of_one_definition(rows) == [[0, 2, 3, 4], [1]]
+    column, _ = columns_of([rows[1]])
+    assert column.said == "scale factor, over 200, 0, -200 deg/s in mV/(deg/s), its U95 in ppm"
+    assert (column.value(rows[1]), column.value(rows[0])) == (rows[1][0], None)

@@ -14,7 +14,7 @@ from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
-from vcfbench.archive.value_columns import SLOPES, ValueColumn, columns_of
+from vcfbench.archive.value_columns import SLOPES, ValueColumn, columns_of, of_one_definition
 from vcfbench.archive.written import write_document
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
@@ -260,24 +260,26 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
     for name in dict.fromkeys(each.procedure for each in rows):
         of_procedure = [each for each in rows if each.procedure == name]
         notes = _letters(of_procedure)
-        own = columns_of([each.values for each in of_procedure])
-        columns = [Column("device", align="left", verbatim=True), *_heads(own)]
         several = len({each.operator for each in of_procedure}) > 1
-        if several:
-            columns.append(Column("operator", align="left", verbatim=True))
-        cells = [
-            [each.device, *_cells(own, each, notes), *([each.operator or "-"] if several else [])]
-            for each in of_procedure
-        ]
-        parts += [Heading(name, 2), _said(own), Table(columns, cells), *_footnotes(of_procedure, notes)]
+        operator = [Column("operator", align="left", verbatim=True)] * several
+        groups = _of_one_definition(of_procedure)
+        parts.append(Heading(name, 2))
+        for of in groups:
+            own = columns_of([each.values for each in of])
+            cells = [[each.device, *_cells(own, each, notes), *[each.operator or "-"] * several] for each in of]
+            columns = [Column("device", align="left", verbatim=True), *_heads(own), *operator]
+            parts += [_said(own), Table(columns, cells)]
+        parts += _footnotes(of_procedure, notes)
         if limits := dict.fromkeys(limit for each in of_procedure for limit in each.limits):
             not_kept = [f"{each.device} ({', '.join(each.not_kept)})" for each in of_procedure if each.not_kept]
             parts.append(
                 Text("\n".join([f"Limits: {'; '.join(limits)}.", *(f"Not kept: {each}." for each in not_kept)]))
             )
-        found = (each.scale_factor for each in of_procedure)
-        scales = [1e3 * each.value for each in found if each is not None and each.value is not None]
-        if len(scales) > 1:
+        for of in groups:
+            found = (each.scale_factor for each in of)
+            scales = [1e3 * each.value for each in found if each is not None and each.value is not None]
+            if len(scales) < 2:
+                continue
             middle, spread = mean(scales), stdev(scales)
             relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
             stated = shorthand(middle, spread / math.sqrt(len(scales)))
@@ -292,17 +294,23 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
 
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
-    """Return the runs of one device, a row each, in a table for each kind of scale factor."""
+    """Return the runs of one device, a row each, in a table for each kind and definition of scale factor."""
     mixed, notes = len({each.simulated for each in rows}) > 1, _letters(rows)
     parts: list[Part] = [Heading("Runs with this device", 2)]
-    for kind in dict.fromkeys(each.scale_factor.kind for each in rows if each.scale_factor is not None):
-        of_kind = [each for each in rows if each.scale_factor is not None and each.scale_factor.kind == kind]
-        own = columns_of([each.values for each in of_kind])
-        names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in of_kind)
-        both = zip(of_kind, names, strict=True)
+    kinds = dict.fromkeys(each.scale_factor.kind for each in rows if each.scale_factor is not None)
+    of_kinds = ([each for each in rows if each.scale_factor and each.scale_factor.kind == kind] for kind in kinds)
+    for of in (of for of_kind in of_kinds for of in _of_one_definition(of_kind)):
+        own = columns_of([each.values for each in of])
+        names = (f"{each.procedure}{' (simulated)' * (mixed and each.simulated)}" for each in of)
+        both = zip(of, names, strict=True)
         cells = [[f"{each.started:%Y-%m-%d}", name, *_cells(own, each, notes)] for each, name in both]
         parts += [_said(own), Table([*heads("day (UTC) | <procedure"), *_heads(own)], cells)]
     return [*parts, *_footnotes(rows, notes)]
+
+
+def _of_one_definition(rows: Sequence[SheetRow]) -> list[list[SheetRow]]:
+    """Return the rows whose columns hold values of one definition together."""
+    return [[rows[place] for place in places] for places in of_one_definition([each.values for each in rows])]
 
 
 def _said(columns: Sequence[ValueColumn]) -> Text:
@@ -358,9 +366,16 @@ def write_sheet(
         return write_document(batch_sheet(batch, rows, left_out), f"Batch {batch}", batch, path)
     book = need("openpyxl", "export", "a batch sheet as a spreadsheet").Workbook()
     book.active.title = "batch"
-    columns = list({(each.key, each.unit): each for row in rows for each in map(ValueColumn.of, row.values)}.values())
+    columns: list[ValueColumn] = []
+    for value in (value for row in rows for value in row.values):
+        columns += [] if any(each.holds(value) for each in columns) else [ValueColumn.of(value)]
+    several = [[each.key, each.unit] for each in columns]
     names = [name for name in SheetRow.__struct_fields__ if name != "values"]
-    heads_of = [f"{each.key} / {each.unit}" if each.unit else each.key for each in columns]
+    heads_of = [
+        (f"{each.key} / {each.unit}" if each.unit else each.key)
+        + f", {each.example.definition.words}" * (several.count([each.key, each.unit]) > 1)
+        for each in columns
+    ]
     book.active.append([*names, *(head for of in heads_of for head in (of, f"U95, {of}", f"stated, {of}"))])
     for each in rows:
         values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}

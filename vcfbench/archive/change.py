@@ -18,13 +18,12 @@ from vcfbench.analysis.shared_curve import Windows, slopes_over
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.definition import conditions_of, definition_of
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.procedures.shared.sweep.windows import WindowNoise, line_weights, sweep_of
 from vcfbench.records.device_values import Measured
 from vcfbench.records.devices import DeviceStore
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
 from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import UncertaintyPart, Value
@@ -97,15 +96,6 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
         except ConfigError:
             return None
 
-    def definition(self, value: Value) -> Definition:
-        """Return what a value of the run is of."""
-        return Definition() if self.settings is None else definition_of(self.settings, value)
-
-    @cached_property
-    def conditions(self) -> Conditions:
-        """What is told of rails and temperature."""
-        return Conditions() if self.settings is None else conditions_of(self.settings, self.run.metadata)
-
     @cached_property
     def windows(self) -> Windows | None:
         """The windows of its line on the table, in rates by the line's own slope; None: it has none."""
@@ -168,7 +158,7 @@ class Pair(Struct, frozen=True):
         plain = (now.value or 0.0) - (then.value or 0.0)
         if not then.kind and then.u is None and now.u is None:
             return Difference(plain)
-        definitions = self.first.definition(then), self.other.definition(now)
+        definitions = then.definition, now.definition
         unlike = definitions[0].unlike(definitions[1])
         if (then.kind, then.unit, then.form) != (now.kind, now.unit, now.form):
             unlike = f"{then.named.words} and {now.named.words}"
@@ -177,13 +167,28 @@ class Pair(Struct, frozen=True):
         lines = then.kind == now.kind == "scale_factor" and definitions[0].choices == definitions[1].choices
         if unlike and not (lines and then.value and now.value):
             return Difference(None, reason=f"of another measurand: {unlike}")
-        moved = _moved(then, self.first, self.other, self.coefficients)
+        moved = self._moved(then, now)
         if isinstance(moved, str):
             return Difference(None, reason=moved)
         own = _by_windows(then, now, self) if unlike else _as_they_stand(then, now)
         if isinstance(own, str):
             return Difference(None, reason=own + _bridge(*definitions))
         return self._stated(then, now, own, moved, _bridge(*definitions) if unlike else "")
+
+    def _moved(self, then: Value, now: Value) -> "_Moved | str":
+        """Return what other conditions of the runs change; or, where nobody knows that, why there is no figure."""
+        slope, known = then.kind.startswith("scale_factor"), self.coefficients
+        settings = [each.settings for each in (self.first, self.other) if each.settings is not None]
+        bands = [each.station.sources for each in settings]
+        tolerance_v = max((each.rail_tolerance_v for each in settings), default=0.0)
+        at_c = then.conditions.temperature_c, now.conditions.temperature_c
+        warmer = _by_temperature(*at_c, known.ppm_k, bands, slope=slope)
+        wider = _by_rails(then.conditions, now.conditions, known.ppm_v, tolerance_v, slope=slope)
+        if isinstance(warmer, str) or isinstance(wider, str):
+            return warmer if isinstance(warmer, str) else str(wider)
+        said = "; ".join(each.said for each in (warmer, wider) if each.said)
+        relative = warmer.relative + wider.relative
+        return _Moved(relative, math.hypot(warmer.u, wider.u), said, warmer.missing + wider.missing)
 
     def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
         """Return the change without what conditions and instruments of both make; or no figure, and why."""
@@ -224,27 +229,14 @@ def _as_they_stand(then: Value, now: Value) -> _Own:
     return _Own((now.value or 0.0) - (then.value or 0.0), u, 0.0, sum(u**4 / dof for u, dof in both))
 
 
-def _moved(value: Value, first: Compared, other: Compared, known: Coefficients) -> _Moved | str:
-    """Return what other conditions of the runs change; or, where nobody knows that, why there is no figure."""
-    slope = value.kind.startswith("scale_factor")
-    effects = _by_temperature(first, other, known.ppm_k, slope=slope), _by_rails(first, other, known.ppm_v, slope=slope)
-    for each in effects:
-        if isinstance(each, str):
-            return each
-    found = [each for each in effects if isinstance(each, _Moved)]
-    said = "; ".join(each.said for each in found if each.said)
-    missing = tuple(name for each in found for name in each.missing)
-    return _Moved(sum(each.relative for each in found), math.hypot(*(each.u for each in found)), said, missing)
-
-
-def _by_temperature(first: Compared, other: Compared, known: Measured | None, *, slope: bool) -> _Moved | str:
-    then_c, now_c = first.conditions.temperature_c, other.conditions.temperature_c
+def _by_temperature(
+    then_c: float | None, now_c: float | None, known: Measured | None, bands: Sequence[Sources], *, slope: bool
+) -> _Moved | str:
     if then_c is None or now_c is None:
         return _Moved() if then_c == now_c else _Moved(missing=("temperature of one of the runs",))
     away_k, words = now_c - then_c, f"{now_c:g} instead of {then_c:g} degC"
     if away_k and slope and known is not None:
         return _corrected(known, away_k, words)
-    bands = [each.settings.station.sources for each in (first, other) if each.settings is not None]
     if abs(away_k) <= max(sum(each.temperature_k or 0.0 for each in bands), 0.0 if slope else _LIKE_K):
         return _Moved()
     nobody = f"{words}, and no temperature coefficient of the device is known (vcfbench run temperature)"
@@ -253,12 +245,13 @@ def _by_temperature(first: Compared, other: Compared, known: Measured | None, *,
     return _Moved(u=limit / math.sqrt(3.0), said=nobody) if slope else nobody
 
 
-def _by_rails(first: Compared, other: Compared, known: Measured | None, *, slope: bool) -> _Moved | str:
-    then_v, now_v = first.conditions.rails_v, other.conditions.rails_v
+def _by_rails(
+    then: Conditions, now: Conditions, known: Measured | None, tolerance_v: float, *, slope: bool
+) -> _Moved | str:
+    then_v, now_v = then.rails_v, now.rails_v
     if then_v is None or now_v is None or then_v == now_v:
         return _Moved()
     wider_v = now_v[0] - then_v[0], then_v[1] - now_v[1]
-    tolerance_v = max(each.settings.rail_tolerance_v for each in (first, other) if each.settings is not None)
     words = f"rails of {now_v[0]:g} and {now_v[1]:g} V instead of {then_v[0]:g} and {then_v[1]:g} V"
     if slope and known is not None and abs(wider_v[0] - wider_v[1]) <= tolerance_v:
         return _corrected(known, 0.5 * sum(wider_v), words)

@@ -117,6 +117,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         pauses=tuple(map(printable, footer.get("pauses", ()))),
         _own_report=evaluation.report,
         _measured=evaluation.measured,
+        _values=evaluation.values,
     )
     if run.error is not None:
         run.error.run = run

@@ -6,15 +6,18 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
-from msgspec import Raw, Struct
+from msgspec import Raw, Struct, structs
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.definition import defined
 from vcfbench.procedures.own_code import mistake_in
 from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord, lines_of
+from vcfbench.records.metadata import RunMetadata, metadata_from
 from vcfbench.records.outline import Outline
 from vcfbench.records.plain import plain, read_only
 from vcfbench.records.schema import Point, Status
@@ -38,6 +41,7 @@ class Evaluation(Struct, frozen=True):
     results: Any
     verdict: Acceptance | None
     report: Report
+    values: tuple[Value, ...] = ()
     measured: Any = None
     """Measured data of the results, where they were computed: a journal of a million readings is not read once more."""
 
@@ -47,8 +51,14 @@ def nothing(points: Sequence[Point]) -> Evaluation:
     return Evaluation(None, None, Report([points_table(points)]))
 
 
-def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], measured: Measured) -> Evaluation:
-    """Compute the results of `procedure`, judge them by `limits`, and make their report.
+def evaluate(
+    procedure: AnyProcedure,
+    settings: Any,
+    limits: Sequence[Limit],
+    measured: Measured,
+    metadata: RunMetadata = RunMetadata(),  # noqa: B008  # frozen
+) -> Evaluation:
+    """Compute the results of `procedure`, judge them by `limits`, and make their report; `metadata` tells conditions.
 
     Where the report fails, points and results are shown with the reason.
 
@@ -59,7 +69,7 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
         taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
         results = read_only(procedure.results(settings, taken))
         plain(results)  # what cannot be written is no result
-        values_of(results)  # nor are two values of one name
+        values = tuple(defined(values_of(results).values(), settings, metadata))  # nor are there two of one name
         verdict = judged(limits, results, measured)
     except BenchError:
         raise
@@ -75,7 +85,7 @@ def evaluate(procedure: AnyProcedure, settings: Any, limits: Sequence[Limit], me
     if failed:
         notice = Text(f"the report of {procedure.name} failed: {failed}")
         report = Report([*generic_report(settings, taken, results).parts, notice])
-    return Evaluation(results, verdict, report, measured)
+    return Evaluation(results, verdict, report, values, measured)
 
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
@@ -102,7 +112,8 @@ def _computed(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     settings = recorded_settings(PROCEDURES[name], record.header.get("settings"))
     measured = Measured(record.points, lambda: record.lines)  # they have been read: a million readings take a second
     try:
-        return evaluate(PROCEDURES[name], settings, settings.acceptance, measured)
+        metadata = amended(metadata_from(record.header), amendments_of(record.lines))
+        return evaluate(PROCEDURES[name], settings, settings.acceptance, measured, metadata)
     except BenchError as error:
         raise ConfigError(f"the points give no result: {error.what}") from error
     finally:
@@ -129,7 +140,14 @@ def _stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     if isinstance(own, dict):
         own = {key: each for key, each in own.items() if key != "station"}
     settings = results_table(own, STORED_SETTINGS, "setting")
-    return Evaluation(results, _stored_verdict(answer.get("acceptance")), Report([*parts, *settings]))
+    kept_of = {each.name: each for each in typed(answer.get("values") or [], tuple[Value, ...])}
+    stated = tuple(
+        structs.replace(each, definition=kept_of[each.name].definition, conditions=kept_of[each.name].conditions)
+        if each.name in kept_of
+        else each
+        for each in values_of(results).values()
+    )
+    return Evaluation(results, _stored_verdict(answer.get("acceptance")), Report([*parts, *settings]), stated)
 
 
 class _Stored(Struct, frozen=True):

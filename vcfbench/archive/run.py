@@ -87,6 +87,7 @@ class Run(Struct, frozen=True, eq=False):
     _own_report: Report = Report()
     _measured: Any = None
     _header: Mapping[str, Any] = field(default_factory=dict)
+    _values: tuple[Value, ...] | None = None
 
     @property
     def revision(self) -> int:
@@ -158,8 +159,8 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def values(self) -> dict[str, Value]:
-        """The values that the results state, by name, in their order."""
-        return values_of(self.results)
+        """The values that the results state, by name, in their order, with what they are of and where they hold."""
+        return values_of(self.results) if self._values is None else {each.name: each for each in self._values}
 
     def as_json(self) -> dict[str, Any]:
         """Return the answer of ``vcfbench run --json``; a run that failed has the error beside the points it kept."""
@@ -188,10 +189,10 @@ class Run(Struct, frozen=True, eq=False):
 
     def __eq__(self, other: object) -> bool:
         """Tell whether all but the measured data is the same: a run of a record reads that when it is asked for."""
-        return isinstance(other, Run) and astuple(self)[:-2] == astuple(other)[:-2]
+        return isinstance(other, Run) and astuple(self)[:-3] == astuple(other)[:-3]
 
     def __hash__(self) -> int:
-        return hash(astuple(self)[:-2])
+        return hash(astuple(self)[:-3])
 
     def __repr__(self) -> str:
         return f"<Run {self.name or self.procedure}: {self.status.value}, {len(self.points)} points>"

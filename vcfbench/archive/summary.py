@@ -17,7 +17,6 @@ from vcfbench.records.metadata import metadata_from
 from vcfbench.records.outline import ListedMetadata, Outline, outline_of
 from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
-from vcfbench.records.stated import values_of
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.values.value import Value
 
@@ -116,8 +115,7 @@ def summary_of(directory: RunDirectory) -> RunSummary:
             simulated=header.get("simulated"),
         )
         evaluation, _ = evaluation_of(directory, record)
-        values = list(values_of(evaluation.results).values())
-        return _summary(directory, outline, evaluation.verdict, values, record.damage)
+        return _summary(directory, outline, evaluation.verdict, evaluation.values, record.damage)
     except ConfigError as error:
         began_at, why = began(directory, None), str(error)
         return RunSummary(

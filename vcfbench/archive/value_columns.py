@@ -1,4 +1,4 @@
-"""Columns of values of several runs: each is of one kind and one unit, and no cell is filled by anything else."""
+"""Columns of values of several runs: each is of one kind, unit and definition, and holds nothing else."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
@@ -21,7 +21,7 @@ _OTHERS: Final = 5
 
 
 class ValueColumn(Struct, frozen=True):
-    """A column: the kind of its values, or where they have none their name; and their unit."""
+    """A column: the kind of its values, or where they have none their name, their unit, and one of them."""
 
     key: str
     unit: str
@@ -48,11 +48,17 @@ class ValueColumn(Struct, frozen=True):
         """What it is of, and in which unit: ``scale factor of small signals in mV/(deg/s), its U95 in ppm``."""
         of = self.example.named
         unit = f" in {of.unit}" if of.unit else ""
-        return f"{of.words}{unit}{', its U95 in ppm' if self.is_slope else ''}"
+        over = f", over {levels}" if self.is_slope and (levels := self.example.definition.levels_words) else ""
+        return f"{of.words}{over}{unit}{', its U95 in ppm' if self.is_slope else ''}"
 
     def value(self, values: Sequence[Value]) -> Value | None:
         """Return that of `values` which stands in this column, None where there is none."""
-        return next((each for each in values if (each.kind or each.name, each.unit) == (self.key, self.unit)), None)
+        return next((each for each in values if self.holds(each)), None)
+
+    def holds(self, value: Value) -> bool:
+        """Tell whether a value is what this column holds."""
+        same = (value.kind or value.name, value.unit) == (self.key, self.unit)
+        return same and not value.definition.unlike(self.example.definition)
 
     def cells(self, values: Sequence[Value], mark: str = "") -> Iterator[Any]:
         """Yield what is printed of that of `values` which stands here; `mark` stands behind a U95."""
@@ -80,3 +86,19 @@ def columns_of(rows: Sequence[Sequence[Value]]) -> list[ValueColumn]:
     for each in () if found else (each for values in rows for each in values[:_OTHERS]):
         found.setdefault((each.kind or each.name, each.unit), ValueColumn.of(each))
     return list(found.values())
+
+
+def of_one_definition(rows: Sequence[Sequence[Value]]) -> list[list[int]]:
+    """Return the places of those runs together whose columns hold values of one definition."""
+    found: list[tuple[list[ValueColumn], list[int]]] = []
+    for place, values in enumerate(rows):
+        own = columns_of([values])
+        for columns, places in found:
+            known = {(each.key, each.unit): each for each in columns}
+            if all(known.get((each.key, each.unit), each).holds(each.example) for each in own):
+                columns += [each for each in own if (each.key, each.unit) not in known]
+                places.append(place)
+                break
+        else:
+            found.append((own, [place]))
+    return [places for _, places in found]

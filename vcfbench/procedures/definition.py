@@ -1,58 +1,156 @@
 """Definition and conditions of the values of a run, by its settings and what was told of it.
 
-A setting either defines values, those of the kinds beside it or all of them, or is a circumstance: what that does is in
-u, or u is incomplete without it. Settings of procedures of one's own define all values.
+A setting either defines values, or is a condition of all of them, or a circumstance: what that does is in u, or u is
+incomplete without it. Which of them defines was found by changing each alone. Settings of procedures of one's own
+define all their values.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
+from fnmatch import fnmatchcase
 from types import MappingProxyType
 from typing import Any, Final
 
+from msgspec.structs import replace
+
+from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
 from vcfbench.records.metadata import RunMetadata
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import DeviceSettings, ProcedureSettings
 from vcfbench.values.definition import Conditions, Definition
 from vcfbench.values.value import Value
 
 _BY_V_VC: Final = ("scale_factor_by_v_vc", "bias_by_v_vc", "bias_by_v_vc_deg_s", "nonlinearity_by_v_vc")
 _OF_K_VC: Final = ("k_vc", "scale_factor_error_percent", "bias_difference_v", "e_n", *_BY_V_VC)
-_OFFSETS: Final = ("bias", "bias_deg_s", "bias_by_v_vc", "bias_by_v_vc_deg_s", "output_v")
+_OFFSETS: Final = ("bias", "bias_deg_s", "bias_by_v_vc", "bias_by_v_vc_deg_s")
+_AT_REST: Final = ("bias_at_rest", "bias_at_rest_deg_s")
+_NOISE: Final = ("angle_random_walk", "bias_instability", "rate_random_walk", "rate_ramp", "trend")
+_STEPS: Final = ("dead_band", "threshold", "resolution")
+_BY_LEVEL: Final = ("scale_factor*", "line")
 
 DEFINING: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
+        "rates_deg_s": (),  # of lines: below
         "earth": _OFFSETS,
         "k_vc_by": _OF_K_VC,
+        "match": _OF_K_VC,
         "match_rate_deg_s": _OF_K_VC,
+        "v_vc": ("k_vc",),
+        "virtual_rates_deg_s": ("scale_factor_by_v_vc", "nonlinearity_by_v_vc"),
+        "scale_factor_v_per_deg_s": (),  # of rates: below
+        "mode": _NOISE,
+        "nplc": _NOISE,
+        "sample_interval_s": _NOISE,
+        "duration_s": ("rate_random_walk", "rate_ramp", "trend"),
+        "turn_on_tolerance_deg_s": ("warm_up",),
+        "by": (*_BY_LEVEL, *_STEPS, "*input_rate_limit"),
+        "level_deg_s": _BY_LEVEL,
+        "rate_deg_s": ("scale_factor_small",),
+        "reference_c": ("*",),
+        "temperatures_c": ("*hysteresis",),
+        "soak_s": ("*hysteresis",),
+        "ramp_k_min": ("*hysteresis",),
+        "off_s": ("*repeatability", "turn_on_transient", "largest_current_at_power_on*", "time_to_valid_output*"),
+        "order_delay_s": ("time_to_valid_output*",),
+        "valid_tolerance_deg_s": ("time_to_valid_output*",),
+        "short_share": ("*input_rate_limit",),
+        "beyond": ("output_beyond*", "after_beyond*"),
+        "wires": ("resistance*",),
+        "steps_deg_s": _STEPS,
+        "share": _STEPS,
+        "at_rate_deg_s": ("resolution",),
+        "input_axis": ("*",),
+        "static_v_vc_v": ("static_v_per_v",),
     }
 )
-"""Settings that define values, by name, and the kinds of these, or last parts of their names; none: all values."""
+"""Settings that define values, and the kinds of these, or last parts of their names."""
+
+CONDITIONS: Final = frozenset(("positive_rail_v", "negative_rail_v", "temperature_c"))
+"""Settings that are conditions of all values."""
+
+CIRCUMSTANCES: Final = frozenset(
+    (
+        *("station", "dut", "devices", "outdated", "validity_days", "wanted_u95_ppm", "max_drift_ppm", "health"),
+        *("acceleration_deg_s2", "rate_deadline_s", "rate_tolerance_deg_s", "rail_current_limit_a", "rail_tolerance_v"),
+        *("drive", "k_vc_guess_deg_s_per_v", "meter_range_v", "samples", "settle_s", "warm_up_s", "v_vc_range_v"),
+        *("order", "zeros", "repeat", "axis_tilt_deg", "cycles", "match_iterations", "match_windows"),
+        *("match_rates_deg_s", "curve_order", "exchange", "k_vc", "k_vc_u_deg_s_per_v", "k_vc_deg_s_per_v"),
+        *("scale_factor_u_v_per_deg_s", "powered_s", "noise_bandwidth_hz", "u_noise_bandwidth_hz"),
+        *("noise_bandwidth_nplc", "burst_readings", "shortest_s", "longest_s", "window_s", "bias_instability_deg_h"),
+        *("sine_amplitude_v", "record_samples", "frequencies_hz", "around_split", "split_guess_hz"),
+        *("in_phase_split_hz", "low_pass_hz", "low_pass_order", "closed_form_ppm", "ring_down_v_vc_v"),
+        *("sense_ring_downs", "drive_ring_downs", "v_vc_v", "difference_hz", "records", "rotation_records"),
+        *("target_deg", "most_cycles", "orders", "log_s", "rails_varied", "rail_step_v", "power_cycles", "growth"),
+        *("resolution_deg_s", "room_c", "window_k", "chamber_takes_s", "longest_soak_s", "steady_ppm_min"),
+        *("soak_window_s", "split", "u_temperature_k", "u_each_temperature_k", "positive_rail_ohm"),
+        *("negative_rail_ohm", "v_vc_ohm", "output_ohm", "lead_ohm", "ohm_readings", "polarity_rate_deg_s"),
+        *("polarity_v_vc_v", "at_most_s", "axes", "turn_s", "tilt_deg", "heading_deg", "vibration_hz"),
+        *("vibration_amplitude_v", "split_hz", "u_split_hz", "q", "u_q", "in_phase_share", "u_in_phase_share"),
+        *("modulation_hz", "virtual_rate_deg_s"),
+    )
+)
+"""Settings whose effects are in u, or are missing in it; those that only choose which values there are; all else."""
 
 
-def definition_of(settings: ProcedureSettings, value: Value) -> Definition:
+def defined(values: Iterable[Value], settings: ProcedureSettings, metadata: RunMetadata) -> Iterator[Value]:
+    """Yield the values of a run with what they are of, and under what they hold; of what its author said, that."""
+    conditions = _conditions(settings, metadata)
+    for each in values:
+        of = each.definition if each.definition != Definition() else _definition(settings, each)
+        yield replace(each, definition=of, conditions=conditions)
+
+
+def _definition(settings: ProcedureSettings, value: Value) -> Definition:
     """Return what a value of a run with these settings is of."""
-    kind = value.kind or value.name.rpartition(".")[2]
-    choices = [
-        (key, _printed(getattr(settings, key)))
+    part, _, own_name = value.name.partition(".")
+    of_parts: Callable[[str], ProcedureSettings] | None = getattr(settings, "of", None)
+    if own_name and of_parts is not None:
+        return _definition(of_parts(part), replace(value, name=own_name))
+    names = {value.kind, value.name.rpartition(".")[2]} if not value.kind else {value.kind}
+    choices = {
+        key: _printed(getattr(settings, key))
         for key, kinds in DEFINING.items()
-        if key in settings.__struct_fields__ and (not kinds or kind in kinds) and not _idle(key, settings)
-    ]
-    if not isinstance(settings, SweepSettings) or kind == "k_vc":
-        return Definition.of(choices=choices)
-    return Definition.of(settings.series_deg_s, choices)
+        if key in settings.__struct_fields__
+        and any(fnmatchcase(name, kind) for name in names for kind in kinds)
+        and not (key in _IDLE and _IDLE[key](settings))
+    }
+    if isinstance(settings, AtRestSettings) and "deg" in value.unit:
+        choices["divided_by"] = f"scale factor: {scale_factor_used(settings).source}"
+    if names & {*_OFFSETS, *_AT_REST}:
+        choices["horizon_h"] = f"{settings.station.sources.horizon_h:g}"
+    if not type(settings).__module__.startswith("vcfbench."):
+        own = set(settings.__struct_fields__) - {
+            *ProcedureSettings.__struct_fields__,
+            *DeviceSettings.__struct_fields__,
+        }
+        choices |= {key: _printed(getattr(settings, key)) for key in sorted(own)}
+    on_line = isinstance(settings, SweepSettings) and "k_vc" not in names
+    return Definition.of(settings.series_deg_s if isinstance(settings, SweepSettings) and on_line else (), choices)
 
 
-def conditions_of(settings: ProcedureSettings, metadata: RunMetadata) -> Conditions:
+def _conditions(settings: ProcedureSettings, metadata: RunMetadata) -> Conditions:
     """Return the conditions of a run: the temperature of the device where that was measured, else that of the room."""
     measured_c = getattr(settings, "temperature_c", None)
     rails_v = settings.positive_rail_v, settings.negative_rail_v
     return Conditions(rails_v, metadata.ambient_temperature_c if measured_c is None else measured_c)
 
 
-def _idle(key: str, settings: ProcedureSettings) -> bool:
-    """Tell whether another setting makes this one do nothing: a curve has a rate of its own for each match."""
-    return key == "match_rate_deg_s" and getattr(settings, "k_vc_by", None) is KvcBy.CURVE
+def _counts_gaps(settings: ProcedureSettings) -> bool:
+    """Tell whether a zero record counts what goes by between its readings: then these are circumstances."""
+    return _printed(getattr(settings, "mode", None)) != "dead-time"
+
+
+_IDLE: Final[Mapping[str, Callable[[ProcedureSettings], bool]]] = MappingProxyType(
+    {
+        "match_rate_deg_s": lambda settings: getattr(settings, "k_vc_by", None) is KvcBy.CURVE,
+        "nplc": _counts_gaps,
+        "sample_interval_s": _counts_gaps,
+    }
+)
+"""Settings that define nothing under others: a curve has a rate of its own for each match."""
 
 
 def _printed(value: Any) -> str:
-    return str(value.value if isinstance(value, Enum) else value)
+    if isinstance(value, tuple | list):
+        return ", ".join(map(_printed, value))
+    return f"{value:g}" if isinstance(value, float) else str(value.value if isinstance(value, Enum) else value)

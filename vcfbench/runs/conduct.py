@@ -275,6 +275,7 @@ class _UnderWay(Struct):
             resumed=breaks(self.header, len(points)),
             _own_report=evaluation.report,
             _header=self.header,
+            _values=evaluation.values,
             **done,
         )
 
@@ -399,7 +400,8 @@ class _UnderWay(Struct):
         settings = self.prepared.settings
         measured = Measured(self.as_run().points, journal.lines)
         try:
-            self.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured)
+            metadata = self.prepared.metadata
+            self.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured, metadata)
         except BenchError as error:
             failed = MeasurementError(f"the points give no result: {error.what}", hint=error.hint or LOOK_AT_SIGNALS)
             failed.__cause__ = error.__cause__

@@ -1,10 +1,14 @@
 """Definition of a value: what must agree before two values of one kind are compared, and under what they were found."""
 
 import math
-from collections.abc import Iterable
-from typing import Final, Self
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from typing import Any, Final, Self
 
 from msgspec import Struct
+
+from vcfbench.values.kinds import in_words
 
 WITHIN: Final = 1e-3
 """Rates that differ by less, relative, are the same; and those by less than `WITHIN_DEG_S`."""
@@ -14,32 +18,47 @@ WITHIN_DEG_S: Final = 0.01
 class Definition(Struct, frozen=True):
     """What a value is of, beside its kind: values of which it is not the same are of other measurands.
 
-    `levels_deg_s` are the rates of a line, falling, each with its share of the windows. `choices` are settings of the
-    procedure that define the value, by name, as they are printed.
+    `levels_deg_s` are the rates of a line, falling, each with its weight in windows, the least that are in proportion.
+    `choices` are settings of the procedure that define the value, by name, as they are printed.
     """
 
-    levels_deg_s: tuple[tuple[float, float], ...] = ()
+    levels_deg_s: tuple[tuple[float, int], ...] = ()
     choices: tuple[tuple[str, str], ...] = ()
 
     @classmethod
-    def of(cls, rates_deg_s: Iterable[float] = (), choices: Iterable[tuple[str, str]] = ()) -> Self:
+    def of(cls, rates_deg_s: Iterable[float] = (), choices: Mapping[str, str] = MappingProxyType({})) -> Self:
         """Return that of these rates, each as often as it is visited, and choices."""
-        rates = [rate + 0.0 for rate in rates_deg_s]
-        levels = tuple((rate, rates.count(rate) / len(rates)) for rate in sorted(set(rates), reverse=True))
-        return cls(levels, tuple(choices))
+        visits = Counter(rate + 0.0 for rate in rates_deg_s)
+        least = math.gcd(*visits.values()) if visits else 1
+        levels = tuple((rate, visits[rate] // least) for rate in sorted(visits, reverse=True))
+        return cls(levels, tuple(choices.items()))
 
     @property
     def levels_words(self) -> str:
-        """The levels in words: ``17 rates, 200 to -200 deg/s``, or all of a few."""
+        """The levels in words: ``17 rates, 200 to -200 deg/s``, or all of a few; nothing where there are none."""
+        if not self.levels_deg_s:
+            return ""
         rates = [f"{rate:g}" for rate, _ in self.levels_deg_s]
         said = ", ".join(rates) if len(rates) <= 5 else f"{len(rates)} rates, {rates[0]} to {rates[-1]}"
         return f"{said} deg/s"
+
+    @property
+    def words(self) -> str:
+        """What it is, in words: ``over 50, 0, -50 deg/s; earth: bias``."""
+        over = [f"over {self.levels_words}"] if self.levels_deg_s else []
+        return "; ".join(
+            [*over, *(f"{in_words(name)[0]}: {printed} {in_words(name)[1]}".rstrip() for name, printed in self.choices)]
+        )
+
+    def as_json(self) -> dict[str, list[list[Any]]]:
+        """Return it as lists of pairs."""
+        return {"levels_deg_s": [[*each] for each in self.levels_deg_s], "choices": [[*each] for each in self.choices]}
 
     def unlike(self, other: "Definition") -> str:
         """Say in what another differs: ``match rate: 10 and 20``; nothing where it is the same."""
         mine, yours = dict(self.choices), dict(other.choices)
         said = [
-            f"{name.replace('_', ' ')}: {mine.get(name, 'none')} and {yours.get(name, 'none')}"
+            f"{in_words(name)[0]}: {mine.get(name, 'none')} and {yours.get(name, 'none')} {in_words(name)[1]}".rstrip()
             for name in dict.fromkeys([*mine, *yours])
             if mine.get(name) != yours.get(name)
         ]
@@ -55,6 +74,10 @@ class Conditions(Struct, frozen=True):
     """Positive and negative rail."""
     temperature_c: float | None = None
 
+    def as_json(self) -> dict[str, Any]:
+        """Return them by name."""
+        return {"rails_v": self.rails_v and [*self.rails_v], "temperature_c": self.temperature_c}
+
     @property
     def words(self) -> str:
         """What is told of them: ``23.5 degC, rails +10, -10 V``."""
@@ -63,10 +86,9 @@ class Conditions(Struct, frozen=True):
         return ", ".join(said)
 
 
-def alike(first: tuple[tuple[float, float], ...], second: tuple[tuple[float, float], ...]) -> bool:
-    """Tell whether levels, each with its share, are the same."""
+def alike(first: tuple[tuple[float, int], ...], second: tuple[tuple[float, int], ...]) -> bool:
+    """Tell whether levels, each with its weight, are the same."""
     pairs = zip(first, second, strict=False)
     return len(first) == len(second) and all(
-        math.isclose(a, b, rel_tol=WITHIN, abs_tol=WITHIN_DEG_S) and math.isclose(of_a, of_b, rel_tol=WITHIN)
-        for (a, of_a), (b, of_b) in pairs
+        math.isclose(a, b, rel_tol=WITHIN, abs_tol=WITHIN_DEG_S) and of_a == of_b for (a, of_a), (b, of_b) in pairs
     )

@@ -8,6 +8,7 @@ from msgspec import Struct
 from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
+from vcfbench.values.definition import Conditions, Definition
 from vcfbench.values.kinds import KINDS, Named, named
 from vcfbench.values.printing import digits_of_value, grouped, in_threes, incomplete, shorthand
 from vcfbench.values.quantile import t_quantile
@@ -66,6 +67,9 @@ class Value(Struct, frozen=True):
     parts: Sequence[UncertaintyPart] = ()
     missing: Sequence[str] = ()
     """Contributions that its uncertainty lacks because nobody tells them; none where it is complete."""
+    definition: Definition = Definition()
+    """What it is of, beside its kind: values of which that differs are not compared."""
+    conditions: Conditions = Conditions()
 
     def __post_init__(self) -> None:
         """Refuse what no value can be."""
@@ -158,7 +162,8 @@ class Value(Struct, frozen=True):
         ends = [each if math.isfinite(each) else None for each in self.ends]
         said = {"name": self.name, "kind": self.kind, "words": self.named.words, "unit": self.unit}
         numbers = {"value": self.value, "u": self.u, "dof": self.dof, "u95": self.u95, "form": self.form, "ends": ends}
-        return {**said, **numbers, "low": self.low, "high": self.high, "missing": list(self.missing)}
+        holds = {"definition": self.definition.as_json(), "conditions": self.conditions.as_json()}
+        return {**said, **numbers, "low": self.low, "high": self.high, "missing": list(self.missing), **holds}
 
 
 class Unstated(Struct, frozen=True):
