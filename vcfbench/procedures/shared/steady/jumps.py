@@ -2,25 +2,23 @@
 
 What the output should be is a cubic in the rate (or in V_Vc) with free coefficients, and terms of higher order that are
 small beside those two orders below; windows of one setting share it. What noise, flicker, warm-up, temperature, the
-table's rate and the generator's levels may add has a covariance. A fault is a pattern in time: an offset from one
-window to another, or a slope from one on. Its size by generalised least squares over its standard uncertainty is a test
-for each pattern (Willsky and Jones 1976, *A generalized likelihood ratio approach to detection and estimation of jumps
-in linear systems*); the largest decides.
+table's rate and the generator's levels may add has a covariance. A fault is a pattern in time (:mod:`patterns`); the
+largest, in standard uncertainties, decides.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import TypeVar
 
 import numpy as np
 from msgspec import Struct
-from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter, mean_levels_v
+from vcfbench.procedures.shared.steady.patterns import Pattern, Patterns, patterns_of
 from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk, sigmas
 from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
 from vcfbench.station.settings import ProcedureSettings
@@ -37,10 +35,12 @@ leaves 0.4 % of its cubic term to the next one (the series of tanh)."""
 _MOST_BENT = 0.01
 """Largest curvature, relative to the span: a curve that bends more does so by a fault."""
 _HIGHEST = 9
-_UNSEEN = 1e-4
-"""A pattern of which the free terms leave less than this share (of its square) is not asked for."""
+OFFSET, GAIN, V_VC_GAIN = "V", "of the output", "of V_Vc"
+"""Units of faults: volts of the output, shares of it, and shares of V_Vc as it is measured."""
 _HALF = 0.5
 """Patterns are fewer than comparisons, and each has the noise of many windows: 5.5 is a chance of 2e-6 a run."""
+_ONE_SIDED = 1.645
+"""Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
 _NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
@@ -50,16 +50,15 @@ _CURVED = 0.2
 
 
 class Jump(Struct, frozen=True):
-    """A pattern in time: from window `first` to `last`, both included; `size_v` its offset, or the size of its walk.
+    """A fault that was found: `size` is its offset, or how far it walks from first to last window, in `unit`.
 
     `sigmas` is its size over its standard uncertainty.
     """
 
-    first: int
-    last: int
-    size_v: float
+    pattern: Pattern
+    size: float
     sigmas: float
-    walks: bool = False
+    unit: str
 
 
 def require_no_jump(walk: Walk) -> None:
@@ -67,16 +66,14 @@ def require_no_jump(walk: Walk) -> None:
 
     MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
     """
-    for driven, rails_v in dict.fromkeys((each.driven, each.rails_v) for each in walk.windows):
-        windows = [each for each in walk.windows if (each.driven, each.rails_v) == (driven, rails_v)]
-        if len({each.setting for each in windows}) < 2:
-            continue
-        _require_answer(walk, windows)
+    for windows in groups(walk):
+        if len({each.setting for each in windows}) > 1:
+            _require_answer(walk, windows)
         if found := _significant(walk, windows):
             raise MeasurementError(
                 f"{_what(found, windows)}: no smooth curve goes through all windows",
                 instrument="multimeter",
-                step=str(windows[found.last].point.step),
+                step=str(windows[found.pattern.last].point.step),
                 hint="look at leads and contacts, and at what else happened then; all points are in the record. "
                 "expected.zero_drift_v of the bench file is what may drift",
             )
@@ -98,6 +95,19 @@ def note(walk: Walk, step: Step, result: StepResult) -> None:
         raise
 
 
+def groups(walk: Walk) -> Iterator[list[Seen]]:
+    """Yield the windows that are held against each other: on the same rails, generator on, or off."""
+    for driven, rails_v in dict.fromkeys((each.driven, each.rails_v) for each in walk.windows):
+        windows = [each for each in walk.windows if (each.driven, each.rails_v) == (driven, rails_v)]
+        if len(windows) > 1:
+            yield windows
+
+
+def refused_from(walk: Walk) -> float:
+    """Return how many standard uncertainties a fault must have to be refused with 95 %."""
+    return sigmas(walk.dof) - _HALF + _ONE_SIDED
+
+
 def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
     found = largest_jump(walk, windows)
     return found if found is not None and abs(found.sigmas) > sigmas(walk.dof) - _HALF else None
@@ -105,9 +115,28 @@ def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
 
 def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
     """Return the fault that fits best, None where there is nothing that would show one."""
+    found = [each for each in patterns(walk, windows) if each.shows.any()]
+    if not found:
+        return None
+    sigmas = [np.abs(each.sigmas) for each in found]
+    most = max(float(each.max()) for each in sigmas)
+    for each, sizes in zip(found, sigmas, strict=True):
+        if (alike := sizes >= (1.0 - 1e-9) * most).any():  # the first of equals
+            place = int(np.argmax(alike))
+            return Jump(each.pattern(place), float(each.sizes[place]), float(each.sigmas[place]), each.unit)
+    return None
+
+
+def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
+    """Return all faults that are looked for in the outputs of windows on the same rails: in volts, and of a gain.
+
+    Nothing where the free terms leave no window.
+    """
     count = len(windows)
-    output = np.array([each.point.output_v for each in windows])
     x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
+    output = np.array([each.point.output_v for each in windows])
+    scales = {OFFSET: np.ones(count), GAIN: output}
+    by_v_vc = _by_v_vc(windows)
     # The terms that the output may have of any size, a column each
     terms = [x**order for order in range(_free_orders(windows) + 1)]
     at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
@@ -123,44 +152,13 @@ def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
             terms += [way, way * x, way * x**2]
     free = np.column_stack(terms)
     if free.shape[1] >= count:
-        return None
+        return []
     covariance = _covariance(walk, windows, x, free)
-    root = np.linalg.cholesky(covariance)
-    # The patterns: an offset for each stretch of windows, and a walk from each window but the first and last on. A
-    # stretch is the difference of two steps, so that there are as many columns as windows
-    steps = np.arange(count)[:, None] >= np.arange(count + 1)
-    walks = np.maximum(0.0, at_s[:, None] - at_s[: count - 2]) / max(float(at_s[-1] - at_s[0]), 1e-9)
-    whitened = np.linalg.solve(root, np.column_stack([free, output, steps, walks]))
-    basis, _ = np.linalg.qr(whitened[:, : free.shape[1]])
-    rest = whitened[:, free.shape[1] :]
-    left = rest - basis @ (basis.T @ rest)
-    begin, end = (np.delete(each, count - 1) for each in np.triu_indices(count + 1, 1))  # all together are the bias
-    shows, of_all = _squares(left[:, 1:], begin, end), _squares(rest[:, 1:], begin, end)
-    along = left[:, 0] @ left[:, 1:]
-    along = np.concatenate([along[begin] - along[end], along[count + 1 :]])
-    seen = shows > _UNSEEN * of_all
-    if not seen.any():
-        return None
-    sizes = np.abs(np.where(seen, along / np.sqrt(np.where(seen, shows, 1.0)), 0.0))
-    most = int(np.argmax(sizes >= (1.0 - 1e-9) * sizes.max()))  # the first of equals
-    if walks_on := most >= len(begin):
-        first, last = most - len(begin) + 1, count - 1
-        pattern = left[:, count + 1 + first]
-    else:
-        first, last = int(begin[most]), int(end[most]) - 1
-        pattern = left[:, 1 + first] - left[:, 2 + last]
-    shown, size = float(pattern @ pattern), float(left[:, 0] @ pattern)
-    return Jump(first, last, size / shown, size / math.sqrt(shown), walks=walks_on)
-
-
-def _squares(columns: Floats, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Floats:
-    """Return the squares of all patterns, by the columns of the steps that they begin and end with, and of the walks.
-
-    Of the differences of two columns: a column for each pair needs memory with the cube of the windows.
-    """
-    steps, walks = np.split(columns, [int(end.max()) + 1], axis=1)
-    products, own = steps.T @ steps, np.square(steps).sum(axis=0)
-    return np.concatenate([own[begin] + own[end] - 2.0 * products[begin, end], np.square(walks).sum(axis=0)])
+    if by_v_vc is not None:
+        output = output - by_v_vc.apart_v
+        covariance += np.diag(np.square(by_v_vc.u_v))
+        scales[V_VC_GAIN] = by_v_vc.per_gain_v
+    return patterns_of(output, free, covariance, at_s, scales)
 
 
 def _abscissa(windows: Sequence[Seen]) -> Floats:
@@ -172,9 +170,42 @@ def _abscissa(windows: Sequence[Seen]) -> Floats:
     return np.asarray(x / max(float(np.abs(x).max()), 1e-12))
 
 
+class _ByVvc(Struct, frozen=True):
+    """What V_Vc, as it was measured, does to the outputs of windows, V."""
+
+    apart_v: Floats
+    """By being apart from its mean at each setting: what the generator does goes out with it."""
+    u_v: Floats
+    """By its noise."""
+    per_gain_v: Floats
+    """(n, n), by the meter's gain in each window: not measured, a level is the mean of the others at its setting."""
+
+
+def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
+    """Return what V_Vc does to the outputs; None where no meter is on it."""
+    points = [each.point for each in windows]
+    measured = np.array([each.v_vc_measured_v is not None for each in points])
+    if not measured.any():
+        return None
+    set_v = np.array([each.v_vc_v for each in points])
+    v_vc = np.array([each.v_vc_measured_v or 0.0 for each in points])
+    levels_v = np.array(mean_levels_v(set_v.tolist(), points))
+    output = np.array([each.output_v for each in points])
+    off_v = levels_v - levels_v.mean()
+    per_v = float(off_v @ output) / max(float(off_v @ off_v), 1e-12)
+    alike = ((set_v[:, None] == set_v) & measured).astype(float)
+    alike /= np.maximum(alike.sum(axis=1, keepdims=True), 1.0)
+    return _ByVvc(
+        apart_v=per_v * np.where(measured, v_vc - levels_v, 0.0),
+        u_v=per_v * np.array([(each.v_vc_std_v or 0.0) / math.sqrt(each.n) for each in points]),
+        per_gain_v=per_v * np.where(measured[:, None], np.eye(len(points)), alike) * v_vc,
+    )
+
+
 def _free_orders(windows: Sequence[Seen]) -> int:
-    """Return the highest order of the curve that is free: through two settings a line."""
-    return max(1, min(_ORDERS, len({each.setting for each in windows}) - 2))
+    """Return the highest order of the curve that is free: of one setting a constant, through two a line."""
+    settings = len({each.setting for each in windows})
+    return max(min(1, settings - 1), min(_ORDERS, settings - 2))
 
 
 def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) -> Floats:
@@ -286,17 +317,20 @@ def _require_straight(windows: Sequence[Seen], bound_ppm: float | None) -> None:
 
 def _what(found: Jump, windows: Sequence[Seen]) -> str:
     """Name the time and size of the jump."""
-    first, last = windows[found.first], windows[found.last]
-    size = f"{found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
-    if found.walks:
-        return f"the output walks by {size} from {windows[found.first - 1].describe()} to the end"
-    if found.last == len(windows) - 1 or found.first == 0:
-        before = windows[found.first - 1] if found.first else last
-        after = first if found.first else windows[found.last + 1]
-        size = size if found.first else f"{-found.size_v:+.3g} V ({abs(found.sigmas):.0f} standard uncertainties)"
-        return f"the output stepped by {size} between {before.describe()} and {after.describe()}"
+    pattern = found.pattern
+    first, last = windows[pattern.first], windows[pattern.last]
+    what = "the reading of V_Vc" if found.unit == V_VC_GAIN else "the output"
+    size = f"{found.size:+.3g} {found.unit}"
+    known = f" ({abs(found.sigmas):.0f} standard uncertainties)"
+    if pattern.walks:
+        return f"{what} walks by {size}{known} from {windows[pattern.first - 1].describe()} to the end"
+    if pattern.last == len(windows) - 1 or pattern.first == 0:
+        before = windows[pattern.first - 1] if pattern.first else last
+        after = first if pattern.first else windows[pattern.last + 1]
+        size = size if pattern.first else f"{-found.size:+.3g} {found.unit}"
+        return f"{what} stepped by {size}{known} between {before.describe()} and {after.describe()}"
     where = first.describe() if first is last else f"the windows from {first.describe()} to {last.describe()}"
-    return f"the output was off by {size} at {where}, and is not any more"
+    return f"{what} was off by {size}{known} at {where}, and is not any more"
 
 
 def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:

@@ -129,12 +129,12 @@ class Walk(Struct):
         """Variance of one reading, pooled over all windows."""
         return self.squares_v2 / max(1, self.dof)
 
-    def note(self, step: Step, result: StepResult) -> None:
-        """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
+    def take(self, step: Step, result: StepResult) -> Seen | None:
+        """Take notice of a performed step, and return its window where it is one."""
         if isinstance(step, EnableVvc | DisableVvc):
             self.driven = isinstance(step, EnableVvc)
         if not isinstance(step, Acquire) or not isinstance(result, Window):
-            return
+            return None
         point, ended_s = result.point, self.windows[-1].end_s if self.windows else 0.0
         asked_s = result.readings[0].t_s if result.readings else 0.0
         begin_s = max(asked_s, ended_s + (0.0 if result.readings else self.settings.settle_s))
@@ -147,19 +147,32 @@ class Walk(Struct):
             begin_s,
             begin_s + step.physical_s,
         )
-        self.squares_v2 += (point.n - 1) * point.std_v**2
-        self.dof += point.n - 1
+        self.add(seen)
+        return seen
+
+    def add(self, seen: Seen) -> None:
+        """Add a window."""
+        self.squares_v2 += (seen.point.n - 1) * seen.point.std_v**2
+        self.dof += seen.point.n - 1
         self.windows.append(seen)
+
+    def note(self, step: Step, result: StepResult) -> None:
+        """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
+        if (seen := self.take(step, result)) is not None:
+            self.require_same(seen)
+
+    def require_same(self, seen: Seen) -> None:
+        """See that the last window, `seen`, gives what its setting gave before; MeasurementError: it does not."""
         for earlier in [each for each in self.windows[:-1] if each.setting == seen.setting]:
             was_v, allowed_v = earlier.point.output_v, self._allowed_v(earlier, seen)
-            moved_v = point.output_v - was_v
+            moved_v = seen.point.output_v - was_v
             if abs(moved_v) <= allowed_v:
                 continue
             raise MeasurementError(
-                f"the output was {was_v:+.6g} V at {earlier.describe()} and is now {point.output_v:+.6g} V at "
+                f"the output was {was_v:+.6g} V at {earlier.describe()} and is now {seen.point.output_v:+.6g} V at "
                 f"{seen.describe()}: {moved_v:+.3g} V apart, at most {allowed_v:.2g} V are noise and drift",
                 instrument="multimeter",
-                step=str(point.step),
+                step=str(seen.point.step),
                 hint="look at leads and contacts, at what happened in between, at temperature, and let "
                 "the gyroscope warm up (procedure.warm_up_s); expected.zero_drift_v of the bench file is what may "
                 "drift",
