@@ -92,6 +92,12 @@ class Point(Struct, frozen=True):
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""
         return replace(self, output_v=self.output_v - self.moved_v, moved_v=0.0) if self.moved_v else self
 
+    def moved(self, output_v: float, v_vc_v: float) -> Self:
+        """Return the point as it would be with so much more output, V, and more V_Vc where that was measured, V."""
+        measured_v = self.v_vc_measured_v
+        also_v = None if measured_v is None else measured_v + v_vc_v
+        return replace(self, output_v=self.output_v + output_v, v_vc_measured_v=also_v)
+
     def as_json(self) -> dict[str, float | int]:
         """Return the point with the names of the command's JSON output; V_Vc's readings only where it was measured."""
         point = asdict(self)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
+from itertools import accumulate, pairwise
 from operator import itemgetter
 from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
@@ -70,6 +71,7 @@ class Measured(Sequence[Point]):
     def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:
         self._raw = tuple(points)
         self._lines = lines
+        self._parts: dict[type[Step], Any] = {}
         self._known = known if known is not None and (known.corrects or self._paused) else None
         if self._known is None:
             self._points = self._raw
@@ -94,6 +96,10 @@ class Measured(Sequence[Point]):
         if self._known is None and not known.corrects and not self._paused:
             return self
         return self._with(self._raw, self._lines, known)
+
+    def moved(self, output_v: Sequence[float], v_vc_v: Sequence[float]) -> Measured:
+        """Return the run with the output of each point moved, V, (n,), and V_Vc as measured beside it, V, (n,)."""
+        return _Moved(self, tuple(zip(output_v, v_vc_v, strict=True)))
 
     @property
     def _paused(self) -> bool:
@@ -145,6 +151,9 @@ class Measured(Sequence[Point]):
         Raises:
             ConfigError: the journal cannot be read any more.
         """
+        if kind in self._parts:
+            parts: tuple[tuple[_Mark, Measured], ...] = self._parts[kind]
+            return parts
         marks: list[tuple[_Mark, int, int]] = []
         points = 0
         for line in self._lines():
@@ -156,10 +165,17 @@ class Measured(Sequence[Point]):
                     marks.append((step, line["n"], points))
             points += "point" in line
         ends: list[tuple[int | None, int]] = [*((begin, first) for _, begin, first in marks[1:]), (None, len(self))]
-        return tuple(
+        found = tuple(
             (step, self._with(self._raw[first:last], partial(_between, self._lines, begin, end), self._known))
             for (step, begin, first), (end, last) in zip(marks, ends, strict=False)  # without marks there is an end
         )
+        self._parts[kind] = found
+        return found
+
+    @cached_property
+    def _point_numbers(self) -> tuple[int, ...]:
+        """Numbers of the steps that took the points."""
+        return tuple(line["n"] for line in self._lines() if line.get("type") == "step" and "point" in line)
 
     @cached_property
     def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
@@ -194,6 +210,34 @@ class Foreseen(Measured):
 
     def _with(self, points: Iterable[Point], lines: _Lines, known: Sources | None) -> Self:
         return type(self)(points, lines, known, self.white_v_sqrt_s)
+
+
+class _Moved(Measured):
+    """Data of a run, each point moved by so much output and V_Vc, V; records that are no windows stay as they are."""
+
+    def __init__(self, of: Measured, moves: Sequence[tuple[float, float]]) -> None:
+        super().__init__(of._raw, of._lines, of._known)  # noqa: SLF001  # of the same class
+        self._of, self._moves = of, moves
+        self._points = tuple(point.moved(*move) for point, move in zip(of, moves, strict=True))
+
+    def parted(self, kind: type[_Mark]) -> tuple[tuple[_Mark, Measured], ...]:
+        parts = self._of.parted(kind)
+        first = len(self) - sum(len(part) for _, part in parts)
+        ends = accumulate((len(part) for _, part in parts), initial=first)
+        moves = [self._moves[begin:end] for begin, end in pairwise(ends)]
+        return tuple((step, _Moved(part, own)) for (step, part), own in zip(parts, moves, strict=True))
+
+    @cached_property
+    def _kept(self) -> tuple[Readings, tuple[tuple[Step, StepResult], ...]]:
+        readings, found = self._of._kept  # noqa: SLF001  # as above
+        moves = iter(self._moves)
+        points = {id(each): next(moves) for _, each in found if each.recorded_point is not None}
+        by_number = dict(zip(self._of._point_numbers, self._moves, strict=True))  # noqa: SLF001  # as above
+        windows = [
+            replace(each, voltage_v=each.voltage_v + by_number.get(each.number, (0.0,))[0]) for each in readings.windows
+        ]
+        kept = ((step, each.moved(*points[id(each)]) if id(each) in points else each) for step, each in found)
+        return Readings(tuple(windows)), tuple(kept)
 
 
 def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:

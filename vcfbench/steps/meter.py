@@ -63,6 +63,9 @@ class Window(StepResult, Struct, frozen=True):
         """Return the window with its point counted from where the output was before."""
         return replace(self, point=replace(self.point, moved_v=moved_v, moved_u_v=u_v))
 
+    def moved(self, output_v: float, v_vc_v: float) -> Self:
+        return replace(self, point=self.point.moved(output_v, v_vc_v))
+
     def referred(self) -> Self:
         """Return the window with its mean as it would be, had the output not moved in pauses."""
         return replace(self, point=self.point.referred()) if self.point.moved_v else self

@@ -182,6 +182,10 @@ class StepResult:
         """
         return self
 
+    def moved(self, output_v: float, v_vc_v: float) -> Self:
+        """Return the same with the output of its point moved, V, and V_Vc as measured beside it, V."""
+        return self
+
     def counted_from(self, moved_v: float, u_v: float) -> Self:
         """Return the same, measured since the output had moved by `moved_v` (V, with its u) in pauses of the run."""
         return self
