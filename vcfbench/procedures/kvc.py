@@ -28,7 +28,7 @@ from vcfbench.analysis.k_vc_curve import (
 )
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import EXCHANGE, HEALTH, examined
-from vcfbench.procedures.procedure import Procedure, Provenance, roles
+from vcfbench.procedures.procedure import Procedure, Provenance, Watched, roles
 from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.kept import conditions_of
@@ -399,6 +399,7 @@ KVC = Procedure(
         "with its uncertainty, is the certificate of the device."
     ),
     settings=KVcSettings,
+    watched=Watched(),
     plan=k_vc,
     results=k_vc_results,
     report=k_vc_report,

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vcfbench.reports.document import Report
     from vcfbench.station.acceptance import Acceptance
     from vcfbench.steps.measured import Measured
-    from vcfbench.steps.step import Plan
+    from vcfbench.steps.step import Plan, Step
 
 S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")
@@ -55,6 +55,16 @@ PAPER_USES = roles("oscilloscope")
 """Instrument that they look at the drive signal with; without it they say that it was not checked."""
 
 
+class Watched(Struct, frozen=True):
+    """Which windows a plan holds against each other (`shared.steady.jumps.watched`).
+
+    `steps` are the numbers of their points, None all; with each step of the kind `anew` they begin anew.
+    """
+
+    steps: frozenset[int] | None = None
+    anew: type[Step] | None = None
+
+
 class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     """One calibration: its name, settings, plan, results, report and the roles it needs.
 
@@ -74,6 +84,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         entry: makes what is kept of the device that was measured, None where none was named: it is added to the device
             store when the run is complete, recorded and safe.
         unforeseen: results whose U95 no dry run can expect, and why, by the last part of their names.
+        watched: the windows that its plan holds against each other; None: nothing of a fault between them is seen.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
     """
 
@@ -87,6 +98,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
     entry: Callable[[S, R, Provenance], NewEntry | None] | None = None
     unforeseen: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    watched: Watched | None = None
     in_one_piece: str = ""
     method: str = ""
 

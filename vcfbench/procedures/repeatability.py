@@ -17,7 +17,7 @@ from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
@@ -200,6 +200,7 @@ REPEATABILITY = Procedure(
         "switch-on to the next are their repeatability."
     ),
     settings=RepeatabilitySettings,
+    watched=Watched(frozenset({_AT_LEVELS}), steps.EnableSupply),
     plan=repeatability,
     results=results,
     report=report,

@@ -6,7 +6,7 @@ from typing import Any
 from msgspec.structs import asdict
 
 from vcfbench.analysis.column import CalibrationColumn
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
@@ -147,6 +147,7 @@ TURNTABLE = Procedure(
     settings=schedule.SweepSettings,
     needs=roles("power", "multimeter", "rate_table"),
     uses=roles("oscilloscope", "rate_source"),
+    watched=Watched(),
     plan=turntable,
     results=turntable_results,
     report=turntable_report,

@@ -18,7 +18,7 @@ from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
 from vcfbench.procedures.shared.measurand import Measurand, made_of, measurand
@@ -332,6 +332,7 @@ VIBRATION = Procedure(
         "output is compared with the closed form."
     ),
     settings=VibrationSettings,
+    watched=Watched(frozenset({_STATIC})),
     plan=vibration,
     results=results,
     report=report,

@@ -14,7 +14,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.clock import sleep
 from vcfbench.procedures.power import results
 from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import at_signs, to_level
 from vcfbench.procedures.shared.kept import Keeps
@@ -171,6 +171,7 @@ POWER = Procedure(
         "supply."
     ),
     settings=PowerSettings,
+    watched=Watched(frozenset({1})),
     plan=plan,
     results=results.power_results,
     report=results.power_report,

@@ -7,7 +7,7 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.procedures.health.plan import examined
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
 from vcfbench.procedures.shared.known.device import level_for
@@ -59,6 +59,7 @@ SELF_CALIBRATION = Procedure(
         "compared with the device's certificate and last entry."
     ),
     settings=SelfCalibrationSettings,
+    watched=Watched(),
     plan=self_calibration,
     results=results.self_calibration_results,
     report=results.self_calibration_report,

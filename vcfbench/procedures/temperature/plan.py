@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bandwidth import sweep
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
 from vcfbench.procedures.shared.kept import Keeps
@@ -149,6 +149,7 @@ TEMPERATURE = Procedure(
         "directions the hysteresis."
     ),
     settings=TemperatureSettings,
+    watched=Watched(frozenset({1}), results.AtTemperature),
     plan=plan,
     results=results.temperature_results,
     report=results.temperature_report,

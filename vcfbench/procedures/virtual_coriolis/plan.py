@@ -10,7 +10,7 @@ from functools import partial
 from itertools import groupby
 
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
 from vcfbench.procedures.shared.null_comparison.plan import nulled
@@ -154,6 +154,7 @@ VIRTUAL_CORIOLIS = Procedure(
         "well the virtual rate stands for a real one. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=VirtualCoriolisSettings,
+    watched=Watched(),
     plan=virtual_coriolis,
     results=results.virtual_coriolis_results,
     report=results.virtual_coriolis_report,
