@@ -15,6 +15,7 @@ from vcfbench.archive.days import days_of
 from vcfbench.archive.reported import method_of
 from vcfbench.archive.run import Run
 from vcfbench.archive.si_units import in_si
+from vcfbench.archive.unseen import unseen_of, unseen_words
 from vcfbench.errors import ConfigError
 from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
@@ -136,7 +137,12 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     without = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
     said_of_all = [_UNSIGNED, *([_SIMULATED] if run.simulated else []), *([without] if missing else [])]
     statements = _under(parent, "statements")
-    for each in (*said_of_all, *(f"not checked: {each}" for each in run.not_checked)):
+    said_of_all += [f"not checked: {each}" for each in run.not_checked]
+    said_of_all += [
+        f"not in U95, because not refused: {what}, {size}; it may have moved {done}"
+        for what, size, done in unseen_words(run, unseen_of(run))
+    ]
+    for each in said_of_all:
         _say(_under(statements, "statement"), "declaration", each)
     if run.verdict is not None:
         one = _under(statements, "statement")

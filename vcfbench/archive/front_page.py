@@ -30,8 +30,16 @@ MOST: Final = 12  # So many results stand on the first page; the others follow
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
 
 
-def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Figure | None) -> Iterator[Part]:
+def front_page(
+    run: Run,
+    title: str,
+    given: Mapping[str, str] | None,
+    figure: Figure | None,
+    left_unseen: Sequence[tuple[str, str, str]] = (),
+) -> Iterator[Part]:
     """Yield the parts of the first page of `run`; `given` are words of a certificate, `figure` the one that it shows.
+
+    `left_unseen` are the faults that the run would not have refused, as :func:`unseen_words` has them.
 
     Raises:
         ConfigError: the record cannot be read any more, or a word is none of a certificate.
@@ -51,7 +59,7 @@ def front_page(run: Run, title: str, given: Mapping[str, str] | None, figure: Fi
     if run.verdict is not None:
         yield Notice(f"Verdict: {run.verdict.said}", run.verdict.word)
     yield facts(_persons_and_dates(run, words))
-    yield from _results(run)
+    yield from _results(run, left_unseen)
     if figure is not None:
         yield figure
     issued, seal = words.get("issued") or BLANK, seal_of(run) or "none"
@@ -100,12 +108,15 @@ def checked(run: Run) -> str | None:
     return f"{check.by}, {check.utc[:10]} (UTC), revision {check.revision}{since}"
 
 
-def _results(run: Run) -> Iterator[Part]:
+def _results(run: Run, left_unseen: Sequence[tuple[str, str, str]]) -> Iterator[Part]:
     """Yield the box of the results, and what is to be known of their uncertainties."""
     table = values_table(run, most=MOST)
     if table is not None:
         yield table
         yield Text("\n".join(_said_of_results(run, run.values.values())))
+        if left_unseen:
+            kinds = dict.fromkeys(f"{what} ({size})" for what, size, _ in left_unseen)
+            yield Text(f"Nor what the run would not have refused (section Not seen): {'; '.join(kinds)}.")
 
 
 def values_table(run: Run, most: int | None = None) -> Table | None:

@@ -16,6 +16,7 @@ import numpy as np
 from vcfbench.archive.front_page import BLANK, MOST, checked, front_page, values_table
 from vcfbench.archive.results import STORED_SETTINGS
 from vcfbench.archive.run import Run, clock
+from vcfbench.archive.unseen import unseen_of, unseen_parts, unseen_words
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.metadata import Equipment
@@ -46,15 +47,17 @@ def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "
     found = [part for part in run.report().parts if not (isinstance(part, Table) and part.title == STORED_SETTINGS)]
     figures = [part for part in found if isinstance(part, Figure)]
     first = next((each for each in figures if each.title.startswith(_RESIDUALS)), figures[0] if figures else None)
+    left_unseen = unseen_of(run)
     remarks: list[Part] = [Text(f"asked again: {each}") for each in run.asked_again]
     remarks += [Text(f"observer left out: {each}") for each in run.observers_lost]
     return Report(
         [
-            *front_page(run, title or title_of(run), words, first),
+            *front_page(run, title or title_of(run), words, first, tuple(unseen_words(run, left_unseen))),
             *(Heading("Method", 2), Text(method_of(run))),
             *(Heading("Conditions", 2), _conditions(run, header)),
             *_equipment(run.equipment),
             *(Heading("Results", 2), *_results(run, [part for part in found if part is not first], first)),
+            *([Heading("Not seen", 2), *unseen_parts(run, left_unseen)] if left_unseen else []),
             *([Heading("Remarks", 2), *remarks] if remarks else []),
             *_settings(header),
             *(Heading("Record", 2), *_record(run)),

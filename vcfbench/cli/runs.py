@@ -98,6 +98,8 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:
+        from vcfbench.archive.unseen import unseen_of  # noqa: PLC0415  # numpy takes longer to import than all else
+
         print_json(
             {
                 "revision": shown_run.revision,
@@ -108,6 +110,7 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
                 "bench_seconds": shown_run.bench_seconds,
                 "physical_minimum_s": shown_run.physical_minimum_s,
                 "no_results": shown_run.no_results,
+                "not_seen": to_builtins(unseen_of(shown_run)),
                 "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
                 "errors": [error.get("error") for error in record.errors],
                 "identities": record.header.get("identities", {}),

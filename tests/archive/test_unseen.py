@@ -1,0 +1,116 @@
+"""What a run cannot have seen stands beside what it states: up to which size, and what it moves."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+import vcfbench
+from benchmarks.unseen import KINDS, Tried
+from vcfbench.archive.reported import full_report
+from vcfbench.archive.unseen import refusable, unseen_of, unseen_words
+from vcfbench.procedures.shared.steady import jumps
+from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN
+from vcfbench.reports.document import Heading, Text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.archive.run import Run
+    from vcfbench.procedures.shared.steady.walk import Walk
+
+
+def taken(tmp: Path, procedure: str, **settings: Any) -> Run:
+    device = {"dut": "G", "devices": str(tmp / "devices")} if procedure in {"kvc", "self-calibration"} else {}
+    return vcfbench.run(procedure, "lab", seed=3, settings={**settings, **device}, runs=tmp / "runs")
+
+
+@pytest.fixture(scope="module")
+def turntable(tmp_path_factory: pytest.TempPathFactory) -> Tried:
+    return Tried(taken(tmp_path_factory.mktemp("unseen"), "turntable"))
+
+
+@pytest.fixture(scope="module")
+def kvc(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    few = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 4}
+    return taken(tmp_path_factory.mktemp("unseen"), "kvc", **few)
+
+
+def test_a_turntable_says_from_which_step_pulse_ramp_and_gain_on_it_would_have_refused(turntable: Tried) -> None:
+    found = {(each.kind, each.unit): each for each in turntable.rows}
+    assert set(found) == {("step", OFFSET), ("pulse", OFFSET), ("ramp", OFFSET), ("change", GAIN), ("creep", GAIN)}
+    step = found["step", OFFSET]
+    assert step.size == pytest.approx(0.34e-3, rel=0.05)
+    assert step.effects["bias"] == pytest.approx(step.size, rel=0.01)  # at the end of the run: all the rates had it
+
+
+@pytest.mark.parametrize("kind", [name for name, (unit, _, _) in KINDS.items() if unit != V_VC_GAIN])
+def test_what_is_beyond_u95_is_in_the_list_and_what_is_above_the_list_is_refused(turntable: Tried, kind: str) -> None:
+    size, rng = turntable.sizes(kind)[1], np.random.default_rng(7)
+    for share in (0.1, 0.5, 0.9, 1.5, 1.5, 1.5):
+        begin, end = turntable.times(rng)
+        line = turntable.with_fault(kind, share * size, begin, end)
+        if share > 1.0:
+            assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
+        elif line["outcome"] == "complete" and line["off"] > 1.0:
+            assert line["told"], line
+
+
+def test_what_a_fault_does_is_what_it_does_to_an_evaluation_with_it(turntable: Tried) -> None:
+    row = next(each for each in turntable.rows if each.kind == "step")
+    assert row.size is not None
+    moved = [turntable.with_fault("step", 0.5 * row.size, each, 1.0) for each in turntable.gaps]
+    worst = max(each["off"] for each in moved if each["outcome"] == "complete")
+    most = max(effect / turntable.of.u95[name] for name, effect in row.effects.items())
+    assert 0.3 * most < worst <= 0.55 * most
+
+
+@pytest.mark.exhaustive
+def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
+    case = Tried(kvc)
+    assert {each.unit for each in case.rows} == {OFFSET, GAIN, V_VC_GAIN}
+    for begin in (0.3, 0.6, 0.8):
+        line = case.with_fault("V_Vc's gain", 1e-3, begin, 1.0)
+        assert line["outcome"] == "refused" or line["off"] < 1.0 or line["told"], line
+
+
+@pytest.mark.parametrize(
+    ("procedure", "settings"),
+    [
+        ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
+        ("repeatability", {"power_cycles": 3, "samples": 3}),
+        *(
+            pytest.param(name, {}, marks=pytest.mark.exhaustive)
+            for name in ("power", "vibration", "virtual-coriolis", "kvc")
+        ),
+        pytest.param("temperature", {"temperatures_c": [20.0, 25.0, 30.0]}, marks=pytest.mark.exhaustive),
+    ],
+)
+def test_the_windows_held_against_each_other_are_those_that_the_run_held(
+    procedure: str, settings: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen: list[Walk] = []
+    plain = jumps.require_no_jump
+    monkeypatch.setattr(jumps, "require_no_jump", lambda walk: (seen.append(walk), plain(walk))[1])
+    found = refusable(taken(tmp_path, procedure, **settings))
+    assert found is not None
+    windows = [each.windows for each, _ in found.course.walks if each.windows]
+    assert [[each.point for each in own] for own in windows] == [[each.point for each in own.windows] for own in seen]
+
+
+def test_a_run_without_windows_has_nothing_to_say(tmp_path: Path) -> None:
+    assert unseen_of(taken(tmp_path, "electrical")) == ()
+
+
+def test_report_and_record_say_it(turntable: Tried) -> None:
+    report = full_report(turntable.run)
+    assert "Not seen" in [part.text for part in report.parts if isinstance(part, Heading)]
+    first = next(part.text for part in report.parts if isinstance(part, Text) and "would not have refused" in part.text)
+    assert "a step of the output (below 0.34 mV)" in first
+    what, size, done = next(unseen_words(turntable.run, turntable.rows))
+    assert (what, size) == ("a step of the output", "below 0.34 mV")
+    assert "bias 0.027 deg/s" in done
+    json.dumps([each.effects for each in turntable.rows])
