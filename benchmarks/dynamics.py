@@ -5,7 +5,8 @@
 Of few records z is Student's, wider than 1; whether U95 holds the truth counts then.
 
 Each gyroscope is another: frequencies, quality factors, pick-offs, phases; each instrument is drawn from its data
-sheet. The truth is the closed form of docs/theory.md with P and R, which the procedure does not use.
+sheet. The truth is the closed form of docs/theory.md with P and R, which the procedure does not use. The exit code is 1
+where U95 holds it too often or too rarely (limits.py).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from limits import outside
 from scipy.optimize import brentq, minimize_scalar
 
 import vcfbench
@@ -172,17 +174,21 @@ def _parameters(bench: vcfbench.BenchDescription) -> Any:
     return overridden(paper_bench(), bench.simulation.override)
 
 
-def main(count: str = "50", first: str = "0", procedure: str = "bandwidth") -> None:
+def main(count: str = "50", first: str = "0", procedure: str = "bandwidth") -> int:
     seeds = range(int(first), int(first) + int(count))
     with ProcessPoolExecutor(2) as pool:
         answers = list(pool.map(scores, [procedure] * len(seeds), seeds))
     found = [each for each in answers if not isinstance(each, str)]
     print(*(each for each in answers if isinstance(each, str)), f"{len(found)} of {count} gyroscopes", sep="\n")
+    good = len(found) == len(seeds)
     for name in found[0]:
-        z = np.array([each[name][0] for each in found])
-        within = sum(each[name][1] for each in found)
-        print(f"{name:30} mean z {z.mean():+.2f}, sd {z.std(ddof=1):.2f}, {within} within U95")
+        z, within = np.array([each[name][0] for each in found]), [each[name][1] for each in found]
+        beyond = outside(within)
+        good = good and not beyond
+        mark = f"  * {beyond}" if beyond else ""
+        print(f"{name:30} mean z {z.mean():+.2f}, sd {z.std(ddof=1):.2f}, {sum(within)} within U95{mark}")
+    return int(not good)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    sys.exit(main(*sys.argv[1:]))
