@@ -294,7 +294,8 @@ def _terms(points: _Curve, begin: int, end: int, wide: list[int], limits: Floats
         upper = max(upper_square(most, u, u_0), most)
         if place != _N or _R in wide:
             upper = max(upper, _solved_upper(points, begin, end, stated, place))
-        if place != _N or not math.isfinite(upper):
+        # Of the bounds of many points the least is no bound of 95 % where several of them are near to what was found
+        if not math.isfinite(upper) or (place != _N and not shown):
             upper = min(upper, float(limits[place])) if math.isfinite(upper) else float(limits[place])
         value = math.sqrt(square) if shown else 0.0
         terms[term] = NoiseTerm(value, u / (2.0 * value) if shown else None, math.sqrt(max(upper, square)), u_0)
