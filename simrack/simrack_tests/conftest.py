@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from simrack_tests.cells import of_other_fourths
+
 HERE = Path(__file__).parent
 QUICK = ("rate_tables/", "scpi/")
 
@@ -16,7 +18,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in ours:
         if item.path.relative_to(HERE).as_posix().startswith(QUICK) and item.get_closest_marker("slow") is None:
             item.add_marker(pytest.mark.quick)
+    left_out = set(of_other_fourths(ours))
     if "exhaustive" not in config.option.markexpr:
         left_out = {item for item in ours if item.get_closest_marker("exhaustive") is not None}
-        config.hook.pytest_deselected(items=list(left_out))
-        items[:] = [item for item in items if item not in left_out]
+    config.hook.pytest_deselected(items=list(left_out))
+    items[:] = [item for item in items if item not in left_out]
