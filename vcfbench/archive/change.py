@@ -19,8 +19,8 @@ from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import recorded_settings
+from vcfbench.procedures.shared.budget.of_range import windows_of
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
-from vcfbench.procedures.shared.sweep.windows import WindowNoise, line_weights, sweep_of
 from vcfbench.records.device_values import Measured
 from vcfbench.records.devices import DeviceStore
 from vcfbench.station.settings import ProcedureSettings, Sources
@@ -102,17 +102,8 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
         settings = self.settings
         if not isinstance(settings, SweepSettings):
             return None
-        step = settings.table_step
         points = self.run.measured.corrected(settings.station.sources)
-        sweep = sweep_of(settings, points, step)
-        rate = np.array([point.rate_deg_s for point in sweep.points])
-        output = np.array([point.output_v for point in sweep.points])
-        slope = float(line_weights(rate)[0] @ output)
-        noise = WindowNoise.of(settings, points, slope)
-        white = noise.by_readings(sweep.mixing)
-        covariance = white + noise.by_flicker(sweep.mixing, [True] * rate.size)
-        mean = math.sqrt(float(np.diag(white).mean())) / abs(slope)
-        return Windows(rate, output / slope, covariance / slope**2, mean)
+        return windows_of(settings, points, settings.table_step)
 
     @property
     def tells_curve(self) -> bool:

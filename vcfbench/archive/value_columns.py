@@ -10,8 +10,10 @@ from vcfbench.values.printing import digits_of_value
 from vcfbench.values.value import Value
 
 SLOPES: Final = ("scale_factor", "scale_factor_small", "scale_factor_by_v_vc")
+"""Kinds of scale factors whose changes are followed; that of a declared range is shown in their place."""
+_OF_RANGE: Final = "scale_factor_of_range"
 _GROUPS: Final = (
-    ("scale factor", SLOPES),
+    ("scale factor", (_OF_RANGE, *SLOPES)),
     ("bias", ("bias", "bias_at_rest", "bias_by_v_vc")),
     ("non-lin.", ("nonlinearity", "nonlinearity_by_v_vc")),
 )
@@ -35,7 +37,7 @@ class ValueColumn(Struct, frozen=True):
     @property
     def is_slope(self) -> bool:
         """Tell whether it holds scale factors, whose U95 has a column of its own, in ppm."""
-        return self.key in SLOPES
+        return self.key in {_OF_RANGE, *SLOPES}
 
     @property
     def heads(self) -> tuple[Column, ...]:
@@ -89,16 +91,18 @@ def columns_of(rows: Sequence[Sequence[Value]]) -> list[ValueColumn]:
 
 
 def of_one_definition(rows: Sequence[Sequence[Value]]) -> list[list[int]]:
-    """Return the places of those runs together whose columns hold values of one definition."""
-    found: list[tuple[list[ValueColumn], list[int]]] = []
+    """Return the places of those runs together whose first columns hold values of one definition; none: with any."""
+    found: list[tuple[ValueColumn, list[int]]] = []
+    without = []
     for place, values in enumerate(rows):
-        own = columns_of([values])
-        for columns, places in found:
-            known = {(each.key, each.unit): each for each in columns}
-            if all(known.get((each.key, each.unit), each).holds(each.example) for each in own):
-                columns += [each for each in own if (each.key, each.unit) not in known]
-                places.append(place)
-                break
+        first = next(iter(columns_of([values])), None)
+        if first is None:
+            without.append(place)
+            continue
+        places = next((places for column, places in found if column.holds(first.example)), None)
+        if places is None:
+            found.append((first, [place]))
         else:
-            found.append((own, [place]))
-    return [places for _, places in found]
+            places.append(place)
+    (leading, *others) = [places for _, places in found] or [[]]
+    return [sorted([*leading, *without]), *others]

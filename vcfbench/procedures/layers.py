@@ -101,7 +101,8 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
     except ValidationError as error:
         raise ConfigError(f"its settings are not those of this version: {error}") from None
     written = to_builtins(settings)
-    of_station = set(written["station"]) - set(values.get("station", ())) - {"simulated"}  # which no result goes by
+    without = {"simulated", "gyro"}  # no result of before goes by them
+    of_station = set(written["station"]) - set(values.get("station", ())) - without
     if missing := sorted(set(written) - set(values)) + sorted(of_station):
         raise ConfigError(f"its settings are not those of this version: {', '.join(missing)} missing")
     return settings
@@ -187,6 +188,7 @@ def _station(description: BenchDescription) -> Station:
         mains_hz=description.site.mains_hz,
         latitude_deg=description.site.latitude_deg,
         limits=description.limits,
+        gyro=description.gyro,
         expected=description.expected,
         acceptance=description.acceptance,
         simulated=description.simulated,

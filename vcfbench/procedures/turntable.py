@@ -3,13 +3,14 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
+from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.procedures.shared.steady.jumps import watched
@@ -116,7 +117,9 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
         return {**lines.table_values(line, q), **own}
 
     curved = [CurvedLine.of("nonlinearity", line)]
-    return line_statement(settings, sources, sums, model=model, noise=noise, meanings=_MEANINGS, curved=curved)
+    found = line_statement(settings, sources, sums, model=model, noise=noise, meanings=_MEANINGS, curved=curved)
+    of_range = scale_factor_of_range(settings, points, STEP, found.value("scale_factor"))
+    return replace(found, bounds=(*of_range, *found.bounds))
 
 
 def turntable_report(_settings: object, points: Sequence[Point], results: TurntableResult) -> Report:

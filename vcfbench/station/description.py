@@ -302,6 +302,7 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     """``[procedure]`` as it stands in the bench file: settings of all procedures, and a table for each that has some
     of its own; :mod:`vcfbench.procedures.layers` makes settings of it."""
 
+    gyro: parts.DeclaredGyro = field(default_factory=parts.DeclaredGyro)
     expected: parts.Expected = field(default_factory=parts.Expected)
     acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     uncertainty: Knowledge = field(default_factory=Knowledge)

@@ -89,6 +89,13 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
         return limit
 
 
+class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
+    """What this gyroscope is declared to be: its maker's or its user's definition of what is stated of it."""
+
+    range_deg_s: bounds.RateLimit | None = None
+    """Input range either way: the scale factor of that range is stated beside that of the rates of a run."""
+
+
 class Expected(BenchFileTable, frozen=True, kw_only=True):
     """Expected values of this gyroscope: a run with others is ended. Each window ``[low, high]``."""
 

@@ -273,6 +273,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     latitude_deg: float | None = None
     meter_resolution_v: float | None = None
     limits: parts.Limits = field(default_factory=parts.Limits)
+    gyro: parts.DeclaredGyro = field(default_factory=parts.DeclaredGyro)
     expected: parts.Expected = field(default_factory=parts.Expected)
     acceptance: parts.AcceptanceLimits = field(default_factory=parts.AcceptanceLimits)
     sources: Sources = field(default_factory=Sources)

@@ -32,6 +32,7 @@ class Kind(NamedTuple):
 _SLOPE: Final = ("V/(deg/s)", 1e3, "mV/(deg/s)", "scale_factor_v_per_deg_s")
 KINDS: Final = {
     "scale_factor": Kind("scale factor", "Skalenfaktor", *_SLOPE),
+    "scale_factor_of_range": Kind("scale factor of the declared range", "Skalenfaktor des Messbereichs", *_SLOPE),
     "scale_factor_small": Kind("scale factor of small signals", "Skalenfaktor kleiner Signale", *_SLOPE),
     "scale_factor_by_v_vc": Kind("scale factor, by V_Vc", "Skalenfaktor, durch V_Vc", *_SLOPE),
     "bias": Kind("bias (output)", "Nullpunkt (Ausgang)", "V", 1e3, "mV", "bias_v"),

@@ -139,10 +139,13 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         for place, (cause, share) in enumerate(shown):
             of = "" if place else words
             lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
-    rows += [
-        (bound.named.words, bound.figure(), None, None, None, bound.unit, bound.of.rpartition("; ")[2])
-        for bound in statement.bounds
-    ]
+    for bound in statement.bounds:
+        words, of = bound.named.words, bound.of.rpartition("; ")[2]
+        if bound.value is not None and bound.u and bound.u95:
+            cells = stated_cells(bound.value, bound.u, bound.u95)
+            rows.append((words, cells[0], cells[2], cells[1], bound.coverage_factor, bound.unit, of))
+        else:
+            rows.append((words, bound.figure(), None, None, None, bound.unit, of))
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),

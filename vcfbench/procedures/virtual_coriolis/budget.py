@@ -13,6 +13,7 @@ from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
+from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -80,7 +81,7 @@ def four_step_statement(
             "bias_difference_v": bias - of_table["bias"],
         }
 
-    return line_statement(
+    stated = line_statement(
         settings,
         [*lines.instrument_sources(known), *levels.sources, *lines.earth_sources(settings, table.scale_factor)],
         [*lines.line_sums("table", table), *lines.line_sums("virtual", virtual), *matches],
@@ -91,6 +92,8 @@ def four_step_statement(
         difference="scale_factor_error_percent",
         levels_by=levels.by,
     )
+    of_range = scale_factor_of_range(settings, points, 3, stated.value("turntable.scale_factor"))
+    return replace(stated, bounds=(*of_range, *stated.bounds))
 
 
 def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, known: KnownLevels) -> _Found:

@@ -82,14 +82,16 @@ class Statement(Struct, frozen=True):
     missing: tuple[str, ...] = ()
     """Contributions that `u` of some of them lacks."""
     bounds: tuple[Value, ...] = ()
-    """Values that errors alone may have made: what is known is below what they are."""
+    """Values that errors alone may have made: what is known is below what they are. And the scale factor of the range
+    that the device is declared to have, which no model of this budget gives."""
 
     def stated(self) -> Iterator[Value]:
-        """Yield the values, bounds after them; those that V_Vc gave are of a kind of their own."""
+        """Yield the values, of a declared range first, bounds last; those that V_Vc gave are of a kind of their own."""
+        yield from (each for each in self.bounds if each.kind == "scale_factor_of_range")
         for each in self.values:
             column, _, last = each.name.rpartition(".")
             yield each.as_value(each.name, _BY_V_VC.get(last, "") if column == "virtual" else "")
-        yield from self.bounds
+        yield from (each for each in self.bounds if each.kind != "scale_factor_of_range")
         if self.e_n is not None:
             yield Value("e_n", self.e_n, kind="e_n", missing=self.missing)
 
