@@ -7,9 +7,12 @@ that need one say so with an error. The user calibration changes nothing.
 
 from __future__ import annotations
 
+from typing import Any
+
 from simrack import scpi
 from simrack.instruments.dso7104b.declarations import learned, nothing
 from simrack.instruments.dso7104b.instrument import SimulatedDso7104B
+from simrack.scpi.lexer import Token, TokenKind
 
 ROWS = scpi.Rows()
 
@@ -72,6 +75,36 @@ _TRACES = scpi.Choice(("ALB", "ASCiixy", "CSV", "BINary", "NONE"))
 _POINTS = scpi.Integer(limits=scpi.Limits(100, 8_000_000))
 _PATH, _NAME = scpi.Text(limit=254), scpi.Text(limit=254, required=False)
 
+
+class _PlaceOrName(scpi.Integer, frozen=True, kw_only=True):
+    """A place of *SAV, or the name of a file (guides of the 2000 X and 3000 X; unverified on a 7000B)."""
+
+    def parse(self, token: Token) -> Any:
+        """Return the number of a place, or the characters of a name."""
+        return _NAME.parse(token) if token.kind is TokenKind.STRING else super().parse(token)
+
+    def settle(self, parsed: Any, model: Any) -> Any:
+        """Return an int for a place, a str for a name."""
+        return parsed if isinstance(parsed, str) else super().settle(parsed, model)
+
+
+_PLACE_OR_NAME = _PlaceOrName(limits=scpi.Limits(0, 9), required=False)
+
+
+def _save_setup(model: SimulatedDso7104B, place: int | str | None) -> None:
+    if not isinstance(place, int):
+        _no_medium(model)
+    else:
+        model.save(place)
+
+
+def _recall_setup(model: SimulatedDso7104B, place: int | str | None) -> None:
+    if not isinstance(place, int):
+        _no_medium(model)
+    else:
+        model.recall(place)
+
+
 _FILES = (
     learned("SAVE", ':SAVE:FIL "{0.save.name}";PWD "{0.save.folder}"'),
     learned("RECall", ':REC:FIL "{0.recall.name}";PWD "{0.recall.folder}"'),
@@ -93,10 +126,12 @@ _FILES = (
     ),
     *(
         scpi.Command(f"{each}[:STARt]", (_NAME,), do=_no_medium)
-        for each in ("SAVE:IMAGe", "SAVE:SETup", "SAVE:WAVeform", "RECall:IMAGe", "RECall:SETup")
+        for each in ("SAVE:IMAGe", "SAVE:WAVeform", "RECall:IMAGe")
     ),
+    scpi.Command("SAVE:SETup[:STARt]", (_PLACE_OR_NAME,), do=_save_setup),
+    scpi.Command("RECall:SETup[:STARt]", (_PLACE_OR_NAME,), do=_recall_setup),
 )
-"""Setups are kept by *SAV and :SYSTem:SETup?; of files there are only the names."""
+"""Setups are kept in places, as by *SAV, and by :SYSTem:SETup?; of files there are only the names."""
 
 ACCESSORY_COMMANDS = (*ROWS, *_EXTERNAL, *_CALIBRATION, *_FILES)
 """Commands of :EXTernal, :CALibrate, :SAVE and :RECall."""

@@ -38,6 +38,18 @@ def test_there_is_no_usb_stick(command: str) -> None:
     assert bench.ask(":SYST:ERR?") == '-252,"Missing media"'
 
 
+@pytest.mark.parametrize("word", [":SAVE:SET", ":SAVE:SETup:STARt", "*SAV"])
+def test_a_setup_is_kept_in_a_place_by_either_word(word: str) -> None:
+    bench = Bench()
+    bench.send(f":CHAN1:OFFS 1;{word} 3;:CHAN1:OFFS 2;:REC:SET 3")
+    assert float(bench.ask(":CHAN1:OFFS?")) == 1.0
+    bench.send(":CHAN1:OFFS 2;*RCL 3")
+    assert float(bench.ask(":CHAN1:OFFS?")) == 1.0
+    assert bench.errors() == []
+    bench.send(f"{word} 10")
+    assert bench.ask(":SYST:ERR?").startswith("-222")
+
+
 @pytest.mark.parametrize("subsystem", ["EXTernal", "SAVE", "RECall", "DISPlay", "SYSTem"])
 def test_what_a_subsystem_tells_of_itself_can_be_sent_back(subsystem: str) -> None:
     bench = Bench()
