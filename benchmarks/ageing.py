@@ -367,16 +367,16 @@ class Station:
             "errors": errors,
             "override": merged(self.gyroscope, {"table": self.table}),
         }
-        return "".join(_toml(bench))
+        return "".join(toml_lines(bench))
 
 
-def _toml(table: Mapping[str, Any], path: str = "") -> Iterable[str]:
+def toml_lines(table: Mapping[str, Any], path: str = "") -> Iterable[str]:
     """Yield the lines of a table: its values first, then the tables in it."""
     below = {name: value for name, value in table.items() if isinstance(value, dict)}
     yield f"[{path}]\n" if path else ""
     yield from (f"{name} = {_value(value)}\n" for name, value in table.items() if name not in below)
     for name, value in below.items():
-        yield from _toml(value, f"{path}.{name}" if path else name)
+        yield from toml_lines(value, f"{path}.{name}" if path else name)
 
 
 def _value(value: Any) -> str:

@@ -9,10 +9,12 @@ ends (SIGKILL, SIGSTOP, a call of a VISA library that never returns, with Python
 memory) and when. The bench is served in another process, on the wall clock, and to the program it is a real one. It
 must be at rest and off within BAR_S, without anybody's doing. For a call that never returns that counts from when it
 should have returned. Then the run is resumed to its end: no point that was shown may be missing, and what it states
-is held against the truth of the simulated gyroscope. A non-linearity is stated only where errors alone would hardly
+is held against the truth of the simulated gyroscope, which each bench draws anew of the kind: one that settles soon, or
+the paper's with --gyroscopes paper. A non-linearity is stated only where errors alone would hardly
 make it, so those that stand by chance are all wrong: where none is stated, the bound that is said instead is held
 against the truth. With --watchdog-first nobody is left who makes the bench safe: the next run must say so, and leave
-it safe. What stands in the file of --lines is not run again.
+it safe. What stands in the file of --lines is not run again. The exit code is 1 where anything is wrong, or U95 holds
+too few of the truths (limits.py).
 
 A case is mostly waiting. So there may be many workers, each with benches of its own, and a program is forked from a
 process that has loaded everything; its watchdog is not. Benches are drawn by the case's number, within the accuracy
@@ -38,6 +40,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 import traceback
 from collections import Counter
 from contextlib import suppress
@@ -49,6 +52,8 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 import pyvisa_py  # type: ignore[import-untyped]  # noqa: F401  # with the next, what programs would load each for itself
 import serial.urlhandler.protocol_socket  # noqa: F401
+from ageing import toml_lines
+from limits import outside
 from simrack.serve import Control
 from simrack_tests.ports import free_port
 
@@ -57,9 +62,12 @@ import vcfbench_tables
 from tests.faults.benches import RATE_DEG_S, ROLES, SPEED, Physics, bench_text
 from vcfbench.drivers import visa_wire
 from vcfbench.drivers.rate_table import line as table_line
+from vcfbench.sim.gyro.data_sheet import settling_s
+from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.steps.executor import StepFinished
 from vcfbench.studies.metrics import metrics_of
 from vcfbench.studies.truth import truth_of
+from vcfbench.testing.gyroscopes import drawn_sheet
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +90,10 @@ TRIES = 6
 """To resume: on a busy computer an answer may come too late."""
 WAITS = 60
 """Half seconds, for the watchdog of the run before."""
+SETTLES_S = 2.0
+"""Of a drawn gyroscope, drive loop and output, at most."""
+KEPT = ("site", "expected", "uncertainty")
+"""Tables of a drawn gyroscope's bench file that stay as they are."""
 JITTERY = {"aaaa"}
 """Languages without a rate or a flag of it."""
 LOOK_S = 0.1
@@ -199,15 +211,45 @@ def profile_of(language: str, folder: Path) -> Path:
     return file
 
 
+def papers_text(language: str) -> str:
+    """Return the file of the paper's bench with a table of this language."""
+    text = bench_text(language, name=f"kills-{language}", timeout_s=TIMEOUT_S)
+    text = text.replace("sample_interval_s = 0.1", "sample_interval_s = 0.2")
+    text = re.sub("\ngenerator_ranges_v.*", "", text.split("# The generator's errors are chosen")[0])
+    text += '\n[simulation.errors]\nrate_source = "drawn"\n'
+    return text + "\n[simulation.override.thermal]\nself_heating_k = 0.0\n"  # the truth is that of a warm one
+
+
+def drawn_text(language: str, number: int) -> str:
+    """Return the same with a gyroscope of the kind: the first one from here on that is as fast as the paper's."""
+    sheet = next(
+        each
+        for each in map(drawn_sheet, range(1000 * number, 1000 * number + 1000))
+        if max(settling_s(each)) <= SETTLES_S and each.range_deg_s >= RATE_DEG_S[language]
+    )
+    usual = tomllib.loads(papers_text(language))
+    file = tomllib.loads(own_gyro_bench(sheet, f"kills-{language}", imperfections=True))
+    bench = {name: value for name, value in file.items() if not isinstance(value, dict) or name in KEPT}
+    for role in ROLES:
+        bench[role] = usual[role]
+    bench["limits"] = {key: each for key, each in file["limits"].items() if key in usual["limits"]}
+    bench["limits"] |= {"max_acceleration_deg_s2": 1000.0}
+    own = file["procedure"]
+    shared = {key: value for key, value in own.items() if not isinstance(value, dict)}
+    faster = {key: value for key, value in usual["procedure"].items() if not isinstance(value, dict)}
+    match_deg_s = max(faster["match_rate_deg_s"], own["virtual-coriolis"]["match_rate_deg_s"])
+    match_deg_s = min(match_deg_s, RATE_DEG_S[language])  # a table may have little travel
+    slower = {"match_rate_deg_s": match_deg_s, "settle_s": settling_s(sheet)[1]}
+    bench["procedure"] = {**shared, **faster, **slower, "drive": own["drive"]}
+    bench["simulation"] = {**file["simulation"], "errors": {"rate_source": "drawn"}}
+    bench["simulation"]["override"]["thermal"] = {"self_heating_k": 0.0}
+    return "".join(toml_lines(bench))
+
+
 class Station:
     """A served bench of one language, the file that leads to it, and what is really there."""
 
-    def __init__(self, language: str, folder: Path) -> None:
-        text = bench_text(language, name=f"kills-{language}", timeout_s=TIMEOUT_S)
-        text = text.replace("sample_interval_s = 0.1", "sample_interval_s = 0.2")
-        text = re.sub("\ngenerator_ranges_v.*", "", text.split("# The generator's errors are chosen")[0])
-        text += '\n[simulation.errors]\nrate_source = "drawn"\n'
-        text += "\n[simulation.override.thermal]\nself_heating_k = 0.0\n"  # the truth is that of a warm one
+    def __init__(self, language: str, folder: Path, text: str) -> None:
         folder.mkdir(parents=True)
         if language in JITTERY:
             text = text.replace(f'dialect = "{language}"', f'dialect = "{profile_of(language, folder.parent)}"')
@@ -401,7 +443,7 @@ def watchdog_first(number: int, station: Station, folder: Path) -> dict[str, Any
     return line
 
 
-def work(languages: tuple[str, ...], numbers: list[int], place: Path, lines: Path, one: Case) -> None:
+def work(languages: tuple[str, ...], numbers: list[int], place: Path, lines: Path, one: Case, *, drawn: bool) -> None:
     """Do the cases of `languages` among `numbers` that no other worker has begun."""
     stations: dict[str, Station] = {}
     for number in numbers:
@@ -414,7 +456,8 @@ def work(languages: tuple[str, ...], numbers: list[int], place: Path, lines: Pat
             continue
         try:
             if language not in stations:
-                stations[language] = Station(language, place / f"{language}-{number}")
+                text = drawn_text(language, number) if drawn else papers_text(language)
+                stations[language] = Station(language, place / f"{language}-{number}", text)
             line = one(number, stations[language], folder)
         except Exception as error:  # noqa: BLE001  # the next case may do better, with another bench
             line = {"case": number, "wrong": [f"{type(error).__name__}: {error}"]}
@@ -429,7 +472,7 @@ def work(languages: tuple[str, ...], numbers: list[int], place: Path, lines: Pat
         station.close()
 
 
-def run_cases(numbers: list[int], lines: Path, workers: int, one: Case) -> None:
+def run_cases(numbers: list[int], lines: Path, workers: int, one: Case, *, drawn: bool) -> None:
     """Run `numbers` in their order, as many at once as there are workers, more of those that take longer."""
     done = {json.loads(each)["case"] for each in lines.read_text().splitlines()} if lines.exists() else set()
     todo = [number for number in numbers if number not in done]
@@ -442,7 +485,8 @@ def run_cases(numbers: list[int], lines: Path, workers: int, one: Case) -> None:
         ways: list[tuple[str, ...]] = [LANGUAGES] * workers
         if workers >= shares:
             ways = [(each,) for each in LANGUAGES for _ in range(round(workers * SHARE.get(each, 1) / shares))]
-        processes = [fork.Process(target=work, args=(way, todo, Path(name), lines, one)) for way in ways]
+        args, named = (todo, Path(name), lines, one), {"drawn": drawn}
+        processes = [fork.Process(target=work, args=(way, *args), kwargs=named) for way in ways]
         for process in processes:
             process.start()
             time.sleep(BEGIN_S)
@@ -450,8 +494,8 @@ def run_cases(numbers: list[int], lines: Path, workers: int, one: Case) -> None:
             process.join()
 
 
-def summary(lines: Path) -> None:
-    """Print what the lines say."""
+def summary(lines: Path) -> bool:
+    """Print what the lines say; return whether nothing is wrong."""
     cases = [json.loads(each) for each in lines.read_text().splitlines()]
     whole = [each for each in cases if "record" in each]
     live = [each for each in cases if each.get("live")]
@@ -479,25 +523,31 @@ def summary(lines: Path) -> None:
         stated = [each["stated"][name] for each in whole if each["resumes"] and name in each.get("stated", {})]
         z = [(value - truth) / u95 for value, truth, u95 in stated]
         if z:
-            held = sum(abs(one) <= 1.0 for one in z)
-            print(f"{name}: {held} of {len(z)} within U95 ({held / len(z):.1%}), largest {max(map(abs, z)):.2f} U95")
+            held = [abs(one) <= 1.0 for one in z]
+            beyond = outside(held)
+            wrong += Counter([beyond] if beyond else [])
+            share = f"{sum(held)} of {len(z)} within U95 ({sum(held) / len(z):.1%})"
+            print(f"{name}: {share}, largest {max(map(abs, z)):.2f} U95")
+    return not wrong
 
 
-def main() -> None:
+def main() -> int:
     """Run the cases that are asked for, and print what they say."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("cases", nargs="?", default="0:40", help="FIRST:END")
     asked.add_argument("--lines", type=Path, default=Path("kills.jsonl"))
     asked.add_argument("--workers", type=int, default=24)
     asked.add_argument("--watchdog-first", action="store_true")
+    asked.add_argument("--gyroscopes", choices=["drawn", "paper"], default="drawn")
     asked.add_argument("--summary", action="store_true")
     said = asked.parse_args()
     if not said.summary:
         first, end = map(int, said.cases.split(":"))
         one = watchdog_first if said.watchdog_first else case
-        run_cases(list(range(first, end)), said.lines.absolute(), said.workers, one)
-    summary(said.lines)
+        drawn = said.gyroscopes == "drawn"
+        run_cases(list(range(first, end)), said.lines.absolute(), said.workers, one, drawn=drawn)
+    return int(not summary(said.lines))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())
