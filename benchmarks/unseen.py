@@ -192,7 +192,8 @@ def tried(name: str, kinds: Sequence[str], asked: argparse.Namespace) -> Iterato
         if name in {"kvc", "self-calibration", "online"}:
             settings |= device
         run = vcfbench.run(name, "lab", seed=seed, settings=settings, runs=directory)
-        if refusable(run) is None:
+        again = refusable(run)
+        if again is None or len(again.course.windows) < 2:
             yield {"procedure": name, "outcome": "no windows"}
             return
         case = Tried(run)

@@ -11,7 +11,7 @@ import pytest
 import vcfbench
 from benchmarks.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
-from vcfbench.archive.unseen import refusable, unseen_of, unseen_words
+from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
 from vcfbench.procedures.shared.steady import jumps
 from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN
 from vcfbench.reports.document import Heading, Text
@@ -99,6 +99,22 @@ def test_the_windows_held_against_each_other_are_those_that_the_run_held(
     assert found is not None
     windows = [each.windows for each, _ in found.course.walks if each.windows]
     assert [[each.point for each in own] for own in windows] == [[each.point for each in own.windows] for own in seen]
+
+
+def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> None:
+    rows = unseen_of(taken(tmp_path, "zero", duration_s=200.0))
+    assert [(each.kind, each.size) for each in rows] == [("step", None), ("pulse", None), ("ramp", None)]
+    assert rows[0].effects["output_v"] == pytest.approx(0.5e-3, rel=0.02)
+
+
+@pytest.mark.exhaustive
+def test_a_run_without_a_table_says_what_k_vc_may_be_by_what_it_does_not_look_at(tmp_path: Path) -> None:
+    few = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 4}
+    taken(tmp_path, "kvc", **few)
+    run = taken(tmp_path, "self-calibration", cycles=1, samples=4)
+    row = next(each for each in unseen_of(run) if each.unit == K_VC)
+    assert (row.size, row.kind) == (None, "change")
+    assert row.effects["scale_factor"] == pytest.approx(1e-3 * abs(run.results.scale_factor.value), rel=0.01)
 
 
 def test_a_run_without_windows_has_nothing_to_say(tmp_path: Path) -> None:

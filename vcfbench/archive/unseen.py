@@ -3,7 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final
 
+import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.archive.run import Run
@@ -12,8 +14,9 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import BeginPart
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import AnyProcedure
+from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN
-from vcfbench.procedures.shared.steady.unseen import UNIT, Course, Unseen, course_of, unseen
+from vcfbench.procedures.shared.steady.unseen import MATTERS_UNREFUSED, UNIT, Course, Unseen, course_of, unseen
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Part, Table, Text, texts
@@ -22,6 +25,7 @@ from vcfbench.steps.step import Step, StepResult
 from vcfbench.values.printing import grouped
 from vcfbench.values.value import Value
 
+K_VC: Final = "of K_Vc"  # Unit of a fault: the share by which K_Vc is another
 _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("step", OFFSET): "a step of the output",
     ("pulse", OFFSET): "a shift of the output for a while",
@@ -29,14 +33,15 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("change", GAIN): "a change of the multimeter's gain",
     ("creep", GAIN): "a creeping gain of the multimeter",
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
+    ("change", K_VC): "a change of K_Vc by what the run does not look at (what this method cannot see)",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
-_LEAST_WINDOWS: Final = 2
+_HALF: Final = 0.5  # Of a record: where its step is
 _RELATIVE: Final = frozenset({"V/(deg/s)", "(deg/s)/V"})  # Units of what people compare in ppm
 _EXPLAINED: Final = (
     "Each is the largest that the run would not have refused with 95 %, by its own tests, noise and plan, wherever it "
     "moves a value; what it may do to a value is that at the worst time. None of it is in U95. Less than a third of "
-    "U95 is not listed."
+    "U95 is not listed, of what is refused at no size less than a thirtieth."
 )
 
 
@@ -53,19 +58,22 @@ class Refusable(Struct, frozen=True, eq=False):
 
     def values(self, output_v: Floats, v_vc_v: Floats) -> Mapping[str, float]:
         """Return the values with the points moved, V, (n,), and V_Vc as measured beside them, V, (n,)."""
-        moved = self.measured.moved(output_v.tolist(), v_vc_v.tolist())
-        found = values_of(self.procedure.results(self.settings, moved))
-        return {name: found[name].value or 0.0 for name in self.u95}  # a bound has 0, whatever moves
+        return self.evaluated(self.settings, self.measured.moved(output_v.tolist(), v_vc_v.tolist()))
+
+    def evaluated(self, settings: Any, measured: Measured) -> Mapping[str, float]:
+        """Return the values by other settings or data; a bound has 0, whatever moves."""
+        found = values_of(self.procedure.results(settings, measured))
+        return {name: found[name].value or 0.0 for name in self.u95}
 
 
 def refusable(run: Run) -> Refusable | None:
-    """Return how `run` is evaluated again; None where nothing can be computed again, or it has no windows of its own.
+    """Return how `run` is evaluated again; None where nothing can be computed again.
 
     One of several procedures (`characterize`) would be evaluated for minutes.
     """
     stated = {name: u95 for name, value in run.values.items() if (u95 := _half_width(value))}
     known = run.procedure in PROCEDURES and run.no_results is None
-    if not known or len(run.points) < _LEAST_WINDOWS or not stated or run.measured.parted(BeginPart):
+    if not known or not stated or run.measured.parted(BeginPart):
         return None
     procedure = PROCEDURES[run.procedure]
     try:
@@ -73,14 +81,51 @@ def refusable(run: Run) -> Refusable | None:
     except BenchError:  # of another version: the results are those that were stored
         return None
     measured = run.measured.corrected(settings.station.sources)
-    steps = measured.found(StepResult)
+    steps = measured.found(StepResult) if run.points else ()
     return Refusable(procedure, settings, measured, steps, course_of(settings, steps, procedure.watched), stated)
 
 
 def unseen_of(run: Run) -> tuple[Unseen, ...]:
-    """Return what `run` cannot have seen; nothing of one without windows, or whose results cannot be computed again."""
+    """Return what `run` cannot have seen; nothing of one whose results cannot be computed again."""
     found = refusable(run)
-    return () if found is None else tuple(unseen(found.course, found.u95, found.values))
+    if found is None:
+        return ()
+    windows = len(found.course.windows)
+    between = unseen(found.course, found.u95, found.values) if windows > 1 else ()
+    within = _in_a_record(found) if windows == 1 else ()
+    return (*between, *within, *_in_k_vc(found))
+
+
+def _in_a_record(found: Refusable) -> Iterator[Unseen]:
+    """Yield what a fault of 1 mV within the one record does: nothing is held against it."""
+    readings = len(found.measured.readings.windows[0].t_s)
+    over = np.linspace(0.0, 1.0, readings)
+    step = (over >= _HALF).astype(float)
+    shapes = {"step": step, "pulse": step * (over < _HALF + 0.1), "ramp": over}
+    before = found.evaluated(found.settings, found.measured)
+    for kind, shape in shapes.items():
+        after = found.evaluated(found.settings, found.measured.moved_within(UNIT * shape))
+        if moved := _beyond(found, before, after):
+            yield Unseen(kind, None, OFFSET, moved)
+
+
+def _in_k_vc(found: Refusable) -> Iterator[Unseen]:
+    """Yield what a K_Vc that is other than it was known does, by what no run without a table looks at."""
+    if not isinstance(found.settings, KnownDeviceSettings):
+        return
+    known = found.settings.known
+    curve = replace(known.k_vc, coefficients=tuple((1.0 + UNIT) * each for each in known.k_vc.coefficients))
+    station = replace(found.settings.station, known=replace(known, k_vc=curve))
+    before = found.evaluated(found.settings, found.measured)
+    after = found.evaluated(replace(found.settings, station=station), found.measured)
+    if moved := _beyond(found, before, after):
+        yield Unseen("change", None, K_VC, moved)
+
+
+def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, float]) -> Mapping[str, float]:
+    """Return by how much values moved, those that did so by enough of their U95."""
+    moved = {name: abs(after[name] - before[name]) for name in found.u95}
+    return {name: each for name, each in moved.items() if each > MATTERS_UNREFUSED * found.u95[name]}
 
 
 def _half_width(value: Value) -> float | None:

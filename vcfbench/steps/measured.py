@@ -101,6 +101,12 @@ class Measured(Sequence[Point]):
         """Return the run with the output of each point moved, V, (n,), and V_Vc as measured beside it, V, (n,)."""
         return _Moved(self, tuple(zip(output_v, v_vc_v, strict=True)))
 
+    def moved_within(self, readings_v: NDArray[np.float64]) -> Measured:
+        """Return the run of one record with each of its readings moved, V, (n,)."""
+        moved = _Moved(self, [(float(readings_v.mean()), 0.0)])
+        moved.within_v = readings_v
+        return moved
+
     @property
     def _paused(self) -> bool:
         """True if some points count from another reference than the rest."""
@@ -213,7 +219,12 @@ class Foreseen(Measured):
 
 
 class _Moved(Measured):
-    """Data of a run, each point moved by so much output and V_Vc, V; records that are no windows stay as they are."""
+    """Data of a run, each point moved by so much output and V_Vc, V; records that are no windows stay as they are.
+
+    The readings of a window move with its mean, or each by its own of `within_v`.
+    """
+
+    within_v: NDArray[np.float64] | None = None
 
     def __init__(self, of: Measured, moves: Sequence[tuple[float, float]]) -> None:
         super().__init__(of._raw, of._lines, of._known)  # noqa: SLF001  # of the same class
@@ -233,9 +244,10 @@ class _Moved(Measured):
         moves = iter(self._moves)
         points = {id(each): next(moves) for _, each in found if each.recorded_point is not None}
         by_number = dict(zip(self._of._point_numbers, self._moves, strict=True))  # noqa: SLF001  # as above
-        windows = [
-            replace(each, voltage_v=each.voltage_v + by_number.get(each.number, (0.0,))[0]) for each in readings.windows
-        ]
+        windows = []
+        for each in readings.windows:
+            moved_v = by_number.get(each.number, (0.0,))[0] if self.within_v is None else self.within_v
+            windows.append(replace(each, voltage_v=each.voltage_v + moved_v))
         kept = ((step, each.moved(*points[id(each)]) if id(each) in points else each) for step, each in found)
         return Readings(tuple(windows)), tuple(kept)
 

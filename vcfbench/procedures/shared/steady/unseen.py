@@ -21,15 +21,17 @@ from vcfbench.procedures.shared.sweep.agreement import SLOPES
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.step import Step, StepResult
 
-_MATTERS = 1.0 / 3.0
+MATTERS = 1.0 / 3.0
 """Share of U95 from which what is not seen is told: with less a value stays within 1.05 U95."""
 UNIT = 1e-3
 """Size for which effects are told where none is refused: 1 mV, or 0.1 %."""
+MATTERS_UNREFUSED = 0.1 * MATTERS
+"""The same of what 1 mV, or 0.1 %, does where no size is refused: ten times as much is no rare fault."""
 _MOST_GAIN = 1.0 - SLOPES[0]
 """A larger change of gain is no share of what the run answers: the slope between neighbours tells it."""
 _PROBE_V = 1e-6
 """By how much a window is moved to see what it does: values are as good as linear in it."""
-_MOST_PROBES = 64
+_MOST_PROBES = 32
 """Evaluations at most; of more windows neighbours at one setting are moved together."""
 
 
@@ -152,7 +154,7 @@ def _of_kind(kind: str, unit: str, done: Floats, size: Floats | None, u95: Mappi
 
     `done`, (values, m), is what a size of 1 does, `size`, (m,), from where on it is refused, None: never.
     """
-    limits = _MATTERS * np.array(list(u95.values()))
+    limits = (MATTERS_UNREFUSED if size is None else MATTERS) * np.array(list(u95.values()))
     moved = done * (UNIT if size is None else size)
     matters = (moved > limits[:, None]).any(axis=0)  # of these places, where it does so much
     if not matters.any():
