@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
@@ -116,6 +118,20 @@ def test_what_is_expected_of_the_gyroscope() -> None:
         require_expected_column(faulty(sweep(1), 0, lambda v: v + 0.5), good)
     with pytest.raises(MeasurementError, match=r"K_Vc is 161 .*\(expected.k_vc_deg_s_per_v\), step 2"):
         require_expected_k_vc(161.0, 150.0, good)
+
+
+def test_a_slope_that_noise_alone_makes_another_is_no_other_gyroscope() -> None:
+    """Two rates near to each other come first; by all of them the slope is known, and one that is off is refused."""
+    random, expected = Random(3), Expected(scale_factor_v_per_deg_s=(1.05 * K, 0.95 * K), bias_v=(-0.042, -0.040))  # noqa: S311
+    for _ in range(200):
+        noise_v = 10.0 ** random.uniform(-4.0, -1.5)
+        found = [
+            Point(1, rate, 0.0, BIAS_V + K * rate + random.gauss(0.0, noise_v / math.sqrt(10.0)), noise_v, 10)
+            for rate in random.sample((0.0, -1.0, 10.0, -20.0), 2)
+        ]
+        require_expected_column(found, expected)
+    with pytest.raises(MeasurementError, match="scale factor is"):
+        require_expected_column(faulty(sweep(1), 0, lambda v: 1.06 * v), expected)
 
 
 def test_what_is_expected_is_the_slope_from_end_to_end() -> None:
