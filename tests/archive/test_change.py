@@ -101,6 +101,9 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     assert value == pytest.approx(-520.0, abs=1.0)  # of a slope that is below 0, as it has not changed
     assert u95 > 1.96 * 10.0
     assert "corrected by +520 ppm for 25 instead of 20 degC" in known.note
+    assert [(why, round(1e6 * part / (wide.values["scale_factor"].value or 1.0))) for why, part in known.explained] == [
+        ("25 instead of 20 degC", -520)
+    ]
     unknown = changed(wide, warm)
     assert unknown.value is None
     assert "no temperature coefficient of the device is known" in unknown.reason

@@ -22,6 +22,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Figure, Heading, Table
 from vcfbench.reports.text import text_of
+from vcfbench.values.definition import Definition
 from vcfbench.values.value import Value
 
 POINTS = (Point(1, 10.0, 0.0, 0.5, 3e-3, 9), Point(1, 0.0, 0.0, 0.25, 3e-3, 9))
@@ -155,6 +156,16 @@ def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
     assert answer["runs"] == [first, second]
     assert {"name", "unit", "values", "u", "differences"} <= answer["results"][0].keys()
     assert (two / "both.html").read_text(encoding="utf-8").count("<figure>") == 3
+
+
+def test_the_last_sentence_says_what_explains_a_change_and_what_is_left() -> None:
+    def run(value: float, *rates: float) -> Run:
+        over = Definition.of(rates)
+        slope = Value("scale_factor", value, "V/(deg/s)", 2e-7, kind="scale_factor", definition=over)
+        return Run("own", Status.COMPLETE, POINTS, {"scale_factor": slope})
+
+    (said,) = text_of(compare_runs(run(-0.0125, 1, 0), run(-0.012503, 1, 0)).report()).splitlines()[-1:]
+    assert said == "scale factor, A to B: changed by +240 ppm; it is +240±44 ppm, more than its U95."
 
 
 def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:

@@ -56,6 +56,8 @@ class Difference(Struct, frozen=True):
     e_n: float | None = None
     note: str = ""
     reason: str = ""
+    explained: tuple[tuple[str, float], ...] = ()
+    """What of the difference of both values, as they stand, other rates and conditions explain, each in their unit."""
     cancelled: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
 
@@ -178,8 +180,8 @@ class Pair(Struct, frozen=True):
         if isinstance(warmer, str) or isinstance(wider, str):
             return warmer if isinstance(warmer, str) else str(wider)
         said = "; ".join(each.said for each in (warmer, wider) if each.said)
-        relative = warmer.relative + wider.relative
-        return _Moved(relative, math.hypot(warmer.u, wider.u), said, warmer.missing + wider.missing)
+        parts = warmer.parts + wider.parts
+        return _Moved(parts, math.hypot(warmer.u, wider.u), said, warmer.missing + wider.missing)
 
     def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
         """Return the change without what conditions and instruments of both make; or no figure, and why."""
@@ -190,9 +192,12 @@ class Pair(Struct, frozen=True):
         if (bridge or moved.u) and 1e6 * u95 > STATED_PPM * size:
             why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "nothing is known of the conditions' effect"
             return Difference(None, reason=f"{why}{': ' * bool(moved.said)}{moved.said}{bridge}")
-        value = own.value - moved.relative * (then.value or 0.0)
+        value = own.value - sum(part for _, part in moved.parts) * (then.value or 0.0)
         note = "; ".join(each for each in (own.note, moved.said) if each)
-        return Difference(value, u, u95, abs(value) / u95 if u95 else None, note, "", cancelled, moved.missing)
+        rates = [] if not bridge else [("other rates", (now.value or 0.0) - (then.value or 0.0) - own.value)]
+        explained = (*rates, *((words, part * (then.value or 0.0)) for words, part in moved.parts))
+        ratio = abs(value) / u95 if u95 else None
+        return Difference(value, u, u95, ratio, note, "", explained, cancelled, moved.missing)
 
 
 class _Own(NamedTuple):
@@ -206,9 +211,9 @@ class _Own(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """What other conditions change, relative, with its u, in words, and which condition one run does not tell."""
+    """What other conditions change, relative, each by its name, the u of all, and which one run does not tell."""
 
-    relative: float = 0.0
+    parts: tuple[tuple[str, float], ...] = ()
     u: float = 0.0
     said: str = ""
     missing: tuple[str, ...] = ()
@@ -253,7 +258,9 @@ def _by_rails(
 
 def _corrected(known: Measured, by: float, words: str) -> _Moved:
     relative = 1e-6 * known.value * by
-    return _Moved(relative, 1e-6 * known.u * abs(by), f"corrected by {-1e6 * relative:+.0f} ppm for {words}")
+    return _Moved(
+        ((words, relative),), 1e-6 * known.u * abs(by), f"corrected by {-1e6 * relative:+.0f} ppm for {words}"
+    )
 
 
 def _common(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:

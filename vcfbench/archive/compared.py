@@ -85,6 +85,7 @@ class RunComparison(Struct, frozen=True):
                 *_differing("Settings that differ", self.settings, letters),
                 *_differing("Equipment and conditions that differ", self.equipment, letters),
                 *_figures_part(self.runs, letters),
+                *_explained(self, letters),
             ]
         )
 
@@ -253,6 +254,19 @@ def _named(shared: SharedResult) -> tuple[str, str]:
     """Return the words of a result, and the unit of its values."""
     of = named(shared.name, shared.unit)
     return shared.words or of.words, shared.unit or of.unit
+
+
+def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Text]:
+    """Say of each scale factor what explains its change, by how much, and what is left."""
+    for each in (one for one in comparison.results if one.unit == "V/(deg/s)" and one.values[0]):
+        ppm, words = 1e6 / each.values[0], _named(each)[0]
+        for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):
+            if d.value is not None and d.u95 is not None and d.e_n is not None:
+                parts = [f"{ppm * part:+.0f} ppm by {why}" for why, part in d.explained]
+                left = f"{'left are' if parts else 'it is'} {ppm * d.value:+.0f}±{abs(ppm) * d.u95:.0f} ppm"
+                seen = "more than its U95" if d.e_n > 1.0 else "within its U95"
+                changed = f"{words}, A to {letter}: changed by {ppm * (value - each.values[0]):+.0f} ppm"
+                yield Text(f"{'; '.join([changed, *parts, left])}, {seen}.")
 
 
 def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:

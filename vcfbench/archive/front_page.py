@@ -164,6 +164,11 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
     for rule, words in RULES.items():
         if rule.value in applied:
             yield f"Decision rule, {rule.value}: {words}."
+    under = dict.fromkeys(each.conditions for each in run.values.values())
+    for conditions in under:
+        yield f"The results hold at {conditions.words}."
+    over = dict.fromkeys(each.definition.levels_words for each in run.values.values() if each.kind == "scale_factor")
+    yield from (f"The scale factor is that of the line over {levels}." for levels in over if levels)
     if left_out := [_KEY.sub("", each) for each in _left_out(run)]:
         yield f"U95 does not contain: {'; '.join(left_out)}."
     if any(each.form == "below" for each in stated):

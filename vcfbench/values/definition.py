@@ -80,8 +80,8 @@ class Conditions(Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """What is told of them: ``23.5 degC, rails +10, -10 V``."""
-        said = [] if self.temperature_c is None else [f"{self.temperature_c:g} degC"]
+        """What is known of them: ``23.5 degC, rails +10, -10 V``."""
+        said = ["a temperature that nobody told" if self.temperature_c is None else f"{self.temperature_c:g} degC"]
         said += [] if self.rails_v is None else ["rails " + ", ".join(f"{each:+g}" for each in self.rails_v) + " V"]
         return ", ".join(said)
 
