@@ -1,4 +1,4 @@
-"""Whether a run tells what it cannot see: faults of many kinds and sizes in every procedure that takes windows.
+"""Whether a run tells what it cannot see: faults of 13 kinds and many sizes in every procedure that takes windows.
 
     python benchmarks/unseen.py --lines unseen.jsonl                  all procedures, kinds and sizes
     python benchmarks/unseen.py --only turntable,kvc --sizes 5 --draws 1
@@ -32,7 +32,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.archive.unseen import refusable, unseen_of
 from vcfbench.errors import BenchError, MeasurementError
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, require_no_jump
+from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, require_no_jump
 from vcfbench.procedures.shared.steady.walk import Walk
 from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.steps.step import abandon
@@ -87,11 +87,12 @@ KINDS: Mapping[str, tuple[str, InTime, tuple[str, ...]]] = {
     "gain for a while": (GAIN, _while, ("change",)),
     "gain, shortly": (GAIN, _shortly, ("change",)),
     "creeping gain": (GAIN, _rising, ("creep",)),
+    "V_Vc's offset": (V_VC_OFFSET, _after, ("step",)),
     "V_Vc's gain": (V_VC_GAIN, _after, ("change",)),
     "V_Vc's gain for a while": (V_VC_GAIN, _while, ("change",)),
     "creeping V_Vc's gain": (V_VC_GAIN, _rising, ("creep",)),
 }
-"""Twelve kinds: unit, course in time (of the share of the run that is over), and the kinds of the list that tell it."""
+"""Kinds: unit, course in time (of the share of the run that is over), and the kinds of the list that tell it."""
 
 
 class Tried:
@@ -135,13 +136,10 @@ class Tried:
         unit, in_time, _ = KINDS[kind]
         course = [size * float(np.mean(in_time(t, begin, end))) for t in self.in_windows]
         points = [each.point for each in self.of.course.windows]
-        none = [0.0] * len(course)
-        output_v = none if unit == V_VC_GAIN else course
-        if unit == GAIN:
-            output_v = [each * point.output_v for each, point in zip(course, points, strict=True)]
-        v_vc_v = none
-        if unit == V_VC_GAIN:
-            v_vc_v = [each * (point.v_vc_measured_v or 0.0) for each, point in zip(course, points, strict=True)]
+        of = {GAIN: [each.output_v for each in points], V_VC_GAIN: [each.v_vc_measured_v or 0.0 for each in points]}
+        moves = np.multiply(course, of.get(unit, [1.0] * len(points))).tolist()
+        none = [0.0] * len(points)
+        output_v, v_vc_v = (none, moves) if unit in {V_VC_OFFSET, V_VC_GAIN} else (moves, none)
         line = {"kind": kind, "size": size, "begin": round(begin, 4), "end": round(end, 4)}
         try:
             self._go_through(output_v, v_vc_v)
@@ -200,7 +198,7 @@ def tried(name: str, kinds: Sequence[str], asked: argparse.Namespace) -> Iterato
         yield {"procedure": name, "outcome": "list", "rows": len(case.rows), "windows": len(case.in_windows)}
         v_vc = any(each.point.v_vc_measured_v is not None for each in case.of.course.windows)
         for kind, (unit, _, _) in KINDS.items():
-            if (kinds and kind not in kinds) or (unit == V_VC_GAIN and not v_vc):
+            if (kinds and kind not in kinds) or (unit in {V_VC_OFFSET, V_VC_GAIN} and not v_vc):
                 continue
             told, largest = case.sizes(kind)
             ladder = [1.5 * told] * (above if told else 0) if above else largest * np.geomspace(0.03, 10.0, asked.sizes)

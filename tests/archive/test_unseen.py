@@ -13,7 +13,7 @@ from benchmarks.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
 from vcfbench.procedures.shared.steady import jumps
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN
+from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.reports.document import Heading, Text
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def test_what_a_fault_does_is_what_it_does_to_an_evaluation_with_it(turntable: T
 @pytest.mark.exhaustive
 def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
     case = Tried(kvc)
-    assert {each.unit for each in case.rows} == {OFFSET, GAIN, V_VC_GAIN}
+    assert {each.unit for each in case.rows} == {OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN}
     for begin in (0.3, 0.6, 0.8):
         line = case.with_fault("V_Vc's gain", 1e-3, begin, 1.0)
         assert line["outcome"] == "refused" or line["off"] < 1.0 or line["told"], line
@@ -81,6 +81,7 @@ def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
     ("procedure", "settings"),
     [
         ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
+        ("g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}),
         ("repeatability", {"power_cycles": 3, "samples": 3}),
         *(
             pytest.param(name, {}, marks=pytest.mark.exhaustive)

@@ -15,8 +15,8 @@ from vcfbench.procedures.characterize.plan import BeginPart
 from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN
-from vcfbench.procedures.shared.steady.unseen import MATTERS_UNREFUSED, UNIT, Course, Unseen, course_of, unseen
+from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
+from vcfbench.procedures.shared.steady.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Part, Table, Text, texts
@@ -32,6 +32,9 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("ramp", OFFSET): "a ramp of the output to the end",
     ("change", GAIN): "a change of the multimeter's gain",
     ("creep", GAIN): "a creeping gain of the multimeter",
+    ("step", V_VC_OFFSET): "a step of what the meter on V_Vc reads",
+    ("pulse", V_VC_OFFSET): "a shift of what the meter on V_Vc reads for a while",
+    ("ramp", V_VC_OFFSET): "a ramp of what the meter on V_Vc reads to the end",
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
     ("change", K_VC): "a change of K_Vc by what the run does not look at (what this method cannot see)",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
@@ -137,7 +140,7 @@ def _half_width(value: Value) -> float | None:
 def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, str]]:
     """Yield of each fault what it is, up to which size it is not refused, and what it may do to which value."""
     for each in found:
-        factor, unit = (1e3, "mV") if each.unit == OFFSET else (1e2, "%")
+        factor, unit = (1e3, "mV") if each.unit in OFFSETS else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
         size, of = ("any size", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
         yield _WORDS[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done

@@ -17,11 +17,12 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
 from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table, titled
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.procedures.shared.window_sum import noise_v, windows_without_times
 from vcfbench.records.schema import Point
@@ -82,7 +83,7 @@ class GSensitivityResult(Struct, frozen=True):
         yield from (titled(f"bias by acceleration along {axis}", each) for axis, each in self.per_g.items())
 
 
-@routines.framed(routines.energised, routines.drive_seen)
+@routines.framed(routines.energised, routines.drive_seen, watched)
 def g_sensitivity(settings: GSensitivitySettings) -> steps.Plan:
     """Have the case turned, and take a window in each position; leave it upright."""
     previous, upright = "", f"+{settings.input_axis}"
@@ -224,6 +225,7 @@ G_SENSITIVITY = Procedure(
         "of the outputs at rest, as a rate and less the Earth's, over gravity is the sensitivity along the axis."
     ),
     settings=GSensitivitySettings,
+    watched=Watched(),
     plan=g_sensitivity,
     results=results,
     report=report,

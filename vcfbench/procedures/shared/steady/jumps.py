@@ -35,8 +35,8 @@ leaves 0.4 % of its cubic term to the next one (the series of tanh)."""
 _MOST_BENT = 0.01
 """Largest curvature, relative to the span: a curve that bends more does so by a fault."""
 _HIGHEST = 9
-OFFSET, GAIN, V_VC_GAIN = "V", "of the output", "of V_Vc"
-"""Units of faults: volts of the output, shares of it, and shares of V_Vc as it is measured."""
+OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN = "V", "of the output", "V of V_Vc", "of V_Vc"
+"""Units of faults: volts of the output, shares of it, and the same of V_Vc as it is measured."""
 _HALF = 0.5
 """Patterns are fewer than comparisons, and each has the noise of many windows: 5.5 is a chance of 2e-6 a run."""
 _ONE_SIDED = 1.645
@@ -139,6 +139,8 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
     by_v_vc = _by_v_vc(windows)
     # The terms that the output may have of any size, a column each
     terms = [x**order for order in range(_free_orders(windows) + 1)]
+    if ups := sorted({each.up for each in windows if each.up}):  # what gravity does in each position
+        terms = [np.array([float(each.up == up) for each in windows]) for up in ups]
     at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
     if 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
         terms.append(at_zero.astype(float))
@@ -157,7 +159,7 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
     if by_v_vc is not None:
         output = output - by_v_vc.apart_v
         covariance += np.diag(np.square(by_v_vc.u_v))
-        scales[V_VC_GAIN] = by_v_vc.per_gain_v
+        scales[V_VC_OFFSET], scales[V_VC_GAIN] = by_v_vc.per_v, by_v_vc.per_v * by_v_vc.v_vc
     return patterns_of(output, free, covariance, at_s, scales)
 
 
@@ -177,8 +179,10 @@ class _ByVvc(Struct, frozen=True):
     """By being apart from its mean at each setting: what the generator does goes out with it."""
     u_v: Floats
     """By its noise."""
-    per_gain_v: Floats
-    """(n, n), by the meter's gain in each window: not measured, a level is the mean of the others at its setting."""
+    per_v: Floats
+    """(n, n), by a volt more read in each window: not measured, a level is the mean of the others at its setting."""
+    v_vc: Floats
+    """As it was measured, 0 where it was not."""
 
 
 def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
@@ -198,7 +202,8 @@ def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
     return _ByVvc(
         apart_v=per_v * np.where(measured, v_vc - levels_v, 0.0),
         u_v=per_v * np.array([(each.v_vc_std_v or 0.0) / math.sqrt(each.n) for each in points]),
-        per_gain_v=per_v * np.where(measured[:, None], np.eye(len(points)), alike) * v_vc,
+        per_v=per_v * np.where(measured[:, None], np.eye(len(points)), alike),
+        v_vc=v_vc,
     )
 
 
@@ -224,7 +229,8 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
     at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
     of_table = (at_rate * limits.table_rate * (slope_v * np.abs(x))) ** 2 / 3.0
-    total = np.diag(own + walk.settings.meter_resolution_v**2 / 12.0 + of_table)
+    placed_v = [limits.of_placing_v(output.tolist()) if each.up else 0.0 for each in windows]
+    total = np.diag(own + walk.settings.meter_resolution_v**2 / 12.0 + of_table + np.square(placed_v) / 3.0)
     orders = _free_orders(windows)
     sizes = [min(abs(float(each)), _MOST_BENT * span_v) for each in coefficients[: orders + 1]]
     for order in range(orders + 1, _HIGHEST + 1):
@@ -319,7 +325,8 @@ def _what(found: Jump, windows: Sequence[Seen]) -> str:
     """Name the time and size of the jump."""
     pattern = found.pattern
     first, last = windows[pattern.first], windows[pattern.last]
-    what = "the reading of V_Vc" if found.unit == V_VC_GAIN else "the output"
+    measured = any(each.point.v_vc_measured_v is not None for each in windows)
+    what = "the output, or V_Vc as it is read," if measured else "the output"
     size = f"{found.size:+.3g} {found.unit}"
     known = f" ({abs(found.sigmas):.0f} standard uncertainties)"
     if pattern.walks:

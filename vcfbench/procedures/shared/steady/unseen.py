@@ -15,12 +15,14 @@ from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.procedures.procedure import Watched
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, groups, patterns, refused_from
+from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, groups, patterns, refused_from
 from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk
 from vcfbench.procedures.shared.sweep.agreement import SLOPES
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.step import Step, StepResult
 
+OFFSETS = frozenset({OFFSET, V_VC_OFFSET})
+"""Units that are volts; the others are shares."""
 MATTERS = 1.0 / 3.0
 """Share of U95 from which what is not seen is told: with less a value stays within 1.05 U95."""
 UNIT = 1e-3
@@ -97,7 +99,7 @@ def unseen(course: Course, u95: Mapping[str, float], values: Evaluated) -> Itera
     output = np.array([point.output_v for point in points])
     v_vc = np.array([point.v_vc_measured_v or 0.0 for point in points])
     per_output, per_v_vc = (_per_volt(course, u95, values, of_v_vc=each) for each in (False, True))
-    kinds = [(OFFSET, per_output), (GAIN, per_output * output), (V_VC_GAIN, per_v_vc * v_vc)]
+    kinds = [(OFFSET, per_output), (GAIN, per_output * output), (V_VC_OFFSET, per_v_vc), (V_VC_GAIN, per_v_vc * v_vc)]
     at_s, number = course.at_s, len(points)
     begin, end = np.triu_indices(number + 1, 1)
     to_an_end, all_through = (begin == 0) | (end == number), end - begin == number
@@ -110,13 +112,13 @@ def unseen(course: Course, u95: Mapping[str, float], values: Evaluated) -> Itera
         done, sizes = np.abs(sums[:, end] - sums[:, begin]), stretches[begin, end]
         rise = np.maximum(0.0, at_s - at_s[:, None]) / np.maximum(at_s[-1] - at_s, 1e-9)[:, None]
         walked = np.abs(effects @ rise.T)
-        if unit == OFFSET:
+        if unit in OFFSETS:
             kinds_of = {"step": to_an_end & ~all_through, "pulse": ~to_an_end}
         else:
             kinds_of = {"change": ~all_through}
         parts = [(kind, done[:, own], sizes[own]) for kind, own in kinds_of.items()]
-        for kind, moved, size in [*parts, ("ramp" if unit == OFFSET else "creep", walked, walks)]:
-            never = np.isinf(size) | ((size > _MOST_GAIN) & (unit != OFFSET))
+        for kind, moved, size in [*parts, ("ramp" if unit in OFFSETS else "creep", walked, walks)]:
+            never = np.isinf(size) | ((size > _MOST_GAIN) & (unit not in OFFSETS))
             for some, from_size in ((~never, size[~never]), (never, None)):
                 if found := _of_kind(kind, unit, moved[:, some], from_size, u95):
                     yield found

@@ -5,15 +5,15 @@ That is within the uncertainty of the difference: noise of the readings, flicker
 
 import math
 from collections.abc import Sequence
-from typing import Self
+from typing import Protocol, Self, runtime_checkable
 
 from msgspec import Struct, field
 
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.sweep.schedule import Order, SweepSettings
+from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S, Order, SweepSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps import Acquire, DisableVvc, EnableVvc, VerifyZero, Window
+from vcfbench.steps import Acquire, AskOperator, DisableVvc, EnableVvc, VerifyZero, Window
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Step, StepResult
 
 _SIGMAS = 6.0
@@ -52,11 +52,13 @@ class Seen(Struct, frozen=True):
     """True if it is for comparison alone."""
     begin_s: float
     end_s: float
+    up: str = ""
+    """Axis of the case that points up, where a person has turned it."""
 
     @property
-    def setting(self) -> tuple[bool, tuple[float, ...], float, float]:
+    def setting(self) -> tuple[bool, tuple[float, ...], float, float, str]:
         """Settings that the output depends on."""
-        return self.driven, self.rails_v, self.table_deg_s, self.point.v_vc_v if self.driven else 0.0
+        return self.driven, self.rails_v, self.table_deg_s, self.point.v_vc_v if self.driven else 0.0, self.up
 
     @property
     def middle_s(self) -> float:
@@ -66,7 +68,16 @@ class Seen(Struct, frozen=True):
     def describe(self) -> str:
         """Name the setting."""
         at = f"V_Vc of {self.point.v_vc_v:+.6g} V" if self.driven else f"{self.table_deg_s:+g} deg/s"
+        at = f"{self.up} up" if self.up else at
         return f"{at} (step {self.point.step}, {self.begin_s:.1f} to {self.end_s:.1f} s)"
+
+
+@runtime_checkable
+class _Turned(Protocol):
+    """Settings of a procedure in which a person turns the case."""
+
+    tilt_deg: float
+    heading_deg: float
 
 
 class Limits(Struct, frozen=True):
@@ -85,6 +96,10 @@ class Limits(Struct, frozen=True):
     wander_share: float
     table_rate: float
     """Relative, of the rate of one window."""
+    placed_share: float = 0.0
+    """By how a case that a person turns stands otherwise the next time, relative to what gravity does."""
+    placed_v: float = 0.0
+    """The same by the Earth's rate."""
 
     @classmethod
     def of(cls, settings: ProcedureSettings) -> Self:
@@ -109,7 +124,15 @@ class Limits(Struct, frozen=True):
             wander_v=wander_v,
             wander_share=share * wander_k,
             table_rate=known.table_rate or 0.0,
+            placed_share=math.sin(math.radians(settings.tilt_deg)) if isinstance(settings, _Turned) else 0.0,
+            placed_v=3600.0 * per_deg_h * EARTH_DEG_S * math.sin(math.radians(settings.heading_deg))
+            if isinstance(settings, _Turned)
+            else 0.0,
         )
+
+    def of_placing_v(self, outputs_v: Sequence[float]) -> float:
+        """Return the largest shift from one time to the next that a case stands in a position, by all `outputs_v`."""
+        return self.placed_share * (max(outputs_v) - min(outputs_v)) + self.placed_v
 
 
 class Walk(Struct):
@@ -119,6 +142,8 @@ class Walk(Struct):
     limits: Limits
     windows: list[Seen] = field(default_factory=list)
     driven: bool = False
+    up: str = ""
+    """Axis of the case that points up, where a person has turned it."""
     dof: int = 0
     """Degrees of freedom of the scatter of readings."""
     squares_v2: float = 0.0
@@ -133,6 +158,8 @@ class Walk(Struct):
         """Take notice of a performed step, and return its window where it is one."""
         if isinstance(step, EnableVvc | DisableVvc):
             self.driven = isinstance(step, EnableVvc)
+        if isinstance(step, AskOperator):
+            self.up = str(dict(step.adjustments).get("up_axis", self.up))
         if not isinstance(step, Acquire) or not isinstance(result, Window):
             return None
         point, ended_s = result.point, self.windows[-1].end_s if self.windows else 0.0
@@ -146,6 +173,7 @@ class Walk(Struct):
             isinstance(step, VerifyZero),
             begin_s,
             begin_s + step.physical_s,
+            self.up,
         )
         self.add(seen)
         return seen
@@ -196,6 +224,7 @@ class Walk(Struct):
         cooled -= math.exp(-(latest.middle_s - begin_s) / limits.warm_up_s)
         drift_v = cooled * (limits.warm_up_v + limits.warm_up_share * moves_v)
         drift_v += limits.wander_v + limits.wander_share * moves_v
+        drift_v += self.limits.of_placing_v([each.point.output_v for each in self.windows]) if latest.up else 0.0
         if isinstance(self.settings, SweepSettings) and self.settings.order is Order.LOOP:
             outputs = [each.point.output_v for each in self.windows]
             drift_v += _LOOP_DRIFT * (max(outputs) - min(outputs))
