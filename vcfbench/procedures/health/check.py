@@ -7,6 +7,7 @@ from typing import Final, Literal, TypeVar
 
 from msgspec import Struct, structs
 
+from vcfbench.procedures.health.explained import rise_since
 from vcfbench.procedures.shared.budget import phases
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_change import inputs_of, k_vc_change
@@ -133,8 +134,6 @@ STILL_UNSEEN = (
     "the drive's pick-off: its gain is read as the drive's amplitude, its phase as that of carrier and demodulator",
 )
 """Causes of K_Vc that no bench without a table sees: they are in its drift."""
-_DRIVE_PPM_K = -30.0
-"""Temperature coefficient of silicon's drive frequency, where nobody measured it."""
 _CHARGED_SPLIT_HZ = 0.05
 """A change of the split that temperature does not explain: charges on the combs are springs as well."""
 _NAMES: Final = {
@@ -241,12 +240,8 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
     first_hz = then.split_hz or then.split_size_hz
     if first_hz is None or now.split_hz is None:
         return None
-    rise_k = 0.0
-    if then.drive_hz is not None and now.drive_hz is not None:
-        drive_ppm_k = _DRIVE_PPM_K if then.drive_ppm_k is None else then.drive_ppm_k.value
-        rise_k = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0) / drive_ppm_k
-    elif then.temperature_c is not None and now.temperature_c is not None:
-        rise_k = now.temperature_c.value - then.temperature_c.value
+    rise = rise_since(then, now)
+    rise_k = 0.0 if rise is None else rise.kelvin
     per_k = Kept(value=0.0, u=0.01) if then.split_hz_k is None else then.split_hz_k
     moved_hz = abs(now.split_hz.value) - abs(first_hz.value) - per_k.value * rise_k
     u_hz = math.hypot(now.split_hz.u, first_hz.u, per_k.u * rise_k)

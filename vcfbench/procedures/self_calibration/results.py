@@ -20,6 +20,7 @@ from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.scale_factor import characterise
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health import check as health_check
+from vcfbench.procedures.health.explained import explained_parts
 from vcfbench.procedures.health.found import beside, health_of, unchanged
 from vcfbench.procedures.health.plan import EXCHANGE, HEALTH
 from vcfbench.procedures.procedure import Provenance
@@ -412,4 +413,7 @@ def self_calibration_report(
         Figure("Output less line", Axis("rate", "deg/s"), Axis("output - line", "mV"), [residuals]),
         *lists_of_omissions(results.holds_not, results.unseen),
     ]
+    if results.drift is not None:
+        then = settings.known.characteristics
+        parts += explained_parts(results.drift.change_ppm, then, results.characteristics)
     return Report(parts)

@@ -1,0 +1,66 @@
+"""What explains a change of the scale factor since the certificate, by how much, and what is left of it."""
+
+import math
+from typing import NamedTuple
+
+from vcfbench.procedures.shared.known.k_vc_change import ASSUMED_DRIVE_PPM_K
+from vcfbench.procedures.shared.measurand import Measurand
+from vcfbench.records.device_values import Characteristics, Measured
+from vcfbench.reports.document import Text
+
+
+class Rise(NamedTuple):
+    """By how much warmer the device is, K, its standard uncertainty, and what tells that."""
+
+    kelvin: float
+    u: float
+    by: str
+
+
+def rise_since(then: Characteristics, now: Characteristics) -> Rise | None:
+    """Return the rise of temperature, by the drive's frequency where that was measured; None: nobody knows."""
+    if then.drive_hz is not None and now.drive_hz is not None:
+        per_k = then.drive_ppm_k or ASSUMED_DRIVE_PPM_K
+        ppm = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0)
+        u_ppm = 1e6 * math.hypot(now.drive_hz.u, then.drive_hz.u) / then.drive_hz.value
+        kelvin = ppm / per_k.value
+        return Rise(kelvin, math.hypot(u_ppm, kelvin * per_k.u) / abs(per_k.value), "the drive's frequency")
+    if then.temperature_c is not None and now.temperature_c is not None:
+        kelvin = now.temperature_c.value - then.temperature_c.value
+        return Rise(kelvin, math.hypot(now.temperature_c.u, then.temperature_c.u), "temperature_c")
+    return None
+
+
+def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Characteristics | None) -> list[Text]:
+    """Say what of a change temperature and rails explain, and what is left; nothing where neither is known."""
+    if then is None or now is None:
+        return []
+    causes: list[tuple[str, float, float, Measured | None, str]] = []
+    if (rise := rise_since(then, now)) is not None and abs(rise.kelvin) > 2.0 * rise.u:
+        words = f"{rise.kelvin:+.1f} K (U95 {2.0 * rise.u:.1f}, by {rise.by})"
+        causes.append((words, rise.kelvin, rise.u, then.table_slope_ppm_k, "vcfbench run temperature --by table"))
+    rails = [(then.positive_rail_v, now.positive_rail_v), (then.negative_rail_v, now.negative_rail_v)]
+    known = [(before, after) for before, after in rails if before is not None and after is not None]
+    if len(known) == len(rails):
+        wider_v = sum(abs(after.value) - abs(before.value) for before, after in known) / len(rails)
+        u_v = math.hypot(*(each.u for pair in known for each in pair)) / len(rails)
+        if abs(wider_v) > 2.0 * u_v:
+            words = f"{wider_v:+.3f} V of both rails"
+            causes.append((words, wider_v, u_v, then.table_slope_ppm_v, "vcfbench run power --by table"))
+    said, left, square = [], change_ppm.value, change_ppm.expanded_u**2
+    for words, by, u_by, slope, ask in causes:
+        if slope is None:
+            said.append(f"{words}, and what that does to this device is not known ({ask})")
+            continue
+        u = math.hypot(slope.u * by, slope.value * u_by)
+        said.append(f"{slope.value * by:+.0f}±{2.0 * u:.0f} ppm by {words}")
+        left -= slope.value * by
+        square += 4.0 * u**2
+    what = "; ".join(said) or "neither temperature nor rails, which are as they were"
+    seen = "more than its U95" if abs(left) > math.sqrt(square) else "within its U95"
+    return [
+        Text(
+            f"The scale factor has changed by {change_ppm.value:+.0f} ppm since the certificate. What explains it: "
+            f"{what}. Left: {left:+.0f}±{math.sqrt(square):.0f} ppm, {seen}."
+        )
+    ]
