@@ -1,6 +1,6 @@
 """Whether a change of scale factor is told from one of plan or conditions: runs over drawn rates, on drawn gyroscopes.
 
-    python benchmarks/history.py                    100 plans on each of 4 gyroscopes, 3 minutes on 2 processors
+    python benchmarks/history.py                    100 plans on each of 4 gyroscopes, 5 minutes on 2 processors
     python benchmarks/history.py --devices 20 --processes 8
 
 Each gyroscope has a curve of its own. Half of its plans are as people choose them, half are drawn: 3 to 21 rates up to

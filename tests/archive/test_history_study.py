@@ -1,0 +1,32 @@
+"""A sample of what benchmarks/history.py asks: whether a change of plan is told from one of the device."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from benchmarks.history import BARS, SUB_PLANS, of_device, shares, table_1
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_printed_column_agrees_with_itself_by_all_pairs_of_sub_plans() -> None:
+    found = list(table_1())
+    assert len(found) == len(SUB_PLANS) == 9
+    assert [each for each in found if abs(each[0]) > each[1]] == []
+    assert sum(u95 < 1000.0 for _, u95 in found) >= 6
+
+
+@pytest.mark.exhaustive
+def test_runs_over_drawn_rates_of_a_gyroscope_tell_no_drift_and_those_of_an_aged_one_tell_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    found = shares(of_device((2, 14)))
+    low, high = BARS["unaged: |E_n| < 1"]
+    assert low - 0.06 <= found["unaged: |E_n| < 1"] <= high + 0.01
+    assert found["stated"] >= BARS["stated"][0] - 0.1
+    assert found["aged, with a run of 17 rates: found"] >= BARS["aged, with a run of 17 rates: found"][0]
+    assert found["other conditions: truth in U95"] >= 0.75
