@@ -143,6 +143,10 @@ def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() 
     turned = checked(THEN, beside(health(sense_phase_deg=0.4), Characteristics()))
     assert "+0.40 deg" in turned.refused[0]
     assert "K_Vc is not stated: the phase" in health_parts(turned)[1].text  # type: ignore[union-attr]
+    of_certificate = structs.replace(THEN, sense_phase_deg=Kept(value=0.4, u=0.0))
+    assert not checked(of_certificate, beside(health(sense_phase_deg=0.4), Characteristics())).refused
+    back = checked(of_certificate, beside(health(sense_phase_deg=0.0), Characteristics()))
+    assert "-0.40 deg" in back.refused[0]
 
 
 def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:

@@ -147,7 +147,7 @@ def _lags(low: int, high: int, corners: list[int]) -> tuple[Floats, Floats]:
     the nearest corner; a long one is an integral (from half a lag before to half a lag behind it).
     """
     steps = 2.0 ** np.arange(3, math.ceil(math.log2(2 * (high - low))))
-    around = np.concatenate([-steps[::-1], [0.0, 1.0], steps])
+    around = np.concatenate([-steps, [0.0, 1.0], steps])
     edges = np.unique(np.concatenate([np.add.outer(corners, around).ravel(), [low, high + 1]]))
     edges = edges[(edges >= low) & (edges <= high + 1)]
     begins, widths = edges[:-1], np.diff(edges)
