@@ -17,8 +17,10 @@ from simrack_tests.cells import few
 from tests.sim.gyro.bench import locked_chain, mean_v, powered
 from tests.sim.gyro.plain import flutter_density, noise_matrices, rate_response
 from vcfbench.sim.gyro.bridge import NoisePath
+from vcfbench.sim.gyro.data_sheet import own_gyro
 from vcfbench.sim.gyro.design import ideal_bench, paper_bench
 from vcfbench.sim.gyro.noise import FlickerNoise, NoiseState, NoisyChain
+from vcfbench.testing.gyroscopes import drawn_sheet
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -255,6 +257,25 @@ def test_the_noise_on_sense_is_the_noise_that_the_demodulator_brings_down() -> N
     seen = capture.samples("output", times)
     middle = slice(len(times) // 10, -len(times) // 10)  # the record's ends are those of a circle here
     assert np.std(seen[middle] - wanted[middle]) < 0.03 * np.std(seen[middle])
+
+
+@pytest.mark.parametrize("drive_hz", [3490.0, 24_490.0, 50_000.0])
+def test_noise_on_sense_is_where_its_modes_are_whatever_their_beat_with_the_drive(drive_hz: float) -> None:
+    """The in-phase mode is 4 % below the drive, 2.1 kHz of 50: nothing of it is folded back onto the other side."""
+    sheet = replace(drawn_sheet(1), drive_hz=drive_hz, split_hz=25.0, q_sense=0.2 * drive_hz, q_drive=1000.0)
+    chain = NoisyChain(
+        locked_chain(own_gyro(sheet, imperfections=False, latitude_deg=0.0)), FlickerNoise.of(PAPER.noise), WHITE
+    )
+    duration_s, count = 1.0, 1 << 14
+    power = np.zeros(count)
+    for seed in range(4):
+        seen = stepped(chain, duration_s, seed)[0].sense(duration_s / count * np.arange(count))
+        power += np.abs(np.fft.fft(seen * np.hanning(count))) ** 2
+    offset_hz = np.fft.fftfreq(count, duration_s / count)
+    at_mode = power[np.abs(offset_hz + sheet.in_phase_split_hz) < 30.0].max()
+    elsewhere = power[np.abs(offset_hz) > 1.2 * sheet.in_phase_split_hz].max()
+    other_side = power[(offset_hz > 0.6 * sheet.in_phase_split_hz)].max()
+    assert max(elsewhere, other_side) < 0.03 * at_mode
 
 
 def test_flutter_of_the_table_is_in_the_waveforms_too() -> None:

@@ -5,10 +5,10 @@ needs the path in between. It is drawn afterwards, from random numbers of its ow
 is drawn later: a free path from the start is drawn on a grid, and what its end and its integral miss of the drawn ones
 is spread over it by the covariances (conditional sampling by kriging, Matheron's rule). That is exact on the grid: the
 path ends where the step ended, its mean is the mean of the step, and its statistics are those of noise that nobody
-ever cut. Filtered noise has nothing above 1 kHz, so between points `GRID_S` apart a cubic with its own slopes is exact
-to 1e-4 of it; of the noise in V_s all within 1 kHz of the carrier is there, and of what lies beyond, 1e-3 of its power,
-some is folded back. A stretch longer than `LONGEST_S` is halved by the same rule first, and only the parts that are
-looked at are drawn.
+ever cut. Points are `GRID_S` apart, or an eighth of the beat of the farther sense mode with the carrier: filtered noise
+has little above, so between them a cubic with its own slopes is exact to 1e-4 of it; of the noise in V_s both modes are
+there, and of what lies beyond them, 1e-3 of its power, some is folded back. A stretch longer than `LONGEST_S` is halved
+by the same rule first, and only the parts that are looked at are drawn.
 
 The force noise is a base-band disturbance that rides on the carrier, so it has no part that turns against the carrier:
 V_s shows the part that turns with it, which is the one that the demodulator brings down.
@@ -26,7 +26,11 @@ from vcfbench.sim.gyro.noise import BLOCK, NoiseState, NoisyChain, by_rows
 from vcfbench.sim.gyro.shaken import Shaken
 
 GRID_S = 0.5e-3
+_A_BEAT = 8.0
+"""Points of the grid in a beat, at least."""
 LONGEST_S = 2.0
+_SHOWN = 1e-6
+"""Part of what the mode that V_s shows most has of it, from which on a mode is one that V_s shows."""
 WITHOUT_WEIGHT = 1e-11
 """Part of the largest eigenvalue below which a direction is round-off; what its end misses is spread evenly."""
 
@@ -174,8 +178,11 @@ def _halved(noisy: NoisyChain, span: _Span, random: np.random.Generator) -> tupl
 
 def _drawn(noisy: NoisyChain, span: _Span, random: np.random.Generator) -> _Waveform:
     """Return the noise on the grid of a span."""
-    count = max(1, math.ceil(span.duration_s / GRID_S - 1e-6))
     shows = noisy.shows
+    own = np.abs(shows[: len(noisy.chain.eigenmodes), 2])  # of the modes, of which some turn against the carrier
+    beats_hz = np.abs(noisy.chain.eigenmodes.imag[own > _SHOWN * own.max()]) / math.tau
+    step_s = min(GRID_S, 1.0 / (_A_BEAT * float(beats_hz.max())))
+    count = max(1, math.ceil(span.duration_s / step_s - 1e-6))
     grown = np.exp(np.multiply.outer(span.duration_s / count * np.arange(count + 1), noisy.moving))
     shown = by_rows(grown, noisy.freed(span.start)[:, None] * shows)
     if count > 1:
