@@ -29,6 +29,7 @@ def configured(nplc: float) -> list[Exchange]:
         ("CONF:VOLT:DC 10", None),
         (f"VOLT:DC:NPLC {nplc:g}", None),
         ("VOLT:DC:ZERO:AUTO ON", None),
+        ("VOLT:DC:IMP:AUTO ON", None),
         ("TRIG:SOUR IMM", None),
         NO_ERROR,
         ("VOLT:DC:RANG?", "+1.00000000E+01"),

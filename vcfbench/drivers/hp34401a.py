@@ -11,6 +11,8 @@ from vcfbench.drivers.session import Session
 from vcfbench.errors import FramingError, LimitError
 from vcfbench.interfaces import SafeReport
 
+_HIGH_IMPEDANCE_V = 10.0
+"""The highest range whose input resistance can be above 10 Gohm; those above have 10 Mohm (guide p. 53)."""
 _TRANSFER_S = 0.02
 """One reading on a 9600-baud line, 16 characters."""
 _OVERHEAD_S = 0.05
@@ -50,10 +52,12 @@ class Hp34401A(ScpiInstrument):
     """What CONFigure leaves as it was; `{header}` is that of a function's settings, `{mains}` the mains' frequency."""
 
     # CONFigure presets one sample, one trigger, source and delay, 10 Mohm, no math (p. 112); autozero by the NPLC.
+    # Above 10 Gohm, as the lower ranges can (p. 53), no output is loaded.
     function_words: ClassVar[tuple[str, ...]] = (
         "CONF:{function} {range}",
         "{header}:NPLC {nplc}",
         "{autozero_on}",
+        "{high_impedance}",
         "TRIG:SOUR IMM",
     )
     """Commands that select a function, one reading a trigger: VOLT:DC, RES by two wires, FRES by four.
@@ -63,6 +67,8 @@ class Hp34401A(ScpiInstrument):
     header: ClassVar[str] = "VOLT:DC"
     """Header of the settings of direct voltage."""
     autozero: ClassVar[str] = "ZERO:AUTO"
+    impedance: ClassVar[str] = "INP:IMP:AUTO"
+    """Setting that has the lower ranges above 10 Gohm, where there is one of this name."""
     ranges_ohm: ClassVar[tuple[float, ...]] = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)
     begin_words: ClassVar[str] = "INIT"
     """Command that takes one reading."""
@@ -126,6 +132,8 @@ class Hp34401A(ScpiInstrument):
         self._require_one_of("integration time in power-line cycles", nplc, self.integration_times_nplc)
         values = {"function": function, "header": header, "range": decimal(end), "nplc": decimal(nplc)}
         values["autozero_on"] = f"{self.autozero} ON" if function == "VOLT:DC" else ""
+        high = function == "VOLT:DC" and end <= _HIGH_IMPEDANCE_V
+        values["high_impedance"] = f"{self.impedance} ON" if high else ""
         self._session.send(*self.abort_words, deadline=self._reading_deadline())
         self._take_over(self.left, header=header, mains=f"{self._mains_hz:g}")
         said = (each.format(**values) for each in self.function_words)

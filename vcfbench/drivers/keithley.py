@@ -94,7 +94,7 @@ class KeithleyDMM6500(_Keithley):
         Left("{header}:LINE:SYNC", "OFF", "[SENSe1]: line synchronisation"),
         Left("{header}:DEL:AUTO", "ON", "[SENSe1]: auto delay"),
         Left("VOLT:UNIT", "VOLT", "[SENSe1]: V, dB, dBm"),
-        Left("VOLT:INP", "MOHM10", "[SENSe1]: input impedance, as a 34401A's"),
+        Left("VOLT:INP", "AUTO", "[SENSe1]: input impedance, above 10 Gohm up to 10 V"),
         Left("TRAC:POIN", '100000,"defbuffer1"', "TRACe subsystem"),
         Left("TRAC:FILL:MODE", 'CONT,"defbuffer1"', "TRACe subsystem"),
     )

@@ -22,6 +22,7 @@ class Truevolt(Hp34401A):
 
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
     autozero: ClassVar[str] = "VOLT:DC:ZERO:AUTO"
+    impedance: ClassVar[str] = "VOLT:DC:IMP:AUTO"
     fast_apertures_s: ClassVar[Mapping[float, float]] = MappingProxyType({})
     memory_readings: ClassVar[int] = 10_000
     abort_words: ClassVar[tuple[str, ...]] = ("ABOR",)

@@ -263,7 +263,22 @@ def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, rol
         if own := known.on(range_v):
             said += f"; certificate, {len(own)} levels on {range_v:g} V; since then by the data sheet"
         worth = meter_worth(short, sheet, known, range_v, age_days)
+        if role == "multimeter":
+            worth["meter_gain"] = _with_load(worth, description, range_v)
     return {key: age_days, key.replace("_days", "_from"): said, **worth}
+
+
+_HIGH_OHM, _HIGH_V, _USUAL_OHM = 1e10, 10.0, 1e7
+"""Input resistance that voltmeters are told to have, to what range, and that of the others: 34401A, p. 53."""
+
+
+def _with_load(worth: Mapping[str, Any], description: BenchDescription, range_v: float) -> float:
+    """Return the limit of the multimeter's gain, what it loads the output by in it: as if it were one of its sigmas."""
+    output_ohm = description.uncertainty.output_ohm
+    output_ohm = WORST_OF_CLASS["output_ohm"].value if output_ohm is None else output_ohm
+    high = range_v <= _HIGH_V and "multimeter" not in description.by_hand
+    loaded = output_ohm / (_HIGH_OHM if high else _USUAL_OHM)
+    return math.hypot(worth["meter_gain"], loaded * (worth["meter_sigmas"] or math.sqrt(3.0)) / math.sqrt(3.0))
 
 
 _USUAL_AGE_DAYS = 365.0

@@ -273,6 +273,7 @@ def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
         "carrier_phase_deg": 0.0,
         "demodulator_phase_deg": 0.0,
         "misalignment_deg": 0.0,
+        "output_ohm": own.source.output_ohm,
     }
 
 

@@ -135,6 +135,8 @@ TableRateError = Annotated[float, Meta(ge=0.0, le=0.1)]
 """Relative: no table for gyroscopes is worse than a tenth."""
 LevelError = Annotated[float, Meta(ge=0.0, le=0.1)]
 """Relative: no generator is worse than a tenth of its level."""
+OutputResistance = Annotated[float, Meta(ge=0.0, le=1e6)]
+"""Ohm: a megohm is no output any more."""
 LevelOffset = Annotated[float, Meta(ge=0.0, le=1.0)]
 """V: beyond a volt it is no offset any more."""
 GeneratorRanges = Annotated[tuple[Annotated[float, Meta(ge=1e-3, le=100.0)], ...], Meta(min_length=1, max_length=20)]

@@ -188,6 +188,9 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     measured and did not (Q, modes, phases, feed-through, amplitudes). Without it each counts as far as ageing goes
     (assumed).
 
+    `output_ohm` is the largest resistance of the gyroscope's output, which the multimeter loads with its own: above
+    10 Gohm on ranges up to 10 V, 10 Mohm on the others and of a meter that a person reads.
+
     `oscilloscope_gain_error` is the largest error of a channel with its probe, which on another day may be another one;
     0.02 is a DSO7104B's of full scale. `exchanged_ratio_ppm` is what is left in the ratio of two amplitudes whose
     probes were exchanged: how far the converter's steps leave a mean of another size (assumed).
@@ -215,6 +218,7 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     bias_deg_s_demodulator_deg: bounds.BiasPerDegree | None = None
     k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None
     k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
+    output_ohm: bounds.OutputResistance | None = None
     oscilloscope_gain_error: bounds.LevelError = 0.02
     exchanged_ratio_ppm: bounds.PpmPerYear = 10.0
 

@@ -212,6 +212,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     bias_deg_s_demodulator_deg: float | None = None
     k_vc_drift_ppm_per_year: float = 0.0
     k_vc_not_measured_ppm: float | None = None
+    output_ohm: float = 0.0
     oscilloscope_gain_error: float = 0.02
     exchanged_ratio_ppm: float = 10.0
     assumed: dict[str, str] = field(default_factory=dict)

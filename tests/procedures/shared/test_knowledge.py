@@ -10,6 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from simrack_tests.cells import few
 from typer.testing import CliRunner
@@ -17,7 +18,7 @@ from typer.testing import CliRunner
 import vcfbench
 from vcfbench.archive.results import evaluate
 from vcfbench.cli.main import app
-from vcfbench.procedures.bench_file import checked_bench
+from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.records.plain import plain
@@ -182,3 +183,24 @@ def test_a_room_beyond_18_to_28_degc_counts_by_the_kelvin(room: str, gain: float
     assert known.meter_gain == pytest.approx(gain)
     silent = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(embedded_text("paper")), ""))
     assert "room assumed within 18 to 28 degC" in silent.station.sources.meter_age_from
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_meter_loads_an_output_by_is_nothing_up_to_10_v_and_within_u95_above(seed: int) -> None:
+    """An output of up to 10 kohm: at the 34401A's 10 Mohm it would be read 1000 ppm low."""
+    output_ohm = 10.0 ** np.random.default_rng(seed).uniform(3.0, 4.0)
+    quick = {"samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5, "rates_deg_s": (100.0, 10.0, 0.0, -10.0, -100.0)}
+    known = embedded_text("paper").replace("output_ohm = 100", f"output_ohm = {output_ohm}")
+    loaded = parse_bench(f"{known}\n[simulation.override.source]\noutput_ohm = {output_ohm}\n", "")
+    ours, theirs = (
+        [
+            vcfbench.run("turntable", bench, settings={**quick, "meter_range_v": range_v}, runs=None, seed=seed).results
+            for bench in (loaded, parse_bench(embedded_text("paper"), ""))
+        ]
+        for range_v in (10, 100)
+    )
+    assert ours[0].scale_factor.value == pytest.approx(ours[1].scale_factor.value, rel=1e-9)
+    ppm = 1e6 * (theirs[0].scale_factor.value / theirs[1].scale_factor.value - 1.0)
+    assert ppm == pytest.approx(-0.1 * output_ohm, rel=0.1)
+    value = theirs[0].uncertainty.value("scale_factor")
+    assert 0.8 * abs(ppm) < 1e6 * value.u95 / abs(value.value)

@@ -84,9 +84,9 @@ def by_phases(settings: KnownDeviceSettings) -> list[UncertaintyPart]:
     Of limits that are assumed :func:`unmeasured` has what they do to K_Vc, and this what they do to the output.
     """
     errors, assumed = phases.PhaseErrors.of(settings.station.sources), settings.station.sources.assumed
-    told, output = errors.u("self_calibrated"), errors.u("scale_factor")
+    whole, output = errors.u("self_calibrated"), errors.u("scale_factor")
     keys = {phases.CARRIER_PHASE: "carrier_phase_deg", phases.DEMODULATOR_PHASE: "demodulator_phase_deg"}
-    found = {name: (output if keys[name] in assumed else told).get(name) for name in keys}
+    found = {name: (output if keys[name] in assumed else whole).get(name) for name in keys}
     return [UncertaintyPart(name, u) for name, u in found.items() if u]
 
 

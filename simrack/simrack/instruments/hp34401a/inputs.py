@@ -125,7 +125,6 @@ class Inputs:
         node: the node between the HI and LO terminals.
         errors: imperfections of the specimen.
         mains_hz: line frequency.
-        source_ohm: resistance of the node that the 10 Mohm of direct voltage load.
         sense: the node between the sense terminals, None while they are open.
         fast_apertures_s: integration times that do not depend on the line, by power line cycles.
         sheet: what is published of its direct voltages.
@@ -138,7 +137,6 @@ class Inputs:
         errors: MeterErrors,
         *,
         mains_hz: float,
-        source_ohm: float,
         sense: str | None,
         fast_apertures_s: Mapping[float, float] = FAST_APERTURES_S,
         sheet: VoltmeterSpecification = HP_34401A,
@@ -148,7 +146,6 @@ class Inputs:
         self._sense = sense
         self._errors = errors
         self._mains_hz = mains_hz
-        self._source_ohm = source_ohm
         self._fast_apertures_s = fast_apertures_s
         self._sheet = sheet
         self._shares = _shares(sheet)
@@ -274,7 +271,8 @@ class Inputs:
         """Return the part of the node's open voltage that the input resistance leaves (p. 53)."""
         if math.isinf(self._errors.input_ohm) or (high_impedance and range_ <= 10.0):
             return 1.0
-        return self._errors.input_ohm / (self._errors.input_ohm + self._source_ohm)
+        source_ohm = self._world.source_ohm(self._node)  # nothing is there, whatever loads it, where a lead hangs free
+        return 1.0 if math.isinf(source_ohm) else self._errors.input_ohm / (self._errors.input_ohm + source_ohm)
 
     def _as_read(self, true_v: float, scale: _Scale, most_v: float, *, autozero: bool) -> float:
         """Return a reading of a mean, an overload by the volts farthest from 0."""

@@ -52,7 +52,6 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         node: the node on its input terminals.
         errors: imperfections of this specimen.
         mains_hz: line frequency, which sets what a power line cycle is (sensed at power-on; 400 Hz counts as 50).
-        source_ohm: resistance of the node, which the input resistance loads.
         sense: the node on its sense terminals, for ratios and four-wire resistance; None leaves them open.
         interface: "gpib" or "rs232", one of which is selected on the front panel; None is the usual one, the first.
         model: what it calls itself, where it stands for a meter that speaks the same words.
@@ -73,7 +72,6 @@ class SimulatedHp34401A(scpi.ScpiTwin):
         node: str = "output",
         errors: MeterErrors,
         mains_hz: float = 50.0,
-        source_ohm: float = 0.0,
         sense: str | None = None,
         interface: str | None = None,
         model: str | None = None,
@@ -87,7 +85,6 @@ class SimulatedHp34401A(scpi.ScpiTwin):
             node,
             errors,
             mains_hz=50.0 if mains_hz > 360.0 else mains_hz,
-            source_ohm=source_ohm,
             sense=sense,
             fast_apertures_s=self.fast_apertures_s,
             sheet=self.data_sheet(),

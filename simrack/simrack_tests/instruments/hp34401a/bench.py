@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -33,11 +34,10 @@ def specimens() -> list[MeterErrors]:
 
 
 def bench(
-    errors: MeterErrors | None = None, interface: str = "gpib", source_ohm: float = 0.0, sense: str | None = None
+    errors: MeterErrors | None = None, interface: str = "gpib", source_ohm: float = math.inf, sense: str | None = None
 ) -> MeterBench:
     world = FakeWorld()
-    meter = Hp34401ATwin(
-        world, errors=errors or MeterErrors.none(), interface=interface, source_ohm=source_ohm, sense=sense
-    )
+    world.resistance_ohm = source_ohm
+    meter = Hp34401ATwin(world, errors=errors or MeterErrors.none(), interface=interface, sense=sense)
     world.clock.attend(meter)
     return MeterBench(world, meter, Conversation(meter, world.clock))
