@@ -9,7 +9,7 @@ from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget import line as lines
-from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement, warming_v
 from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
@@ -117,7 +117,8 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
         return {**lines.table_values(line, q), **own}
 
     curved = [CurvedLine.of("nonlinearity", line)]
-    found = line_statement(settings, sources, sums, model=model, noise=noise, meanings=_MEANINGS, curved=curved)
+    named: dict[str, Any] = {"noise": noise, "meanings": _MEANINGS, "warming": warming_v(settings, points, line)}
+    found = line_statement(settings, sources, sums, model=model, curved=curved, **named)
     of_range = scale_factor_of_range(settings, points, STEP, found.value("scale_factor"))
     return replace(found, bounds=(*of_range, *found.bounds))
 

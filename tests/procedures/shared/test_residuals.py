@@ -14,6 +14,7 @@ from vcfbench.analysis.nonlinearity import nonlinearity_ppm
 from vcfbench.analysis.regression import fit_line
 from vcfbench.procedures.shared.budget.line import Line
 from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, ResidualSpread
+from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.procedures.turntable import turntable_statement
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
@@ -308,3 +309,32 @@ def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
     (bound,) = (each for each in stated.bounds if each.name == "virtual.nonlinearity")
     assert bound.kind == "nonlinearity_by_v_vc"
     assert "errors alone may make as much" in bound.of
+
+
+@pytest.mark.parametrize("told", ["its time", "nothing of its time"])
+@pytest.mark.parametrize("signs", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)])
+def test_a_gyroscope_that_warms_up_meanwhile_has_that_in_its_nonlinearity(
+    told: str, signs: tuple[float, float]
+) -> None:
+    """Coefficients, warm-up and its time are drawn; the bench file tells their sizes, not their signs."""
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        ppm_k, deg_h_k, warm_up_k, time_s = (10.0 ** rng.uniform(*ends) for ends in ((1, 3), (1, 3), (-1, 0.7), (1, 3)))
+        known = Sources(
+            scale_factor_ppm_k=ppm_k,
+            bias_deg_h_k=deg_h_k,
+            warm_up_k=warm_up_k,
+            warm_up_time_s=time_s,
+            assumed={} if told == "its time" else {"warm_up_time_s": "assumed"},
+        )
+        asked, true = settings(known), curved(5e-3, 1e-3)
+        begin_s, end_s = window_times(asked, points_of(true))
+        away_k = warm_up_k * np.exp(-(asked.start_up_s + 0.5 * (begin_s + end_s) - begin_s[0]) / time_s)
+        by_rate = signs[0] * 1e-6 * ppm_k * np.array(RATES) + signs[1] * deg_h_k / 3600.0
+        stated = turntable_statement(asked, points_of(true + K * by_rate * away_k))
+        found = next(each for each in stated.stated() if each.name == "nonlinearity")
+        cold_ppm, warm_ppm = (float(largest_ppm(each)) for each in (true + K * by_rate * away_k, true))
+        if found.form == "plus-minus":
+            assert abs(cold_ppm - warm_ppm) <= 1.1 * (found.u95 or 0.0), (seed, known)
+        else:
+            assert warm_ppm <= 1.1 * (found.high or 0.0), (seed, known)

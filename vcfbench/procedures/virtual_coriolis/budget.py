@@ -12,7 +12,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
 from vcfbench.procedures.shared.budget import line as lines
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
-from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement
+from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement, warming_v
 from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
@@ -88,6 +88,7 @@ def four_step_statement(
         model=model,
         noise=WindowNoise.of(settings, points, table.scale_factor),
         meanings={name: (unit, of.get(name, words)) for name, (unit, words) in MEANINGS.items()},
+        warming=warming_v(settings, points, table),
         curved=[CurvedLine.of("turntable.nonlinearity", table), curve],
         difference="scale_factor_error_percent",
         levels_by=levels.by,

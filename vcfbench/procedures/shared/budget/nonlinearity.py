@@ -6,6 +6,7 @@ another the largest; what was found lies higher than the truth for the same reas
 what is left is the scatter of the trials about their own mean.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, Self, TypeAlias
 
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Model, Source
 from vcfbench.procedures.shared.budget.known_levels import KnownLevels
-from vcfbench.procedures.shared.budget.line import Line, noises_of
+from vcfbench.procedures.shared.budget.line import WARM_UP, Line, noises_of
 from vcfbench.procedures.shared.budget.statement import (
     Circumstances,
     StatedValue,
@@ -25,7 +26,8 @@ from vcfbench.procedures.shared.budget.statement import (
     stated_value,
     statement,
 )
-from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise
+from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, window_times
+from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.values.value import Value
 
@@ -142,6 +144,15 @@ class CurvedLine(Struct, frozen=True):
         ppm, of_outputs = to_ppm * (mean @ residual_v), to_ppm * (mean @ (left - of_span))
         return cls(name, mean @ rate, ppm, of_outputs, -to_ppm * slope * (mean @ left), of_outputs @ line.mixing)
 
+    def with_warm_up(self, by_factor_v: Floats, by_bias_v: Floats) -> Self:
+        """Return it with what a kelvin from warm does, `warming_v`: the worst of all ways for the largest residual."""
+        worst = int(np.abs(self.ppm).argmax())
+        of_factor, of_bias = self.weights @ by_factor_v, self.weights @ by_bias_v
+        signs = np.where(of_factor[worst] * of_bias[worst] < 0.0, -1.0, 1.0)  # sizes are told, not their signs
+        ways = of_factor + signs * of_bias
+        effect = ways[:, int(np.abs(ways[worst]).argmax())]
+        return structs.replace(self, effects={**self.effects, WARM_UP: effect})
+
     def with_errors(self, known: KnownLevels, volts: Floats, through: Floats, u_before: Sequence[float] = ()) -> Self:
         """Return it with errors of the levels `volts`, which move the residuals by `through`, ppm/V.
 
@@ -167,14 +178,15 @@ def line_statement(
     noise: WindowNoise,
     meanings: Mapping[str, tuple[str, str]],
     curved: Sequence[CurvedLine],
+    warming: tuple[Floats, Floats],
     difference: str | None = None,
     levels_by: str = "",
 ) -> Statement:
     """Return the statement of lines with the non-linearities that stand above errors, and a bound for the others.
 
-    `sources` are those beside the `noise` of the windows; `meanings`, `difference` and `levels_by` are those of
-    :func:`.statement`. The budget is done a second time with one more sum for each non-linearity, so that what stood
-    there keeps its last digit.
+    `sources` are those beside the `noise` of the windows, `warming` is that of :func:`warming_v`; `meanings`,
+    `difference` and `levels_by` are those of :func:`.statement`. The budget is done a second time with one more sum for
+    each non-linearity, so that what stood there keeps its last digit.
     """
     windows, correlations = noise.sources(sums)
     stated = statement(
@@ -184,7 +196,10 @@ def line_statement(
         flicker=noise.flicker,
     )
     curved = [each for each in curved if each.ppm.size > 2]  # two points lie on any line
-    around, known = Circumstances.of(settings), {source.name: source for source in sources}
+    around = Circumstances.of(settings)
+    known = {source.name: source for source in (*sources, *around.sources)}
+    if WARM_UP in known:
+        curved = [each.with_warm_up(*warming) for each in curved]
     worst = [WorstResidual.of(each, known, noise) for each in curved]
     windows, correlations = noise.sources([*sums, *(each.sum for each in worst)])
     own = [source for each in worst for source in each.own]
@@ -212,6 +227,22 @@ def line_statement(
     return structs.replace(
         stated, values=tuple(values), correlation=tuple(map(tuple, correlation)), bounds=tuple(bounds)
     )
+
+
+def warming_v(settings: ProcedureSettings, points: Sequence[Point], line: Line) -> tuple[Floats, Floats]:
+    """Return by how much a kelvin from warm at the first window moves each of them, V: by scale factor, and by bias.
+
+    Columns are ways to become warm, (n, k): the exponential, or steps where nobody tells the time, of which whatever
+    falls from 1 to 0 is made. The exponential happens as a whole, only its sign is not known: no rectangle's share.
+    """
+    known, (begin_s, end_s) = settings.station.sources, window_times(settings, points)
+    if "warm_up_time_s" in known.assumed:
+        left = np.tri(len(points)).T
+    else:
+        left = math.sqrt(3.0) * np.exp(-(0.5 * (begin_s + end_s) - begin_s[0]) / known.warm_up_time_s)[:, None]
+    driven_v = np.array([point.output_v for point in points]) - line.bias_v
+    by_factor = 1e-6 * (known.scale_factor_ppm_k or 0.0) * driven_v[:, None] * left
+    return by_factor, (known.bias_deg_h_k or 0.0) / 3600.0 * line.scale_factor * left
 
 
 _BY_V_VC = "nonlinearity", "nonlinearity_by_v_vc"
