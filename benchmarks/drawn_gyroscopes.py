@@ -130,7 +130,7 @@ def since_certificate(bench: BenchDescription, seed: int) -> tuple[BenchDescript
     draw, of = np.random.default_rng([20261129, seed]), physical_parameters(bench)
     limit = {key: size for _, moved, _ in MAY_HAVE for key, size in moved.items()}
     leak = 1.0 + limit["q_anti_phase"] * float(draw.uniform())  # gas damps both modes
-    split, in_phase_split, through = draw.uniform(-1.0, 1.0, 3).tolist()
+    split, in_phase_split, through, drive = draw.uniform(-1.0, 1.0, 4).tolist()
     more = {
         group: {"frequency_hz": mode.frequency_hz - moved_hz, "quality": mode.quality * leak}
         for group, mode, moved_hz in (
@@ -138,6 +138,7 @@ def since_certificate(bench: BenchDescription, seed: int) -> tuple[BenchDescript
             ("sense_in_phase", of.sense_in_phase, limit["in_phase_split_hz"] * in_phase_split),
         )
     }
+    more["drive_loop"] = {"amplitude_m": of.drive_loop.amplitude_m * (1.0 + limit["drive_amplitude_v"] * drive)}
     now, small = changed(bench, more), 1e-6  # V_Vc comes through by a part of what the modes answer
     with_small = changed(now, {"sense_path": {"v_vc_feedthrough": of.sense_path.v_vc_feedthrough + small}})
     times = limit["v_vc_feedthrough"] * through / (Truth.of(with_small).k_vc / Truth.of(now).k_vc - 1.0)
