@@ -50,7 +50,7 @@ def test_a_turntable_says_from_which_step_pulse_ramp_and_gain_on_it_would_have_r
 @pytest.mark.parametrize("kind", [name for name, (unit, _, _) in KINDS.items() if unit != V_VC_GAIN])
 def test_what_is_beyond_u95_is_in_the_list_and_what_is_above_the_list_is_refused(turntable: Tried, kind: str) -> None:
     size, rng = turntable.sizes(kind)[1], np.random.default_rng(7)
-    for share in (0.1, 0.5, 0.9, 1.5, 1.5, 1.5):
+    for share in (0.5, 1.5):
         begin, end = turntable.times(rng)
         line = turntable.with_fault(kind, share * size, begin, end)
         if share > 1.0:
