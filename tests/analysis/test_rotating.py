@@ -56,6 +56,19 @@ def test_the_reference_comes_back_apart_from_half_turns(reference_deg: float, ga
     assert (found[0].turning, found[0].output) == pytest.approx((1.1, 1.7))
 
 
+def test_the_phase_of_records_and_its_delay_have_the_uncertainty_of_a_line() -> None:
+    """89.5 deg and 2 ms of delay, a tenth of a degree more and less: by hand."""
+    away_deg = (0.1, 0.1, -0.1, -0.1) * 2
+    found = reference_phase(
+        [(hz, 89.5 + 360.0 * 2e-3 * hz + off) for hz, off in zip((8.0, -8.0) * 4, away_deg, strict=True)]
+    )
+    scatter_deg = 0.1 * math.sqrt(8.0 / 6.0)
+    assert (found.phase_deg, found.delay_s, found.dof) == (pytest.approx(89.5), pytest.approx(2e-3), 6)
+    assert found.scatter_deg == pytest.approx(scatter_deg)
+    assert found.u_phase_deg == pytest.approx(scatter_deg / math.sqrt(8.0))
+    assert found.u_delay_s == pytest.approx(scatter_deg / math.sqrt(8.0) / 8.0 / 360.0)
+
+
 @pytest.mark.exhaustive
 def test_the_uncertainty_is_the_scatter() -> None:
     z = []
