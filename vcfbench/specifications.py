@@ -118,6 +118,9 @@ WORST_OF_CLASS: Final = MappingProxyType(
         "k_vc_drift_ppm_per_year": Assumed(
             500.0, "ppm a year", "what a tactical MEMS gyroscope keeps of its whole scale factor, STIM210; none of K_Vc"
         ),
+        "k_vc_on_the_way_ppm": Assumed(
+            500.0, "ppm", "as much as a year: shock, storage and another mounting; no source has it of K_Vc"
+        ),
         "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
         "output_ohm": Assumed(1e4, "ohm", "a resistor of a filter in front of the connector; no source"),
         "temperature_k": Assumed(5.0, "K", "a room of 18 to 28 degC, either side of its middle"),

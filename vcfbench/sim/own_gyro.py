@@ -274,6 +274,7 @@ def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
         "demodulator_phase_deg": 0.0,
         "misalignment_deg": 0.0,
         "output_ohm": own.source.output_ohm,
+        "k_vc_on_the_way_ppm": 0.0,
     }
 
 

@@ -182,7 +182,8 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     are those of the paper's gyroscope, whose demodulated signal is 3.28 degrees from ideal.
 
     `k_vc_drift_ppm_per_year` is the most by which K_Vc may drift in a year through what nobody sees without a table:
-    combs, their gap and charges, masses. Without it the class of the device counts (assumed).
+    combs, their gap and charges, masses. Without it the class of the device counts (assumed). `k_vc_on_the_way_ppm` is
+    the most by which it may have changed from the table to where it is used, whenever that was: 0 where it never left.
 
     `k_vc_not_measured_ppm` is the most by which K_Vc may have changed through what a self-calibration could have
     measured and did not (Q, modes, phases, feed-through, amplitudes). Without it each counts as far as ageing goes
@@ -217,6 +218,7 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     scale_factor_ppm_demodulator_deg: bounds.PpmPerDegree = 1000.0
     bias_deg_s_demodulator_deg: bounds.BiasPerDegree | None = None
     k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None
+    k_vc_on_the_way_ppm: bounds.PpmPerYear | None = None
     k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
     output_ohm: bounds.OutputResistance | None = None
     oscilloscope_gain_error: bounds.LevelError = 0.02

@@ -211,6 +211,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     scale_factor_ppm_demodulator_deg: float = 1000.0
     bias_deg_s_demodulator_deg: float | None = None
     k_vc_drift_ppm_per_year: float = 0.0
+    k_vc_on_the_way_ppm: float = 0.0
     k_vc_not_measured_ppm: float | None = None
     output_ohm: float = 0.0
     oscilloscope_gain_error: float = 0.02

@@ -76,7 +76,9 @@ class Calibrations:
         """Return errors over u, and whether U95 holds the truth, of each; measured when they are first asked for."""
         for seed in range(_SEED + len(self.kept), _SEED + self._runs):
             bench = parse_bench(drawn_bench(seed), f"gyroscope-{seed}")
-            unaged = structs.replace(bench.uncertainty, k_vc_drift_ppm_per_year=0.0, k_vc_not_measured_ppm=0.0)
+            unaged = structs.replace(
+                bench.uncertainty, k_vc_drift_ppm_per_year=0.0, k_vc_on_the_way_ppm=0.0, k_vc_not_measured_ppm=0.0
+            )
             bench = structs.replace(bench, uncertainty=unaged)
             with TemporaryDirectory(prefix="validation-") as folder:
                 own = {"health": False, "cycles": 1, "dut": "validated", "devices": f"{folder}/devices"}

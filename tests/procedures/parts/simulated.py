@@ -204,6 +204,7 @@ KNOWN: dict[str, Any] = {
     "demodulator_phase_deg": 0.012,
     "warm_up_k": 0.0,
     "k_vc_drift_ppm_per_year": 0.0,
+    "k_vc_on_the_way_ppm": 0.0,
     "k_vc_not_measured_ppm": 0.0,
 }
 """Limits of the bench file: such that no part of a budget hides another."""

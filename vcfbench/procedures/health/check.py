@@ -64,7 +64,9 @@ def unmeasured(settings: KnownDeviceSettings, measured: Collection[str] = ()) ->
         return [part] if u else []
     keys = {CARRIER_PHASE: "carrier_phase_deg", DEMODULATOR_PHASE: "demodulator_phase_deg"}
     but = [*measured, *(name for name, key in keys.items() if key not in stated.assumed)]
-    return not_measured(settings.known.characteristics, but=but)
+    parts = not_measured(settings.known.characteristics, but=but)
+    # One change since the certificate: between two entries nobody takes it for one of the gyroscope until it shows
+    return [structs.replace(part, of=f"{settings.known.source}: {part.source}") for part in parts]
 
 
 def at_phases(settings: S, measured: Collection[str]) -> S:

@@ -31,7 +31,7 @@ from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, k_vc_since, with_temperature
+from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_ON_THE_WAY, k_vc_since, with_temperature
 from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.records.device_values import Characteristics
@@ -331,7 +331,11 @@ def _parts(
     if not same_meter and settings.v_vc_role is not None:
         found.append((v_vc.V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
         found.append((v_vc.V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
-    limits = {name for name, *_ in found if name == K_VC_DRIFT or name.startswith(health_check.NOT_MEASURED)}
+    limits = {
+        name
+        for name, *_ in found
+        if name in {K_VC_DRIFT, K_VC_ON_THE_WAY} or name.startswith(health_check.NOT_MEASURED)
+    }
     parts = [
         [UncertaintyPart(name, float(u[place]), dof, of, rectangular=name in limits) for name, u, dof, of in found]
         for place in range(values.size)

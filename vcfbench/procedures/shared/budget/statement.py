@@ -149,7 +149,11 @@ def statement(
         known_from.append("ranges of the generator: not known, those that make each value least certain are assumed")
     if flicker is not None:
         known_from.append(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})")
-    apart = {"bias_instability_deg_h", "k_vc_drift_ppm_per_year"}  # said above; of what rests on an older K_Vc
+    apart = {
+        "bias_instability_deg_h",
+        "k_vc_drift_ppm_per_year",
+        "k_vc_on_the_way_ppm",
+    }  # said above; of what rests on an older K_Vc
     known_from += [words for key, words in known.assumed.items() if key not in apart]
     return Statement(values, correlation, ratio, tuple(not_in_u), tuple(known_from), not missing, missing)
 

@@ -1,7 +1,8 @@
 """Possible change of K_Vc since its certificate where nobody has looked: by time, and by the stated temperatures.
 
-What cannot be seen without a table (combs, their gap and charges, masses) may have drifted in one direction all the
-time, so its limit grows in proportion to the time since the certificate, and any drift within is as likely.
+What cannot be seen without a table (combs, their gap and charges, masses, the drive's pick-off) may have drifted in one
+direction all the time, so its limit grows in proportion to the time since the certificate, and any drift within is as
+likely. What a shock or another mounting does on the way has a limit of its own, from the first day on.
 """
 
 import math
@@ -17,6 +18,7 @@ from vcfbench.values.value import UncertaintyPart
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"
 K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
+K_VC_ON_THE_WAY = "K_Vc's change on the way from the table"
 
 YEAR_DAYS = 365.25
 
@@ -53,6 +55,11 @@ def k_vc_since(
         parts = [UncertaintyPart(K_VC_DRIFT, u, None, f"{known.source}: {K_VC_DRIFT}", rectangular=True), *parts]
         since = f"{days:.0f} days since the certificate ({drift_words(sources)})"
         said = [f"K_Vc: {u * 1e6:.3g} ppm (u) for its drift in {since}", *said]
+    if known.days_since is not None and (way_ppm := sources.k_vc_on_the_way_ppm):
+        u, of = 1e-6 * way_ppm / math.sqrt(3.0), f"{known.source}: {K_VC_ON_THE_WAY}"
+        parts = [UncertaintyPart(K_VC_ON_THE_WAY, u, None, of, rectangular=True), *parts]
+        key = "k_vc_on_the_way_ppm"
+        said = [sources.assumed.get(key, f"K_Vc: uncertainty.{key}, {way_ppm:g} ppm at most"), *said]
     return 1.0 + 1e-6 * ppm, parts, tuple(said)
 
 
