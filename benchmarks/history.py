@@ -104,7 +104,7 @@ def ran(device: int, seed: int, rates: Sequence[float], bench: Any, **settings: 
 
 def changed(first: Run, other: Run, known: Coefficients, *witnesses: Run) -> Difference:
     """Return the change of the scale factor, in ppm."""
-    pair = Pair(Compared(first), Compared(other), known, [Compared(each) for each in witnesses])
+    pair = Pair(Compared(first), Compared(other), lambda: known, [Compared(each) for each in witnesses])
     found, ppm = pair.change(first.values["scale_factor"], other.values["scale_factor"]), 1e6
     size = first.values["scale_factor"].value or 0.0
     if found.value is None or found.u is None or found.u95 is None:

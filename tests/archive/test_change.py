@@ -12,6 +12,8 @@ from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.records.device_values import Measured
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from vcfbench import Run
 
 WIDE, NARROW, HALF = [200, 100, 50, 20, 0, -20, -50, -100, -200], [75, 30, 0, -30, -75], [0, -60, -90, -120]
@@ -37,7 +39,7 @@ def narrow() -> Run:
 def changed(
     first: Run, other: Run, known: Coefficients = NOTHING, *more: Run, name: str = "scale_factor"
 ) -> Difference:
-    pair = Pair(Compared(first), Compared(other), known, [Compared(each) for each in more])
+    pair = Pair(Compared(first), Compared(other), lambda: known, [Compared(each) for each in more])
     return pair.change(first.values[name], other.values[name])
 
 
@@ -107,7 +109,22 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     unknown = changed(wide, warm)
     assert unknown.value is None
     assert "no temperature coefficient of the device is known" in unknown.reason
-    assert changed(wide, under(wide, temperature_c=None)).missing == ("temperature of one of the runs",)
+    silent = changed(wide, under(wide, temperature_c=None))
+    assert silent.missing == ("temperature of one of the runs",)
+    assert silent.note == "incomplete, without temperature of one of the runs"
+
+
+def test_what_is_kept_of_the_device_is_read_where_conditions_differ_alone(wide: Run, tmp_path: Path) -> None:
+    (tmp_path / "G").mkdir()
+    (tmp_path / "G" / "0001.json").write_text("{", encoding="utf-8")
+
+    def kept() -> Coefficients:
+        return Coefficients.kept([wide], tmp_path)
+
+    same, warm = wide.values["scale_factor"], under(wide, temperature_c=25.0).values["scale_factor"]
+    pair = Pair(Compared(wide), Compared(wide), kept)
+    assert pair.change(same, same).value == 0.0
+    assert "what is kept of the device cannot be read" in pair.change(same, warm).reason
 
 
 def test_other_rails_are_corrected_or_refused(wide: Run) -> None:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from statistics import mean, stdev
 from types import MappingProxyType
@@ -138,7 +139,6 @@ class _History(Struct, frozen=True):
     known: Sequence[RunSummary]
     devices: str | Path
     read: dict[Path, Compared] = field(default_factory=dict)
-    coefficients: dict[tuple[str | None, bool], Coefficients] = field(default_factory=dict)
 
     def compared(self, summary: RunSummary) -> Compared:
         """Return a run as it is compared."""
@@ -161,16 +161,14 @@ class _History(Struct, frozen=True):
         """Return what a row says of the change of the scale factor since earlier runs."""
         earlier, now, found = self.earlier(summary), self.compared(summary), dict[str, Any]()
         witness = next((run for each in reversed(earlier) if (run := self.compared(each)).tells_curve), None)
-        key = summary.dut, bool(summary.simulated)
-        if key not in self.coefficients:
-            self.coefficients[key] = Coefficients.kept([now.run], self.devices)
+        known = partial(Coefficients.kept, [now.run], self.devices)
 
         def since(before: Compared | None) -> Difference | None:
             then = None if before is None else _slope(before.run.values.values(), scale.kind)
             if before is None or then is None or not then.value:
                 return None
             witnesses = [] if witness is None else [witness]
-            change = Pair(before, now, self.coefficients[key], witnesses).change(then, scale)
+            change = Pair(before, now, known, witnesses).change(then, scale)
             ppm = 1e6 / then.value
             sized = [None if each is None else abs(ppm) * each for each in (change.u, change.u95)]
             value = None if change.value is None else ppm * change.value

@@ -6,7 +6,7 @@ curve that its runs share. What instruments both have in common cancels. Where n
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -143,7 +143,8 @@ class Pair(Struct, frozen=True):
 
     first: Compared
     other: Compared
-    coefficients: Coefficients = Coefficients()
+    coefficients: Callable[[], Coefficients] = Coefficients
+    """Asked where conditions differ."""
     witnesses: Sequence[Compared] = ()
 
     def change(self, then: Value, now: Value) -> Difference:
@@ -170,7 +171,13 @@ class Pair(Struct, frozen=True):
 
     def _moved(self, then: Value, now: Value) -> "_Moved | str":
         """Return what other conditions of the runs change; or, where nobody knows that, why there is no figure."""
-        slope, known = then.kind.startswith("scale_factor"), self.coefficients
+        if then.conditions == now.conditions:
+            return _Moved()
+        try:
+            known = self.coefficients()
+        except ConfigError as error:
+            return f"the conditions differ, and what is kept of the device cannot be read: {error.what}"
+        slope = then.kind.startswith("scale_factor")
         settings = [each.settings for each in (self.first, self.other) if each.settings is not None]
         bands = [each.station.sources for each in settings]
         tolerance_v = max((each.rail_tolerance_v for each in settings), default=0.0)
@@ -193,7 +200,8 @@ class Pair(Struct, frozen=True):
             why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "nothing is known of the conditions' effect"
             return Difference(None, reason=f"{why}{': ' * bool(moved.said)}{moved.said}{bridge}")
         value = own.value - sum(part for _, part in moved.parts) * (then.value or 0.0)
-        note = "; ".join(each for each in (own.note, moved.said) if each)
+        lacks = f"incomplete, without {', '.join(moved.missing)}" if moved.missing else ""
+        note = "; ".join(each for each in (own.note, moved.said, lacks) if each)
         rates = [] if not bridge else [("other rates", (now.value or 0.0) - (then.value or 0.0) - own.value)]
         explained = (*rates, *((words, part * (then.value or 0.0)) for words, part in moved.parts))
         ratio = abs(value) / u95 if u95 else None

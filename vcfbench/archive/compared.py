@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache, partial
 from itertools import chain, groupby
 from pathlib import Path
 from typing import Any, Final
@@ -106,7 +107,7 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
     if not 2 <= len(runs) <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
     of_each, seen = [_compared(run) for run in runs], [Compared(run) for run in runs]
-    known = Coefficients.kept(runs, devices)
+    known = cache(partial(Coefficients.kept, runs, devices))
     results, others, cancelled = [], [], list[str]()
     for name, first in of_each[0].items():
         found = [each[name] for each in of_each if name in each and each[name].unit == first.unit]
