@@ -117,7 +117,8 @@ def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
     )
     words = ("G-9", "--devices", str(tmp_path / "devices"), "--runs", str(runs))
     before, after = json.loads(call(*words, "--json").stdout)["runs"]
-    assert before["drift_ppm"] is None
+    assert (before["drift_ppm"], before["since_first_ppm"]) == (None, 0.0)
+    assert (after["since_first_ppm"], after["drift_note"]) == (after["drift_ppm"], "")
     assert after["drift_ppm"] == pytest.approx(1e6 * (second.value / first.value - 1.0))
     assert "Runs with this device" in call(*words).stdout
     assert call(*words, "--plot", str(tmp_path / "drift.svg")).exit_code == 0
