@@ -7,9 +7,9 @@ import numpy as np
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, polynomial_through_zero
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level
+from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level, v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.windows import Flicker, window_times
@@ -101,6 +101,7 @@ def levels_of(
     ConfigError: V_Vc was not measured, and its setting was not said to be believed.
     """
     by_hand = levels_by_hand(settings, points)
+    _require_read_alike(settings, [point for each in driven for point in each])
     levels_v = [measured_level([point for each in driven for point in (each[0], each[-1])], by_hand)]
     for place, rate in enumerate(rates_deg_s):
         of_rate = [point for each in driven[place :: len(rates_deg_s)] for point in each]
@@ -111,6 +112,30 @@ def levels_of(
     readings = 2 * settings.cycles * settings.samples
     u_v = math.sqrt(math.fsum(s * s for s in scatter) / len(scatter) / readings) if scatter else 0.0
     return np.array(levels_v), u_v
+
+
+_ALIKE = 3.0
+"""Times a meter's uncertainty of a year, which it is not off by from one window to the next."""
+
+
+def _require_read_alike(settings: KnownVvcSettings, points: Sequence[Point]) -> None:
+    """See that a meter beside the output reads V_Vc alike wherever it is set alike; MeasurementError: it does not."""
+    seen: dict[float, list[tuple[float, float]]] = {}
+    for point in points:
+        if (volts := point.v_vc_measured_v) is not None:
+            seen.setdefault(point.v_vc_v, []).append((volts, (point.v_vc_std_v or 0.0) / math.sqrt(point.n)))
+    meter = v_vc_error(settings)
+    for set_v, read in seen.items():
+        low_v, high_v = min(volts for volts, _ in read), max(volts for volts, _ in read)
+        noise_v = math.sqrt(math.fsum(u * u for _, u in read) / len(read))
+        may_be_v = _ALIKE * (meter.u_gain * abs(set_v) + meter.u_offset_v + 2.0 * math.sqrt(2.0) * noise_v)
+        if high_v - low_v > may_be_v:
+            raise MeasurementError(
+                f"V_Vc was set to {set_v:.6g} V each time and was read from {low_v:.6g} to {high_v:.6g} V, "
+                f"{1e3 * (high_v - low_v):.2g} mV apart where {1e3 * may_be_v:.2g} mV may be",
+                instrument=settings.v_vc_role,
+                hint="has the meter on V_Vc changed its gain, or the generator its level? One of them is not at rest",
+            )
 
 
 def noise_of(settings: ProcedureSettings, blocks: Sequence[Block], points: Sequence[Point]) -> BlockNoise:
