@@ -215,7 +215,7 @@ def summary(lines: Sequence[Line]) -> bool:
     for each in lines:
         if "kind" in each:
             table[each["procedure"], each["kind"]].append(each)
-    held = True
+    held = all(each["outcome"] != "not run" for each in lines)
     print("procedure             kind                       tried refused beyond-U95 not-told | above: seen of")
     for (name, kind), own in table.items():
         refused = sum(each["outcome"] == "refused" for each in own)

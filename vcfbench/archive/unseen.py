@@ -132,9 +132,14 @@ def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, f
 
 
 def _half_width(value: Value) -> float | None:
-    if value.form == "interval" and value.low is not None and value.high is not None:
-        return 0.5 * (value.high - value.low)
-    return value.u95 if value.form == "plus-minus" else None
+    """Return what a value may be off with 95 %; of a bound that is all of it."""
+    match value.form:
+        case "interval":
+            low, high = value.ends
+            return 0.5 * (high - low)
+        case "below" | "size-below":
+            return value.high
+    return value.u95
 
 
 def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, str]]:
