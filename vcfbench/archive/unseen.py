@@ -94,7 +94,8 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
     if found is None:
         return ()
     windows = len(found.course.windows)
-    between = unseen(found.course, found.u95, found.values) if windows > 1 else ()
+    bent = frozenset(name for name in found.u95 if run.values[name].form != "plus-minus")
+    between = unseen(found.course, found.u95, found.values, bent) if windows > 1 else ()
     within = _in_a_record(found) if windows == 1 else ()
     return (*between, *within, *_in_k_vc(found))
 

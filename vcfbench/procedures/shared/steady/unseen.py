@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.procedures.procedure import Watched
@@ -87,41 +88,58 @@ def course_of(settings: ProcedureSettings, steps: Sequence[tuple[Step, StepResul
     return Course(tuple(whole.windows), of_points, tuple((walk, tuple(places)) for walk, places in walks))
 
 
-def unseen(course: Course, u95: Mapping[str, float], values: Evaluated) -> Iterator[Unseen]:
+def unseen(
+    course: Course, u95: Mapping[str, float], values: Evaluated, bent: frozenset[str] = frozenset()
+) -> Iterator[Unseen]:
     """Yield the faults that would not have been refused and may have moved a value by more than a third of its U95.
 
     Args:
         course: the windows, and those that were watched.
         u95: of each value, in its unit.
         values: evaluates the run again.
+        bent: names of values that are not linear in the windows, as a spread: evaluated with some faults whole.
     """
     points = [each.point for each in course.windows]
-    output = np.array([point.output_v for point in points])
+    ones, output = np.ones(len(points)), np.array([point.output_v for point in points])
     v_vc = np.array([point.v_vc_measured_v or 0.0 for point in points])
     per_output, per_v_vc = (_per_volt(course, u95, values, of_v_vc=each) for each in (False, True))
-    kinds = [(OFFSET, per_output), (GAIN, per_output * output), (V_VC_OFFSET, per_v_vc), (V_VC_GAIN, per_v_vc * v_vc)]
-    at_s, number = course.at_s, len(points)
-    begin, end = np.triu_indices(number + 1, 1)
-    to_an_end, all_through = (begin == 0) | (end == number), end - begin == number
-    for unit, effects in kinds:  # (values, windows): what a unit of each window does
-        if not effects.any():
+    units = {
+        OFFSET: (per_output, ones),
+        GAIN: (per_output, output),
+        V_VC_OFFSET: (per_v_vc, ones),
+        V_VC_GAIN: (per_v_vc, v_vc),
+    }
+    at_s, places = course.at_s, np.arange(len(points))
+    begin, end = np.triu_indices(len(points) + 1, 1)
+    to_an_end, all_through = (begin == 0) | (end == len(points)), end - begin == len(points)
+    rise = np.maximum(0.0, at_s - at_s[:, None]) / np.maximum(at_s[-1] - at_s, 1e-9)[:, None]
+    walks = np.arange(len(begin) + len(points)) >= len(begin)  # behind the stretches
+
+    def apart(some: Floats) -> Floats:
+        return np.concatenate([some, np.zeros(len(points), dtype=bool)])
+
+    for unit, (per_v, scale) in units.items():
+        if not per_v.any():
             continue
-        stretches, walks = smallest_sizes(course, unit)
-        # What a stretch does, (values, stretches), and a walk of 1 from each window to the end, (values, n)
-        sums = np.concatenate([np.zeros((len(effects), 1)), np.cumsum(effects, axis=1)], axis=1)
-        done, sizes = np.abs(sums[:, end] - sums[:, begin]), stretches[begin, end]
-        rise = np.maximum(0.0, at_s - at_s[:, None]) / np.maximum(at_s[-1] - at_s, 1e-9)[:, None]
-        walked = np.abs(effects @ rise.T)
+        stretched, walked = smallest_sizes(course, unit)
+        sizes = np.concatenate([stretched[begin, end], walked])
+        # What 1 of each does, (values, faults)
+        sums = np.concatenate([np.zeros((len(per_v), 1)), np.cumsum(per_v * scale, axis=1)], axis=1)
+        done = np.abs(np.column_stack([sums[:, end] - sums[:, begin], (per_v * scale) @ rise.T]))
+        kinds = {"change": apart(~all_through), "creep": walks}
         if unit in OFFSETS:
-            kinds_of = {"step": to_an_end & ~all_through, "pulse": ~to_an_end}
-        else:
-            kinds_of = {"change": ~all_through}
-        parts = [(kind, done[:, own], sizes[own]) for kind, own in kinds_of.items()]
-        for kind, moved, size in [*parts, ("ramp" if unit in OFFSETS else "creep", walked, walks)]:
-            never = np.isinf(size) | ((size > _MOST_GAIN) & (unit not in OFFSETS))
-            for some, from_size in ((~never, size[~never]), (never, None)):
-                if found := _of_kind(kind, unit, moved[:, some], from_size, u95):
-                    yield found
+            kinds = {"step": apart(to_an_end & ~all_through), "pulse": apart(~to_an_end), "ramp": walks}
+
+        def exactly(fault: int, size: float, unit: str = unit, scale: Floats = scale) -> Mapping[str, float]:
+            stretch = (places >= begin[fault]) & (places < end[fault]) if not walks[fault] else rise[fault - len(begin)]
+            return _moved(course, values, size * scale * stretch, of_v_vc=unit in {V_VC_OFFSET, V_VC_GAIN})
+
+        never = np.isinf(sizes) | ((sizes > _MOST_GAIN) & (unit not in OFFSETS))
+        for kind, own in kinds.items():
+            for some, refused in ((own & ~never, True), (own & never, False)):
+                of_kind = _Faults(np.flatnonzero(some), done[:, some], sizes[some] if refused else None)
+                if effects := of_kind.effects(u95, bent, exactly):
+                    yield Unseen(kind, of_kind.size(u95), unit, effects)
 
 
 def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:
@@ -151,19 +169,50 @@ def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:
     return stretches, walks
 
 
-def _of_kind(kind: str, unit: str, done: Floats, size: Floats | None, u95: Mapping[str, float]) -> Unseen | None:
-    """Return one kind of fault, None where it moves no value.
+class _Faults(Struct, frozen=True):
+    """Faults of one kind: their places among all, what 1 of each does, (values, m), and from where on it is refused."""
 
-    `done`, (values, m), is what a size of 1 does, `size`, (m,), from where on it is refused, None: never.
-    """
-    limits = (MATTERS_UNREFUSED if size is None else MATTERS) * np.array(list(u95.values()))
-    moved = done * (UNIT if size is None else size)
-    matters = (moved > limits[:, None]).any(axis=0)  # of these places, where it does so much
-    if not matters.any():
-        return None
-    most = zip(u95, moved.max(axis=1).tolist(), limits.tolist(), strict=True)
-    effects = {name: each for name, each, limit in most if each > limit}
-    return Unseen(kind, None if size is None else float(size[matters].max()), unit, effects)
+    places: NDArray[np.intp]
+    done: Floats
+    sizes: Floats | None
+    """(m,); None: at no size."""
+
+    def _moved(self) -> Floats:
+        return np.asarray(self.done * (UNIT if self.sizes is None else self.sizes))
+
+    def _limits(self, u95: Mapping[str, float]) -> Floats:
+        return (MATTERS_UNREFUSED if self.sizes is None else MATTERS) * np.array(list(u95.values()))
+
+    def size(self, u95: Mapping[str, float]) -> float | None:
+        """Return from which size on all are refused that move a value, None at none."""
+        if self.sizes is None:
+            return None
+        matters = (self._moved() > self._limits(u95)[:, None]).any(axis=0)
+        return float((self.sizes[matters] if matters.any() else self.sizes).max())
+
+    def effects(
+        self, u95: Mapping[str, float], bent: frozenset[str], exactly: Callable[[int, float], Mapping[str, float]]
+    ) -> Mapping[str, float]:
+        """Return the largest effect on each value that one of them moves."""
+        if not len(self.places):
+            return {}
+        moved = self._moved()
+        most = dict(zip(u95, moved.max(axis=1).tolist(), strict=True))
+        # The worst of each that is not linear, the first of all and one in their middle
+        worst = {int(moved[place].argmax()) for place, name in enumerate(u95) if name in bent}
+        for at in {*worst, 0, len(self.places) // 2} if worst else ():
+            whole = exactly(int(self.places[at]), UNIT if self.sizes is None else float(self.sizes[at]))
+            most |= {name: max(most[name], whole[name]) for name in bent}
+        limits = zip(u95, self._limits(u95).tolist(), strict=True)
+        return {name: most[name] for name, limit in limits if most[name] > limit}
+
+
+def _moved(course: Course, values: Evaluated, by_window: Floats, *, of_v_vc: bool) -> Mapping[str, float]:
+    """Return by how much the values move with each window moved by so much, V."""
+    taken = [at for at, place in enumerate(course.places) if place is not None]
+    moved, none = by_window[taken], np.zeros(len(taken))
+    before, after = values(none, none), values(none, moved) if of_v_vc else values(moved, none)
+    return {name: abs(after[name] - before[name]) for name in before}
 
 
 def _per_volt(course: Course, u95: Mapping[str, float], values: Evaluated, *, of_v_vc: bool) -> Floats:
