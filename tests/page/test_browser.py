@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import socket
+from contextlib import ExitStack, closing, suppress
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,6 +14,7 @@ import pytest
 import vcfbench
 from tests.cli.test_page import started
 from tests.page.test_panel import PLAN
+from vcfbench.clock import WallClock, sleep
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -211,3 +215,81 @@ def test_an_operator_measures_by_keyboard_alone(browser: Any, tmp_path: Path) ->
         first.page.keyboard.type("G1\n")
         first.wait("text=G1 is measured already")
         assert [said for each in screens for said in each.wrong if "409" not in said] == []
+
+
+class Relay:
+    """A relay between browser and program, which can be cut, and can fall asleep with its connections open."""
+
+    def __init__(self, port: int) -> None:
+        self.asleep, self._up = False, port
+        self._open: list[socket.socket] = []
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._made = [self._server]
+        self.port = int(self._server.getsockname()[1])
+        Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            while True:
+                down, _ = self._server.accept()
+                self._made.append(down)
+                if self.asleep:
+                    down.close()
+                    continue
+                up = socket.create_connection(("127.0.0.1", self._up))
+                self._open += [down, up]
+                self._made.append(up)
+                for one, other in ((down, up), (up, down)):
+                    Thread(target=self._carry, args=(one, other), daemon=True).start()
+
+    def _carry(self, one: socket.socket, other: socket.socket) -> None:
+        with suppress(OSError):
+            while data := one.recv(65536):
+                if one not in self._open:  # it slept: what is sent here is never heard again
+                    return
+                other.sendall(data)
+            other.shutdown(socket.SHUT_WR)
+
+    def cut(self) -> None:
+        gone, self._open = self._open, []
+        for each in gone:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+
+    def fall_asleep(self) -> None:
+        self.asleep, self._open = True, []
+
+    def close(self) -> None:
+        for each in self._made:
+            with suppress(OSError):
+                each.shutdown(socket.SHUT_RDWR)
+            each.close()
+
+
+@pytest.mark.parametrize("lost", ["cut once", "cut twice", "away for 10 s", "asleep"])
+def test_stop_is_there_and_stops_behind_a_relay_that_loses_its_connections(
+    browser: Any, tmp_path: Path, lost: str
+) -> None:
+    words = ("run", "turntable", "--speed", "2", "--page", "--quiet")
+    with ExitStack() as kept, started(tmp_path, *words) as (process, address):
+        port, clock = int(address.split(":")[2].split("/")[0]), WallClock()
+        relay = kept.enter_context(closing(Relay(port)))
+        looked = Looked(browser, address.replace(f":{port}/", f":{relay.port}/"))
+        looked.wait("#status.running")
+        for _ in range(2 if lost == "cut twice" else 1):
+            if lost == "asleep":
+                relay.fall_asleep()
+            else:
+                relay.asleep = lost == "away for 10 s"
+                relay.cut()
+            looked.wait("#status.lost")
+            assert looked.page.is_visible("#stop")
+            sleep(clock, 10.0 if relay.asleep else 0.0)
+            relay.asleep = False
+            looked.wait("#status.running")
+            assert looked.page.is_visible("#stop")
+        looked.page.click("#stop")
+        looked.page.click("#sure button[value=yes]")
+        process.communicate(timeout=60)
+        assert process.returncode == 4
+        looked.wait("#status.aborted")

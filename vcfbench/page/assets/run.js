@@ -138,7 +138,7 @@ function drawAbout() {
 const waits = () => run.control === "pausing" || run.control === "paused";
 
 function drawProgress() {
-  if (run.end || !run.about.run) return;
+  if (run.end || !run.about.run || !connected) return;
   const since = (performance.now() - run.heard_ms) / 1e3 / (run.pace || 1);
   // of a run in another process steps are known when they are done
   const t = run.t_s + (isLive ? Math.min(since, run.doing ? run.doing.duration_s : 0) : since);
@@ -266,6 +266,7 @@ function drawEnd() {
 // ---- what comes
 
 function take(news) {
+  connected = true;
   if (news.about && run.about.run && news.about.run !== run.about.run) { location.reload(); return; } // the next of a sitting
   if (!run.end && (news.about || run.about.run)) {
     byId("over").hidden = true;
@@ -306,9 +307,14 @@ function soonReadings() {
   run.drawnOnce = true;
 }
 
+let connected = false;
+const SILENT_MS = 30e3; // the program says something every 10 s, were it only that it is there
+let said_ms = performance.now();
+
 function listen() {
+  said_ms = performance.now();
   source = new EventSource(`${base}/events`);
-  source.addEventListener("news", (event) => { const news = JSON.parse(event.data); if (news) take(news); });
+  source.addEventListener("news", (event) => { said_ms = performance.now(); const news = JSON.parse(event.data); if (news) take(news); });
   source.addEventListener("last", (event) => {
     source.close();
     const news = JSON.parse(event.data);
@@ -324,6 +330,7 @@ function listen() {
 }
 
 function lost() {
+  connected = false;
   byId("status").textContent = "no connection";
   byId("status").className = "pill lost";
   byId("over").textContent = "The command that measured does not answer any more; it is asked again. What is shown is what came so far; the record has all of it. The run may go on: Stop is tried, and says whether it was heard.";
@@ -334,7 +341,13 @@ function lost() {
 // ---- stop, pause, go on
 
 const asked = async (what) => {
-  const answer = await fetch(`${base}/${what}?run=${encodeURIComponent(run.about.run || "")}`, { method: "POST", headers: { "X-Vcfbench-Token": token } });
+  const given = { method: "POST", headers: { "X-Vcfbench-Token": token }, signal: AbortSignal.timeout(5000) };
+  let answer;
+  try {
+    answer = await fetch(`${base}/${what}?run=${encodeURIComponent(run.about.run || "")}`, given);
+  } catch {
+    throw new Error("no answer came, so it may have been heard or not; try again, or stop it at the bench");
+  }
   if (!answer.ok) throw new Error(await answer.text());
 };
 
@@ -365,4 +378,10 @@ if (isLive && token) {
 byId("whole").addEventListener("click", () => { zoomed = null; byId("whole").hidden = true; fetchReadings(); });
 byId("rows-holder").addEventListener("toggle", drawRows);
 setInterval(drawProgress, 1000);
+setInterval(() => { // a connection that nobody has closed, as after a sleep, is noticed by its silence alone
+  if (source.readyState !== EventSource.OPEN || performance.now() - said_ms < SILENT_MS) return;
+  source.close();
+  if (!run.end) lost();
+  listen();
+}, 1000);
 listen();
