@@ -99,6 +99,7 @@ def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
     facts, rows, text = shown(lacking)
     assert facts["traceable by"] == f"34401A (multimeter) K-1, Lab Ltd, 2026-01-15; acl (rate table) {BLANK}"
     assert "Verdict: PASS with an incomplete U95, without temperature" in text
+    assert "data sheet of the multimeter count as 4 standard deviations, as its maker says" in text
     assert (rows[0][0][:36], rows[0][-1]) == (
         "scale factor; INCOMPLETE without tem",
         "PASS with an incomplete U95; guarded, w = U95",

@@ -169,12 +169,28 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
         yield f"The results hold at {conditions.words}."
     over = dict.fromkeys(each.definition.levels_words for each in run.values.values() if each.kind == "scale_factor")
     yield from (f"The scale factor is that of the line over {levels}." for levels in over if levels)
+    yield from _limits_of_meters(run)
     if left_out := [_KEY.sub("", each) for each in _left_out(run)]:
         yield f"U95 does not contain: {'; '.join(left_out)}."
     if any(each.form == "below" for each in stated):
         yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
     if len(stated) > MOST:
         yield f"All {len(stated)} results are in the section Results."
+
+
+def _limits_of_meters(run: Run) -> Iterator[str]:
+    """Yield for each voltmeter as what the limits of its data sheet count."""
+    station = (plain(run.header.get("settings")) or {}).get("station", {})
+    sources, meters = station.get("sources", {}), station.get("meters", {})
+    for role, key in (("multimeter", "meter"), ("v_vc_meter", "v_vc")):
+        if role not in station.get("instruments", {}) or sources.get(f"{key}_gain") is None:
+            continue
+        sigmas, name = sources.get(f"{key}_sigmas"), role.replace("_", " ")
+        counted = (
+            f"{sigmas:g} standard deviations, as its maker says" if sigmas else "rectangular: any error is as likely"
+        )
+        if not meters.get(role, {}).get("calibration"):
+            yield f"Limits of the data sheet of the {name} count as {counted}."
 
 
 def _left_out(run: Run) -> Sequence[str]:

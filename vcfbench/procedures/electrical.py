@@ -21,7 +21,7 @@ from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.specifications import HP_34401A, VoltmeterSpecification
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import MeterKnown, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import answer
 from vcfbench.values.value import UncertaintyPart, Value
@@ -165,14 +165,17 @@ def _resistance(settings: ElectricalSettings, range_ohm: float, readings_ohm: Se
     sheet: VoltmeterSpecification = own if known else HP_34401A  # the worst of these meters
     ohm, limit = fmean(readings_ohm), sheet.ohms[range_ohm]
     older = max(1.0, settings.station.sources.meter_age_days / _YEAR_DAYS)
-    sigmas = sheet.limit_sigmas if known and sheet.limit_sigmas is not None else math.sqrt(3.0)
+    rectangular = settings.station.meters.get("multimeter", MeterKnown()).rectangular
+    sigmas = sheet.limit_sigmas if known and not rectangular else None
     of = None if placed is None else placed.owner
     scatter = stdev(readings_ohm) / math.sqrt(len(readings_ohm))
     digit, half = sheet.resolution[float(settings.nplc)] * range_ohm, 0.5 * settings.leads_ohm
     by_limits = {"of reading": limit.reading * abs(ohm), "of range": limit.range * range_ohm}
     parts = [
         *(
-            UncertaintyPart(f"meter, {name}", older * each / sigmas, None, of, rectangular=not known)
+            UncertaintyPart(
+                f"meter, {name}", older * each / (sigmas or math.sqrt(3.0)), None, of, rectangular=sigmas is None
+            )
             for name, each in by_limits.items()
         ),
         UncertaintyPart("leads", half / math.sqrt(3.0), rectangular=True),

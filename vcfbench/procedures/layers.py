@@ -177,9 +177,10 @@ def _station(description: BenchDescription) -> Station:
     placed = {role: getattr(description, role) for role in ROLES}
     (low_c, high_c), ambient_c = ROOM_C, description.site.ambient_c or ROOM_C
     outside_k = max(0.0, low_c - min(ambient_c), max(ambient_c) - high_c)
+    flat = description.uncertainty.meter_limits == "rectangular"
     # The known corrections of the voltmeters by role, if any beside the data sheet
     voltmeters = [role for role in ("multimeter", "v_vc_meter") if placed[role] is not None]
-    known = {role: MeterKnown(outside_k, placed[role].calibration) for role in voltmeters}
+    known = {role: MeterKnown(outside_k, placed[role].calibration, flat) for role in voltmeters}
     return Station(
         instruments={role: _placed_part(part, description.name) for role, part in placed.items() if part is not None},
         meters={role: each for role, each in known.items() if each != MeterKnown()},
@@ -305,6 +306,7 @@ def meter_worth(
     at 0 V alone or the offset at one level, is that of the sheet.
     """
     promised, sigmas = accuracy_at(sheet, range_v, age_days, known.outside_k)
+    sigmas = None if known.rectangular else sigmas
     own, of_limit = known.on(range_v), math.sqrt(3.0) if sigmas is None else sigmas
     if not own:
         return {

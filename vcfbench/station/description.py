@@ -189,8 +189,10 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     measured and did not (Q, modes, phases, feed-through, amplitudes). Without it each counts as far as ageing goes
     (assumed).
 
-    `output_ohm` is the largest resistance of the gyroscope's output, which the multimeter loads with its own: above
-    10 Gohm on ranges up to 10 V, 10 Mohm on the others and of a meter that a person reads.
+    `meter_limits`: limits of a voltmeter's data sheet are as many standard deviations as its maker says (four of a
+    34401A), or any error within them is as likely. `output_ohm` is the largest resistance of the gyroscope's output,
+    which the multimeter loads with its own: above 10 Gohm on ranges up to 10 V, 10 Mohm on the others and of a meter
+    that a person reads.
 
     `oscilloscope_gain_error` is the largest error of a channel with its probe, which on another day may be another one;
     0.02 is a DSO7104B's of full scale. `exchanged_ratio_ppm` is what is left in the ratio of two amplitudes whose
@@ -220,6 +222,7 @@ class Knowledge(parts.BenchFileTable, frozen=True, kw_only=True):
     k_vc_drift_ppm_per_year: bounds.PpmPerYear | None = None
     k_vc_on_the_way_ppm: bounds.PpmPerYear | None = None
     k_vc_not_measured_ppm: bounds.PpmPerYear | None = None
+    meter_limits: Literal["sheet", "rectangular"] = "sheet"
     output_ohm: bounds.OutputResistance | None = None
     oscilloscope_gain_error: bounds.LevelError = 0.02
     exchanged_ratio_ppm: bounds.PpmPerYear = 10.0

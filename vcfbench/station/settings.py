@@ -104,11 +104,12 @@ class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
     """Certificate and room of a voltmeter, beside its data sheet.
 
     `outside_k` is how far its room may be outside of where data sheets hold, K; `calibration` are the levels of its
-    certificate.
+    certificate; `rectangular`: any error within its limits counts as likely, whatever the maker says.
     """
 
     outside_k: float = 0.0
     calibration: tuple[parts.CalibrationPoint, ...] = ()
+    rectangular: bool = False
 
     def on(self, range_v: float) -> tuple[parts.CalibrationPoint, ...]:
         """Return the levels of the certificate on a range."""

@@ -204,3 +204,13 @@ def test_what_a_meter_loads_an_output_by_is_nothing_up_to_10_v_and_within_u95_ab
     assert ppm == pytest.approx(-0.1 * output_ohm, rel=0.1)
     value = theirs[0].uncertainty.value("scale_factor")
     assert 0.8 * abs(ppm) < 1e6 * value.u95 / abs(value.value)
+
+
+@pytest.mark.parametrize("limits", ["sheet", "rectangular"])
+def test_errors_of_a_meter_within_its_limits_are_covered_by_the_rule_that_was_chosen(limits: str) -> None:
+    """A 34401A's are a quarter of its limits, says its maker; where any error is as likely that covers 80 %."""
+    known = embedded_text("paper").replace("[uncertainty]", f'[uncertainty]\nmeter_limits = "{limits}"')
+    sources = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(known), "")).station.sources
+    u = 35e-6 / (sources.meter_sigmas or math.sqrt(3.0))
+    drawn = np.random.default_rng(1).uniform(-35e-6, 35e-6, 2000)
+    assert (np.mean(np.abs(drawn) <= 1.96 * u) > 0.93) == (limits == "rectangular")

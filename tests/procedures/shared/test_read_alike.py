@@ -11,14 +11,14 @@ from msgspec import structs
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import Layer, settings_of
+from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.shared.null_comparison.blocks import levels_of
 from vcfbench.records.schema import Point
 from vcfbench.station.file import embedded_text
 
 RATES = (10.0, 50.0, 200.0)
 KVC = PROCEDURES["kvc"]
-SETTINGS = settings_of(KVC, checked_bench(tomllib.loads(embedded_text("lab")), ""), Layer({}, str))
+SETTINGS = settings_of(KVC, checked_bench(tomllib.loads(embedded_text("lab")), ""))
 
 
 def driven(rng: np.random.Generator, jump: float, at: int) -> list[list[Point]]:
