@@ -353,8 +353,10 @@ class Session(Conversation):
         """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
         self._require_open()
         if not self.dirty:
-            with self.exchange(None, deadline):
+            try:
                 self.dirty = bool(self._received or self._wire.pending())
+            except errors.TransportError as error:
+                raise self.locate(error, None, deadline)  # noqa: B904 - the same error, now knowing where
         if self.dirty:
             if deadline.expired():  # no time to find the place in is no reason to give the connection up
                 raise self.locate(errors.DeadlineExceeded("the time was up before anything was sent"), None, deadline)

@@ -25,7 +25,7 @@ class SerialLine(Struct, frozen=True):
 
 def left_s(deadline: Deadline) -> float:
     """Return what is left of `deadline`, s; raises DeadlineExceeded where nothing is."""
-    left = deadline.remaining()
+    left = deadline.expires_s - deadline.clock.now()
     if left <= 0.0:
         raise DeadlineExceeded("the time is up")
     return left
