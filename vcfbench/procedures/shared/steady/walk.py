@@ -5,7 +5,7 @@ That is within the uncertainty of the difference: noise of the readings, flicker
 
 import math
 from collections.abc import Sequence
-from typing import Protocol, Self, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 from msgspec import Struct, field
 
@@ -141,6 +141,8 @@ class Walk(Struct):
     settings: ProcedureSettings
     limits: Limits
     windows: list[Seen] = field(default_factory=list)
+    alike: dict[tuple[Any, ...], list[Seen]] = field(default_factory=dict)
+    """The same by their settings."""
     driven: bool = False
     up: str = ""
     """Axis of the case that points up, where a person has turned it."""
@@ -183,6 +185,7 @@ class Walk(Struct):
         self.squares_v2 += (seen.point.n - 1) * seen.point.std_v**2
         self.dof += seen.point.n - 1
         self.windows.append(seen)
+        self.alike.setdefault(seen.setting, []).append(seen)
 
     def note(self, step: Step, result: StepResult) -> None:
         """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
@@ -191,7 +194,7 @@ class Walk(Struct):
 
     def require_same(self, seen: Seen) -> None:
         """See that the last window, `seen`, gives what its setting gave before; MeasurementError: it does not."""
-        for earlier in [each for each in self.windows[:-1] if each.setting == seen.setting]:
+        for earlier in self.alike[seen.setting][:-1]:
             was_v, allowed_v = earlier.point.output_v, self._allowed_v(earlier, seen)
             moved_v = seen.point.output_v - was_v
             if abs(moved_v) <= allowed_v:
