@@ -151,8 +151,10 @@ class Session(Conversation):
             self._in_step(limit)
             for command in commands:
                 self.dirty = True
-                with self.exchange(command, limit):
+                try:
                     self._say(command, limit)
+                except errors.TransportError as error:
+                    raise self.locate(error, command, limit)  # noqa: B904 - the same error, now knowing where
                 self.dirty = False
                 if self._write_pause_s:
                     sleep(self.clock, min(self._write_pause_s, limit.remaining()))
