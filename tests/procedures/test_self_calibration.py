@@ -22,7 +22,7 @@ from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
-from vcfbench.procedures.shared.known.certificate import drift_of
+from vcfbench.procedures.shared.known.certificate import Here, drift_of
 from vcfbench.procedures.shared.known.device import KnownDevice, Reference, level_for
 from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
@@ -338,6 +338,34 @@ def test_a_limit_of_a_drift_says_what_its_u95_lacks() -> None:
     seen = [(each.key, each.u95, each.missing) for each in drift.limits]
     assert seen == [("drift_ppm", drift.change_ppm.expanded_u, ("temperature",)), ("cusum", None, ())]
     assert drift.verdict == "pass"
+
+
+def test_a_drift_has_other_temperatures_and_rails_taken_off() -> None:
+    slope = Measured(value=-0.0125, u=1e-7)
+    then = [
+        Reference(name=name, kind=kind, done="2026-05-04", scale_factor_v_per_deg_s=slope, **under)
+        for name, kind, under in (
+            ("0001", "certificate", {"temperature_c": 20.0, "rails_v": (10.0, -10.0)}),
+            ("0002", "self-calibration", {"temperature_c": 20.0, "rails_v": (10.0, -10.0)}),
+        )
+    ]
+    curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 0.0)), v_vc_min_v=-1.0, v_vc_max_v=1.0)
+    slopes = {"table_slope_ppm_k": Measured(value=-104.0, u=1.0), "table_slope_ppm_v": Measured(value=375.0, u=10.0)}
+    known = KnownDevice(k_vc=curve, source="c", certificate="0001", reference=then[0], history=(then[1],))
+    now = measurand(-0.0125 * (1.0 - 520e-6 + 150e-6), "V/(deg/s)", [UncertaintyPart("readings", 1e-7)])
+    here = Here(25.0, (10.4, -10.4), 500.0)
+    ignored, unknown = drift_of(now, known, []), drift_of(now, known, [], here)
+    taken = drift_of(now, structs.replace(known, characteristics=Characteristics(**slopes)), [], here)
+    assert ignored is not None
+    assert unknown is not None
+    assert taken is not None
+    assert ignored.e_n > 10.0
+    assert ignored.cusum > 5.0
+    assert taken.change_ppm.value == pytest.approx(0.0, abs=0.1)
+    assert (taken.e_n, taken.cusum) == pytest.approx((0.0, 0.0), abs=0.1)
+    assert taken.since.endswith("(taken off: +5 K: -520 ppm; +0.4 V of both rails: +150 ppm)")
+    assert unknown.e_n < 1.0  # of which 500 ppm/K are the limit
+    assert "no temperature coefficient of the device is known" in unknown.since
 
 
 def fresh_store(where: Path, name: str) -> DeviceStore:

@@ -21,7 +21,14 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.health.check import by_phases, gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
+from vcfbench.procedures.shared.known.certificate import (
+    Drift,
+    Here,
+    curve_parts,
+    drift_of,
+    drift_parts,
+    lists_of_omissions,
+)
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
 from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
 from vcfbench.procedures.shared.measurand import Measurand, budget_table, made_of, measurand, said_of
@@ -347,7 +354,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
         since=said,
         unseen=settings.known.unseen,
         holds_not=(*settings.known.holds_not, *_HOLDS_NOT, *gaps_of(settings)),
-        drift=drift_of(scale_factor, settings.known, settings.acceptance),
+        drift=drift_of(scale_factor, settings.known, settings.acceptance, Here.of(settings)),
     )
 
 

@@ -29,7 +29,14 @@ from vcfbench.procedures.shared.budget.known_levels import known_levels
 from vcfbench.procedures.shared.columns import combined
 from vcfbench.procedures.shared.kept import conditions_of
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.certificate import Drift, curve_parts, drift_of, drift_parts, lists_of_omissions
+from vcfbench.procedures.shared.known.certificate import (
+    Drift,
+    Here,
+    curve_parts,
+    drift_of,
+    drift_parts,
+    lists_of_omissions,
+)
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_ON_THE_WAY, k_vc_since, with_temperature
 from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
@@ -242,7 +249,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         unseen=health_check.STILL_UNSEEN if health_check.CARRIER_PHASE in measured else known.unseen,
         since=said,
         holds_not=(*known.holds_not, *_HOLDS_NOT, *health_check.gaps_of(settings)),
-        drift=drift_of(scale_factor, known, settings.acceptance),
+        drift=drift_of(scale_factor, known, settings.acceptance, Here.of(settings)),
     )
 
 
@@ -418,6 +425,8 @@ def self_calibration_report(
         *lists_of_omissions(results.holds_not, results.unseen),
     ]
     if results.drift is not None:
-        then = settings.known.characteristics
-        parts += explained_parts(results.drift.change_ppm, then, results.characteristics)
+        then, known = settings.known.characteristics, settings.known.reference
+        was = results.scale_factor.value if known is None else known.scale_factor_v_per_deg_s.value
+        change = replace(results.drift.change_ppm, value=1e6 * (results.scale_factor.value / was - 1.0))
+        parts += explained_parts(change, then, results.characteristics)
     return Report(parts)

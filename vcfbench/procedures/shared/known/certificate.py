@@ -6,7 +6,7 @@ run hides in its noise by the cumulative sum over all entries.
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from msgspec import Struct
@@ -17,7 +17,7 @@ from vcfbench.analysis.control_chart import cusum, recursive_residuals
 from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.procedures.shared.known.v_vc import v_vc_error
 from vcfbench.procedures.shared.measurand import Measurand, measurand
-from vcfbench.records.device_values import Measured
+from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
@@ -38,6 +38,29 @@ class Change(Struct, frozen=True):
     """Errors common to both."""
     e_n: float
     """Change over its expanded uncertainty: above 1 it is seen."""
+
+
+class Here(Struct, frozen=True):
+    """Conditions of a run that is compared with earlier ones, and the limit of a coefficient that nobody measured."""
+
+    temperature_c: float | None = None
+    rails_v: tuple[float, float] | None = None
+    limit_ppm_k: float = 0.0
+
+    @classmethod
+    def of(cls, settings: KnownDeviceSettings) -> "Here":
+        """Return those of a run with these settings."""
+        limit_ppm_k = settings.station.sources.scale_factor_ppm_k
+        rails_v = settings.positive_rail_v, settings.negative_rail_v
+        return cls(settings.temperature_c, rails_v, limit_ppm_k or 0.0)
+
+
+class Moved(NamedTuple):
+    """What other conditions did to a scale factor, ppm, the parts of its uncertainty, and words for each."""
+
+    ppm: float
+    parts: tuple[UncertaintyPart, UncertaintyPart]
+    words: tuple[str, ...]
 
 
 class Drift(Change, frozen=True):
@@ -82,15 +105,21 @@ def curve_parts(settings: KnownDeviceSettings) -> tuple[list[tuple[str, Floats, 
     return found, same_meter
 
 
-def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit]) -> Drift | None:
+def drift_of(
+    scale_factor: Measurand,
+    known: KnownDevice,
+    limits: Sequence[Limit],
+    here: Here = Here(),  # noqa: B008  # frozen
+) -> Drift | None:
     """Return how far `scale_factor` is from that of the certificate, and how the entries since then went.
 
-    None where nothing earlier is known. Parts of the same owner cancel. It is judged by those of `limits` that are its.
+    None where nothing earlier is known. Parts of the same owner cancel. What other conditions did, `here` and then, is
+    taken off by the device's coefficients. It is judged by those of `limits` that are its.
     """
     if known.reference is None:
         return None
-    first = _change(scale_factor, known.reference)
-    last = _change(scale_factor, known.history[-1]) if known.history else None
+    first = _change(scale_factor, known.reference, known, here)
+    last = _change(scale_factor, known.history[-1], known, here) if known.history else None
     earlier = (known.reference, *known.history)
     base = known.reference.scale_factor_v_per_deg_s.value
     now = [each.scale_factor_v_per_deg_s.value for each in earlier] + [scale_factor.value]
@@ -104,7 +133,11 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     by_source = np.zeros((len(now), len(keys)))
     for row, column, u in placed:
         by_source[row, column] += u
-    residuals = recursive_residuals(1e6 * (np.array(now) / base - 1.0), by_source @ by_source.T)
+    moved = [_moved(each, known, here) for each in earlier]
+    by_conditions = np.array([*([part.u for part in of.parts] for of in moved), [0.0, 0.0]])
+    covariance = by_source @ by_source.T + by_conditions @ by_conditions.T
+    as_here = 1e6 * (np.array(now) / base - 1.0) + np.array([*(of.ppm for of in moved), 0.0])
+    residuals = recursive_residuals(as_here, covariance)
     summed = float(cusum(residuals)[-1])
     seen = first.since, first.change_ppm, first.cancelled, first.e_n, last, summed, known.failed_before
     found = Drift(*seen, "pass", ())
@@ -113,9 +146,30 @@ def drift_of(scale_factor: Measurand, known: KnownDevice, limits: Sequence[Limit
     return found if own is None else replace(found, verdict=own.word, limits=own.limits)
 
 
-def _change(scale_factor: Measurand, reference: Reference) -> Change:
-    """Return how far `scale_factor` is from that of an earlier entry."""
-    change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0)
+def _moved(then: Reference, known: KnownDevice, here: Here) -> Moved:
+    """Return what other conditions did to the scale factor since an earlier entry."""
+    of = known.characteristics or Characteristics()
+    then_c, here_c = then.temperature_c, here.temperature_c
+    warmer_k = 0.0 if then_c is None or here_c is None else here_c - then_c
+    slope = of.table_slope_ppm_k or Measured(value=0.0, u=here.limit_ppm_k / math.sqrt(3.0))
+    wider_v, per_v = 0.0, of.table_slope_ppm_v
+    if then.rails_v is not None and here.rails_v is not None and per_v is not None:
+        wider_v = 0.5 * (here.rails_v[0] - then.rails_v[0] + then.rails_v[1] - here.rails_v[1])
+    per_v = per_v or Measured(value=0.0, u=0.0)
+    parts = (
+        UncertaintyPart("temperature coefficient", slope.u * warmer_k),
+        UncertaintyPart("coefficient of the rails", per_v.u * wider_v),
+    )
+    unknown = ", and no temperature coefficient of the device is known" if of.table_slope_ppm_k is None else ""
+    words = [f"{warmer_k:+.4g} K: {slope.value * warmer_k:+.0f} ppm{unknown}"] if warmer_k else []
+    words += [f"{wider_v:+.4g} V of both rails: {per_v.value * wider_v:+.0f} ppm"] if wider_v else []
+    return Moved(slope.value * warmer_k + per_v.value * wider_v, parts, tuple(words))
+
+
+def _change(scale_factor: Measurand, reference: Reference, known: KnownDevice, here: Here) -> Change:
+    """Return how far `scale_factor` is from that of an earlier entry, other conditions taken off."""
+    moved = _moved(reference, known, here)
+    change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0) - moved.ppm
     owners: dict[str, list[UncertaintyPart]] = {}
     parts: list[UncertaintyPart] = []
     for part in _relative_kept(reference):
@@ -129,9 +183,11 @@ def _change(scale_factor: Measurand, reference: Reference) -> Change:
         parts.append(replace(part, u=part.u - math.fsum(each.u for each in same), dof=None))
         cancelled.append(f"{part.source} ({part.of})")
     parts += [part for left in owners.values() for part in left]
+    parts += [part for part in moved.parts if part.u]
     missing = (*reference.scale_factor_v_per_deg_s.missing, *scale_factor.missing)
     found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
+    since += f" (taken off: {'; '.join(moved.words)})" if moved.words else ""
     return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.expanded_u))
 
 

@@ -46,6 +46,8 @@ class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     done: str
     """Date, as ISO 8601 has it."""
     scale_factor_v_per_deg_s: device_values.Measured
+    temperature_c: float | None = None
+    rails_v: tuple[float, float] | None = None
 
 
 class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -271,7 +273,15 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
             kind, done = "certificate", record.issued
         case _:
             return None
-    return Reference(name=name, kind=kind, done=done.isoformat(), scale_factor_v_per_deg_s=found)
+    under = record.conditions
+    return Reference(
+        name=name,
+        kind=kind,
+        done=done.isoformat(),
+        scale_factor_v_per_deg_s=found,
+        temperature_c=under.temperature_c,
+        rails_v=(under.positive_rail_v, under.negative_rail_v),
+    )
 
 
 def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:
