@@ -38,7 +38,7 @@ from procedures_truth import MEMORY, Modes, Stated, Truth, changed, stated
 
 import vcfbench
 from vcfbench import steps
-from vcfbench.errors import BenchError
+from vcfbench.errors import Aborted, BenchError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.health.check import MAY_HAVE
 from vcfbench.procedures.online.settings import OnlineSettings
@@ -158,6 +158,8 @@ def tried(name: str, bench: BenchDescription, seed: int) -> Line:
     try:
         run = vcfbench.run(name, bench, seed=seed, settings=dict(told), metadata={"dut": DUT}, runs=records)
         why = "" if run.error is None and run.results is not None else str(run.error or run.no_results)
+    except Aborted:  # somebody stopped the study: no line of it
+        raise
     except BenchError as error:
         why = str(error)
     except Exception as error:  # noqa: BLE001  # a defect, which is told with the others
