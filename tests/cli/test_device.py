@@ -14,6 +14,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
+from vcfbench.archive.batch_sheet import device_rows
 from vcfbench.cli.main import app
 from vcfbench.records.device_values import Conditions, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
@@ -167,3 +168,17 @@ def test_entries_from_a_simulated_bench_are_marked_beside_real_ones(store: Devic
     real = structs.replace(HERE, simulated=False)
     store.add(Certificate(serial="G-1", issued=DAY, procedure="kvc", k_vc=CURVE, conditions=real))
     assert "self-calibration (simulated)" in call("G-1", *where).stdout
+
+
+@pytest.mark.exhaustive
+def test_a_record_of_before_that_lists_no_values_has_its_row(tmp_path: Path) -> None:
+    settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
+    run = vcfbench.run("virtual-coriolis", seed=1, settings=settings, metadata={"dut": "G-9"}, runs=tmp_path / "runs")
+    assert run.directory is not None
+    result = run.directory / "result.json"
+    stored = json.loads(result.read_text(encoding="utf-8"))
+    del stored["values"]
+    result.write_text(json.dumps(stored), encoding="utf-8")
+    (row,) = device_rows("G-9", tmp_path / "runs", tmp_path / "devices")
+    assert row.scale_factor is not None
+    assert row.scale_factor.name == "turntable.scale_factor"

@@ -22,6 +22,7 @@ from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Column, Heading, Notice, Part, Report, Table, Text, heads
+from vcfbench.values.definition import Conditions
 from vcfbench.values.kinds import limit_words
 from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
@@ -130,7 +131,8 @@ def device_rows(serial: str, runs: str | Path = "runs", devices: str | Path = "d
     """
     known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
     history = _History(known, devices)
-    return tuple(history.row(each) for each in known if _slope(each.results.values()) is not None)
+    rows = (history.row(each) for each in known if _may_have_slope(each))
+    return tuple(each for each in rows if each.scale_factor is not None)
 
 
 class _History(Struct, frozen=True):
@@ -153,7 +155,7 @@ class _History(Struct, frozen=True):
             for each in self.known
             if (each.dut, each.simulated, each.status) == (run.dut, run.simulated, Status.COMPLETE)
             and each.started < run.started
-            and _slope(each.results.values()) is not None
+            and _may_have_slope(each)
         ]
         return sorted(same, key=lambda each: each.started)
 
@@ -174,8 +176,10 @@ class _History(Struct, frozen=True):
             value = None if change.value is None else ppm * change.value
             return structs.replace(change, value=value, u=sized[0], u95=sized[1])
 
-        alike = [each for each in earlier if each.procedure == summary.procedure]
-        if alike and (last := since(self.compared(alike[-1]))) is not None:
+        same = (self.compared(each) for each in reversed(earlier) if each.procedure == summary.procedure)
+        if (
+            last := since(next((each for each in same if _slope(each.run.values.values()) is not None), None))
+        ) is not None:
             found |= {"drift_ppm": last.value, "u_drift_ppm": last.u, "u95_drift_ppm": last.u95, "e_n": last.e_n}
             found["drift_note"] = last.reason or last.note
         first = next(
@@ -190,6 +194,12 @@ class _History(Struct, frozen=True):
         values = run.values
         scale = _slope(values.values())
         return _row(summary, run, {} if scale is None else self.changes(summary, scale))
+
+
+def _may_have_slope(summary: RunSummary) -> bool:
+    """Tell whether a run may have a scale factor: records of before list some of their values, without conditions."""
+    values = summary.results.values()
+    return _slope(values) is not None or all(each.conditions == Conditions() for each in values)
 
 
 def _slope(values: Iterable[Value], *kinds: str) -> Value | None:
