@@ -260,12 +260,11 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings by the place: wiring, limits, expected values, acceptance; none that a procedure could choose.
 
     `instruments` are those of the bench file by role, the rate table apart; `meters` what is known of the voltmeters
-    beside their data sheets; `latitude_deg` is north positive.
-    `oscilloscope` is what its channels see, None on a bench that has none.
-    `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
+    beside their data sheets; `latitude_deg` is north positive. `oscilloscope` is what its channels see, None on a bench
+    that has none. `meter_resolution_v` is that of one reading at the range and integration time that were chosen, V.
     `sources` are what uncertainties come from. `characteristics` is what earlier runs found of the device, as its
-    entries have it, for a calibration of K_Vc. `simulated` is the kind of the bench, None where nobody told:
-    only entries from benches of the same kind count.
+    entries have it, for a calibration of K_Vc. `simulated` is the kind of the bench, None where nobody told: only
+    entries from benches of the same kind count.
     """
 
     instruments: dict[str, PlacedInstrument] = field(default_factory=dict)
