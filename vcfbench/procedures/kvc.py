@@ -151,6 +151,7 @@ class KVcResult(Struct, frozen=True, kw_only=True):
 
 
 _HOLDS_NOT = (
+    "instruments beyond their data sheets and certificates: each is taken to be within",
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
     "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
     "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: those of the run",

@@ -290,9 +290,8 @@ class DeviceStore(Struct, frozen=True):
         others = [each.name for each in standing(entries, simulated=not self.simulated)]
         if self.simulated is None or not others:
             return ""
-        return (
-            f"device {serial}: left out, from a {'real' if self.simulated else 'simulated'} bench: {', '.join(others)}"
-        )
+        kind = "real" if self.simulated else "simulated"
+        return f"device {serial}: left out, from a {kind} bench: {', '.join(others)}"
 
     def withdraw(self, serial: str, name: str, *, reason: str, by: str) -> Entry:
         """Add an entry by which an earlier one counts no more; that of a withdrawal makes what it took back count.
@@ -441,19 +440,17 @@ def since_certificate(entries: Sequence[Entry]) -> tuple[Entry, ...]:
 
 
 def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return those of them whose drift failed: the device has failed until it has a new certificate."""
-    return tuple(each for each in since_certificate(entries) if getattr(each.record, "drift_verdict", None) == "fail")
+    """Return those of them whose drift failed, but for one that a second look right after it did not find."""
+    own = since_certificate(entries)
+    failed = [getattr(each.record, "drift_verdict", None) == "fail" for each in own]
+    near = zip([False, *failed], [*failed[1:], True], strict=False)  # the last waits for its second look
+    return tuple(each for each, fails, others in zip(own, failed, near, strict=False) if fails and any(others))
 
 
 def load_device(serial: str, devices: Path | str = "devices") -> Device:
     """Return the calibration history of a gyroscope: its certificates, self-calibrations and static records.
 
-    Args:
-        serial: its serial number.
-        devices: directory in which the devices are kept.
-
-    Raises:
-        ConfigError: nothing is known of it, or an entry cannot be read.
+    `devices` is the directory in which they are kept. ConfigError: nothing is known of it, or an entry cannot be read.
     """
     return DeviceStore(Path(devices)).device(serial)
 

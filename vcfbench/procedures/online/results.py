@@ -48,6 +48,7 @@ _SURE = math.cos(math.radians(60.0))
 
 UNKNOWN_SIGN = "its sign: nothing tells it (expected.scale_factor_v_per_deg_s, a certificate, a meter on V_Vc)"
 _HOLDS_NOT = (
+    "instruments beyond their data sheets and certificates: each is taken to be within",
     "what K_Vc itself is made of: see what this method cannot see",
     "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
     "curvature of fifth order and higher; harmonics of the generator where V_Vc is not measured",

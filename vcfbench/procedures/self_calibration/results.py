@@ -81,6 +81,7 @@ ORDER = 3
 """Order of the polynomial whose slope at rest is the scale factor of small signals."""
 
 _HOLDS_NOT = (
+    "instruments beyond their data sheets and certificates: each is taken to be within",
     "what K_Vc itself is made of: see what this method cannot see",
     "what the meters drifted between two entries: the same meter is taken to be off by the same",
     "lack of fit, of the certificate's curve and of the line here",

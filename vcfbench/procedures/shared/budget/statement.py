@@ -274,6 +274,7 @@ _BY_V_VC = {
     "nonlinearity": "nonlinearity_by_v_vc",
 }
 _OUTSIDE = (
+    "instruments beyond their data sheets and certificates: each is taken to be within",
     "lack of fit: how far the outputs are from a line is in the non-linearity",
     "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)",
     "turn-on to turn-on and remounting: one power-on, one mounting",

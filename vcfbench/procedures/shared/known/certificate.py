@@ -71,7 +71,7 @@ class Drift(Change, frozen=True):
     cusum: float
     """Creep over all entries by the certificate: tabular CUSUM in standard uncertainties, each of its own entry."""
     failed_before: tuple[str, ...]
-    """Entries by this certificate whose drift failed: the device stays failed until it has a new certificate."""
+    """Entries by this certificate whose drift failed twice in a row: so it stays until it has a new certificate."""
     verdict: Literal["pass", "marginal", "fail"]
     limits: tuple[Verdict, ...]
     """Limits of its verdict."""
@@ -238,6 +238,8 @@ def drift_parts(drift: Drift | None) -> list[Any]:
     words.append(f"drift: {Acceptance(drift.limits).said} ({judged_by})")
     if drift.verdict != "fail" and drift.e_n > 1.0:
         words.append("  beyond its U95, which chance does once in 20: the next runs tell")
+    if drift.verdict == "fail" and not drift.failed_before:
+        words.append("  a second look, made without this one, tells: what fails again stays failed")
     if drift.failed_before:
         words.append(
             f"  the drift failed in {', '.join(drift.failed_before)}: the device stays failed, whatever later runs "
