@@ -23,7 +23,7 @@ from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zer
 from vcfbench.records import journal
 from vcfbench.sim.gyro.design import paper_bench
 from vcfbench.station.parts import Limits
-from vcfbench.station.settings import Station
+from vcfbench.station.settings import Sources, Station
 from vcfbench.steps import Acquire, AcquireGapless, EnableSupply, EnableTable, EnableVvc, Settle
 from vcfbench.steps.dry_run import walk
 from vcfbench.steps.executor import Executor
@@ -123,6 +123,19 @@ def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
     again = vcfbench.load_run("last", runs=tmp_path)
     assert again.status == "complete"
     assert again.results == done.results
+
+
+def test_flicker_of_the_mean_grows_with_the_horizon_that_it_is_stated_for(hour: Run) -> None:
+    """By the integral of a 1/f from the horizon to the record."""
+    volts = np.array([reading.voltage_v for reading in hour.readings])
+
+    def flicker(horizon_h: float) -> float:
+        station = Station(sources=Sources(horizon_h=horizon_h))
+        output = of_record(volts, ZeroSettings(scale_factor_v_per_deg_s=TRUE_SCALE, station=station)).output_v
+        assert output is not None
+        return next(part.u for part in output.parts if part.source.startswith("flicker"))
+
+    assert flicker(1000.0) / flicker(24.0) == pytest.approx(1.4408 / 0.9428, rel=1e-3)
 
 
 def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(hour: Run) -> None:
