@@ -45,7 +45,7 @@ SWAPS: dict[type[ast.AST], str] = {
 
 
 def git(*words: str) -> bytes:
-    command = ["git", "-C", ROOT, *words]
+    command = ["git", "-C", str(ROOT), *words]
     return subprocess.run(command, check=True, capture_output=True).stdout
 
 
