@@ -25,8 +25,8 @@ def test_runs_over_drawn_rates_of_a_gyroscope_tell_no_drift_and_those_of_an_aged
 ) -> None:
     monkeypatch.chdir(tmp_path)
     found = shares(of_device((2, 14)))
-    low, high = BARS["unaged: |E_n| < 1"]
-    assert low - 0.06 <= found["unaged: |E_n| < 1"] <= high + 0.01
+    # of a dozen pairs, 9 are met with 99.9 % where 94 % of many are; the study of hundreds holds the share itself
+    assert found["unaged: |E_n| < 1"] >= 0.75
     assert found["stated"] >= BARS["stated"][0] - 0.1
     assert found["aged, with a run of 17 rates: found"] >= BARS["aged, with a run of 17 rates: found"][0]
     assert found["other conditions: truth in U95"] >= 0.75
