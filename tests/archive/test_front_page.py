@@ -142,6 +142,7 @@ def test_the_seal_is_that_which_verification_holds(judged: Run) -> None:
     assert seal_of(vcfbench.Run("own", vcfbench.Status.COMPLETE)) is None
 
 
+@pytest.mark.exhaustive
 def test_each_point_of_each_line_has_its_residual_and_uncertainty(tmp_path: Path) -> None:
     run = vcfbench.run("virtual-coriolis", seed=3, runs=tmp_path)
     tables = {part.title: part for part in full_report(run).parts if isinstance(part, Table)}

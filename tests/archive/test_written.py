@@ -142,6 +142,7 @@ def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, 
     assert "SIMULATED" in pages[0]
 
 
+@pytest.mark.exhaustive
 def test_a_pdf_without_its_library_says_what_to_install(
     quick: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ def test_no_records(station: Station, tmp_path: Path) -> None:  # pytest's way w
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.exhaustive
 def test_list_and_show_what_was_run(station: Station) -> None:
     ran = json.loads(call("run", "virtual-coriolis", "--json", "--quiet").stdout)
     listed = json.loads(call("runs", "list", "--json").stdout)["runs"]

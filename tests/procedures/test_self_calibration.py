@@ -220,6 +220,7 @@ def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path
     assert u_ppm["other"] == u_ppm["calibrated since"] > 1.02 * u_ppm["same"]
 
 
+@pytest.mark.exhaustive
 def test_a_simulated_meter_without_a_number_is_the_same_at_the_same_seed(tmp_path: Path) -> None:
     """Another seed draws other specimens, at the same address of the same bench."""
     settings = calibrated(tmp_path, LAB)

@@ -83,6 +83,7 @@ def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_correct
     assert "NOT corrected" not in text
 
 
+@pytest.mark.exhaustive
 def test_a_record_is_read_once_for_its_results_and_readings(hour: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     """A million readings take a second each time."""
     opens = []

@@ -78,6 +78,7 @@ def test_a_row_a_run_and_a_case_a_value(whole: Path) -> None:
     assert "bias_deg_s" not in first
 
 
+@pytest.mark.exhaustive
 def test_a_run_of_a_study_is_the_run_alone(whole: Path, tmp_path: Path) -> None:
     settings = {"rates_deg_s": [10, 0, -10], "settle_s": 0.5, "samples": 4}
     result = vcfbench.load_study(whole / "t.csv")
