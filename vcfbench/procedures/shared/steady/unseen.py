@@ -102,7 +102,9 @@ def unseen(
     points = [each.point for each in course.windows]
     ones, output = np.ones(len(points)), np.array([point.output_v for point in points])
     v_vc = np.array([point.v_vc_measured_v or 0.0 for point in points])
-    per_output, per_v_vc = (_per_volt(course, u95, values, of_v_vc=each) for each in (False, True))
+    none = np.zeros(sum(place is not None for place in course.places))
+    before = values(none, none)
+    per_output, per_v_vc = (_per_volt(course, u95, values, before, of_v_vc=each) for each in (False, True))
     units = {
         OFFSET: (per_output, ones),
         GAIN: (per_output, output),
@@ -132,7 +134,7 @@ def unseen(
 
         def exactly(fault: int, size: float, unit: str = unit, scale: Floats = scale) -> Mapping[str, float]:
             stretch = (places >= begin[fault]) & (places < end[fault]) if not walks[fault] else rise[fault - len(begin)]
-            return _moved(course, values, size * scale * stretch, of_v_vc=unit in {V_VC_OFFSET, V_VC_GAIN})
+            return _moved(course, values, before, size * scale * stretch, of_v_vc=unit in {V_VC_OFFSET, V_VC_GAIN})
 
         never = np.isinf(sizes) | ((sizes > _MOST_GAIN) & (unit not in OFFSETS))
         for kind, own in kinds.items():
@@ -207,15 +209,19 @@ class _Faults(Struct, frozen=True):
         return {name: most[name] for name, limit in limits if most[name] > limit}
 
 
-def _moved(course: Course, values: Evaluated, by_window: Floats, *, of_v_vc: bool) -> Mapping[str, float]:
-    """Return by how much the values move with each window moved by so much, V."""
+def _moved(
+    course: Course, values: Evaluated, before: Mapping[str, float], by_window: Floats, *, of_v_vc: bool
+) -> Mapping[str, float]:
+    """Return by how much the values move from those `before` with each window moved by so much, V."""
     taken = [at for at, place in enumerate(course.places) if place is not None]
     moved, none = by_window[taken], np.zeros(len(taken))
-    before, after = values(none, none), values(none, moved) if of_v_vc else values(moved, none)
+    after = values(none, moved) if of_v_vc else values(moved, none)
     return {name: abs(after[name] - before[name]) for name in before}
 
 
-def _per_volt(course: Course, u95: Mapping[str, float], values: Evaluated, *, of_v_vc: bool) -> Floats:
+def _per_volt(
+    course: Course, u95: Mapping[str, float], values: Evaluated, before: Mapping[str, float], *, of_v_vc: bool
+) -> Floats:
     """Return what a volt more in each window does to each value, (values, windows); 0 of references."""
     found = np.zeros((len(u95), len(course.windows)))
     taken = {
@@ -227,7 +233,6 @@ def _per_volt(course: Course, u95: Mapping[str, float], values: Evaluated, *, of
     none = np.zeros(number)
     if not taken:
         return found
-    before = values(none, none)
     for together in _probes(course, list(taken)):
         moved = np.zeros(number)
         moved[[taken[at] for at in together]] = _PROBE_V
