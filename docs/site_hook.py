@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "simrack/README.md")
+PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "experiments/README.md", "simrack/README.md")
 FOLDERS = ("examples", "simrack/docs", "simrack/examples")
 EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv", ".xml"}
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")

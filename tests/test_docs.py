@@ -130,7 +130,7 @@ def module_run(words: list[str], folder: Path) -> subprocess.CompletedProcess[st
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """A working directory that looks like a clone to the commands."""
-    for name in ("examples", "benchmarks"):
+    for name in ("examples", "benchmarks", "experiments"):
         shutil.copytree(ROOT / name, tmp_path / name)
     return tmp_path
 

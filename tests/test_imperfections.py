@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-SCRIPT = Path(__file__).parents[1] / "benchmarks" / "imperfections.py"
+SCRIPT = Path(__file__).parents[1] / "experiments" / "imperfections.py"
 
 
 def script() -> Any:

@@ -14,7 +14,7 @@ from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.simulation import true_output
 from vcfbench.studies.truth import four_step_truth, truth_of
 
-STUDY = Path(__file__).parents[1] / "benchmarks" / "truth.py"
+STUDY = Path(__file__).parents[1] / "experiments" / "truth.py"
 QUIET = """
 [simulation.errors]
 power = "none"

@@ -1,4 +1,4 @@
-"""A sample of what benchmarks/history.py asks: whether a change of plan is told from one of the device."""
+"""A sample of what experiments/history.py asks: whether a change of plan is told from one of the device."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from benchmarks.history import BARS, SUB_PLANS, of_device, shares, table_1
+from experiments.history import BARS, SUB_PLANS, of_device, shares, table_1
 
 if TYPE_CHECKING:
     from pathlib import Path

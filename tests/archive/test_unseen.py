@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import vcfbench
-from benchmarks.unseen import KINDS, Tried
+from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
 from vcfbench.procedures.shared.steady import jumps

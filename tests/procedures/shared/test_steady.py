@@ -12,7 +12,7 @@ import pytest
 from msgspec.structs import replace
 
 import vcfbench
-from benchmarks.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
+from experiments.beliefs import Case, Windows, faults_of, run, spoilt, with_fault
 from tests.procedures.fakes import make_settings
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.shared.steady.jumps import (
@@ -190,7 +190,7 @@ SWEEPS = [
     ids=lambda value: getattr(value, "name", str(value)),
 )
 def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp_path: Any) -> None:
-    """A sample of what benchmarks/beliefs.py does in every gap."""
+    """A sample of what experiments/beliefs.py does in every gap."""
     seen = Windows()
     assert not isinstance(run(case, 3, str(tmp_path), [seen]), MeasurementError)
     for name, fault in list(faults_of(seen.times_s))[::each]:

@@ -33,7 +33,7 @@ MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
 The limits are this program's own, there is no source for them. Q halves where gas that damps a mode comes to twice its
 pressure. Half a hertz of split is 3e-4 of a mode's spring, 5 Hz of the in-phase mode 3e-3. A degree is 0.8 us at 3.5
 kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes answer and 0.5 % of the drive alone are
-as far as `benchmarks/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
+as far as `experiments/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
 """
 _AMPLITUDES = ("drive_amplitude_v", "carrier_amplitude_v")
 _COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})

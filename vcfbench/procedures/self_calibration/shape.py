@@ -16,7 +16,7 @@ from vcfbench.records.device_values import Characteristics
 OUTPUT_CURVE = "the output's curve since the certificate"
 OUTPUT_LIMIT = 0.03
 """Possible relative change of the output's curve since the table: rectangular, this program's own, no source's. It
-bends by its volts, whose gain `benchmarks/ageing.py` ages by as much; it puts 20 ppm into the line."""
+bends by its volts, whose gain `experiments/ageing.py` ages by as much; it puts 20 ppm into the line."""
 _ROUNDS = 12
 _SETTLED = 1e-9
 

@@ -1,10 +1,10 @@
 """Whether a self-calibration years after the table tells the truth: gyroscopes that age, and other instruments.
 
-    python benchmarks/ageing.py --check                              the truth, against an integration at carrier level
-    python benchmarks/ageing.py --seeds 0:100 --lines first.jsonl    all causes of ageing
-    python benchmarks/ageing.py --seeds 0:300 --cause leak,all_seen --lines leak.jsonl
-    python benchmarks/ageing.py --no-oscilloscope --cause nothing,leak,split    nothing of its health is measured
-    python benchmarks/ageing.py --summary first.jsonl leak.jsonl
+    python experiments/ageing.py --check                              the truth, against an integration at carrier level
+    python experiments/ageing.py --seeds 0:100 --lines first.jsonl    all causes of ageing
+    python experiments/ageing.py --seeds 0:300 --cause leak,all_seen --lines leak.jsonl
+    python experiments/ageing.py --no-oscilloscope --cause nothing,leak,split    nothing of its health is measured
+    python experiments/ageing.py --summary first.jsonl leak.jsonl
 
 Each seed draws a gyroscope of the kind (vcfbench.testing.gyroscopes; or takes the paper's, with --gyroscopes paper) and
 a laboratory, and calibrates it on its table (`run kvc --dut`). Then, for every cause, that

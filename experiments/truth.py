@@ -7,13 +7,13 @@ demodulated modes at the temperature of a warm gyroscope, modulator, output ampl
 For every value with an uncertainty the study prints z = (value - truth) / u over the seeds, and how often U95 holds the
 truth; the exit code is 1 where one is beyond its limits.
 
-    python benchmarks/truth.py 0 1000 --lines truth.jsonl         seeds 0 to 999, a line each
-    python benchmarks/truth.py 0 200 --v-vc measured              V_Vc by a second meter
-    python benchmarks/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
-    python benchmarks/truth.py 0 200 --kvc curve                  K_Vc from both signs: plus-minus, curve
-    python benchmarks/truth.py 0 200 --ranges known               the generator's ranges are known
-    python benchmarks/truth.py 0 200 --phase 0.5                  carrier and demodulator up to 0.5 deg off, and told so
-    python benchmarks/truth.py --summary first.jsonl second.jsonl
+    python experiments/truth.py 0 1000 --lines truth.jsonl         seeds 0 to 999, a line each
+    python experiments/truth.py 0 200 --v-vc measured              V_Vc by a second meter
+    python experiments/truth.py 0 200 --order abba --zero bracket  other orders, with zeros between
+    python experiments/truth.py 0 200 --kvc curve                  K_Vc from both signs: plus-minus, curve
+    python experiments/truth.py 0 200 --ranges known               the generator's ranges are known
+    python experiments/truth.py 0 200 --phase 0.5                  carrier and demodulator up to 0.5 deg off, as given
+    python experiments/truth.py --summary first.jsonl second.jsonl
 
 The same seeds give the same bytes, whatever the number of processes. What stands in the file of --lines is not run
 again, so a study that was ended goes on where it was. A thousand seeds are the study that counts: 0.7 s of processor

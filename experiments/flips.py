@@ -1,4 +1,4 @@
-"""Whether `vcfbench runs verify` sees what was changed in records: `python benchmarks/flips.py [FLIPS] [SEED]`.
+"""Whether `vcfbench runs verify` sees what was changed in records: `python experiments/flips.py [FLIPS] [SEED]`.
 
 Single bits are flipped at random places of the journal, of points.csv and of result.json of complete, killed, resumed,
 amended and signed records, and of their footers; lines are forged, doubled, taken away and put elsewhere, with the sums

@@ -1,7 +1,7 @@
 """Which wrong lines the tests see: mutants of one line each, drawn by seed, against the tests nearest to their module.
 
-    python benchmarks/mutants.py 0:36 --lines mutants.jsonl    seeds 0 to 35, a line each
-    python benchmarks/mutants.py --summary mutants.jsonl
+    python experiments/mutants.py 0:36 --lines mutants.jsonl    seeds 0 to 35, a line each
+    python experiments/mutants.py --summary mutants.jsonl
 
 A seed draws a module of procedures, analysis or sim/gyro, by its length, and in a function of it an operator, sign,
 number, root, size or comparison that becomes another. The tests are those that import the module, and the tables of

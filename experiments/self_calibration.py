@@ -1,8 +1,8 @@
 """Whether `run kvc` and `run self-calibration` tell the truth, on simulated gyroscopes whose instruments are drawn.
 
-    python benchmarks/self_calibration.py --seeds 0:100 > first.jsonl
-    python benchmarks/self_calibration.py --seeds 100:200 > second.jsonl        the rest, perhaps at the same time
-    python benchmarks/self_calibration.py --summary first.jsonl second.jsonl
+    python experiments/self_calibration.py --seeds 0:100 > first.jsonl
+    python experiments/self_calibration.py --seeds 100:200 > second.jsonl        the rest, perhaps at the same time
+    python experiments/self_calibration.py --summary first.jsonl second.jsonl
 
 Each seed draws meters, generator and table from their accuracy; they stay the same for the calibration on the table and
 for both self-calibrations, while the noise goes on. Between the two the gyroscope ages: output stage, split and drive

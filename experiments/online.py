@@ -1,7 +1,7 @@
 """Whether `run online` tells the truth: scale factor, windows, disturbance and drift against closed forms, over seeds.
 
-    python benchmarks/online.py [SEEDS [FIRST_SEED [SECONDS]]]
-    python benchmarks/online.py --aged [SEEDS [FIRST_SEED [SECONDS]]]
+    python experiments/online.py [SEEDS [FIRST_SEED [SECONDS]]]
+    python experiments/online.py --aged [SEEDS [FIRST_SEED [SECONDS]]]
 
 Every instrument is drawn, and so is what the run is told of split and share of the modes; the gyroscope is warm. The
 truth is the slope of the closed form that the tests have

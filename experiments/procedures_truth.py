@@ -1,8 +1,8 @@
 """Whether what the procedures state is true: each on gyroscopes and benches that are drawn anew for every seed.
 
-    python benchmarks/procedures_truth.py zero 0:200 --lines zero.jsonl      seeds 0 to 199, a line each
-    python benchmarks/procedures_truth.py --summary zero.jsonl warmup.jsonl
-    python benchmarks/procedures_truth.py                                    names what can be asked for
+    python experiments/procedures_truth.py zero 0:200 --lines zero.jsonl      seeds 0 to 199, a line each
+    python experiments/procedures_truth.py --summary zero.jsonl warmup.jsonl
+    python experiments/procedures_truth.py                                    names what can be asked for
 
 The truth is a closed form of the parameters (docs/theory.md), which the simulation does not use, of a gyroscope
 without noise: what flicker does to a bias is the business of its uncertainty. Gyroscopes and instruments are drawn

@@ -6,7 +6,7 @@ generator, modulator and output stage are straight lines, the modes and the demo
 gyroscope, with unequal combs, phases that are off, quadrature and feed-through. The whole equation is
 integrated cycle by cycle (tests/sim/gyro/carrier.py), no envelope, no closed form.
 
-    python benchmarks/added_vibration.py
+    python experiments/added_vibration.py
 """
 
 from __future__ import annotations

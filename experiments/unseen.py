@@ -1,9 +1,9 @@
 """Whether a run tells what it cannot see: faults of 13 kinds and many sizes in every procedure that takes windows.
 
-    python benchmarks/unseen.py --lines unseen.jsonl                  all procedures, kinds and sizes
-    python benchmarks/unseen.py --only turntable,kvc --sizes 5 --draws 1
-    python benchmarks/unseen.py --just-above 500 --only turntable     what lies 1.5 times above the list
-    python benchmarks/unseen.py --summary unseen.jsonl
+    python experiments/unseen.py --lines unseen.jsonl                  all procedures, kinds and sizes
+    python experiments/unseen.py --only turntable,kvc --sizes 5 --draws 1
+    python experiments/unseen.py --just-above 500 --only turntable     what lies 1.5 times above the list
+    python experiments/unseen.py --summary unseen.jsonl
 
 A clean run of a simulated bench is taken once. Then its windows are moved by a fault, and the plan is gone through
 again with them: it refuses the run, or the run is evaluated again. Sizes go from 0.03 to 10 times that of the run's own

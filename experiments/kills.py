@@ -1,8 +1,8 @@
 """Runs that die or hang at random instants: whether the bench is safe soon, nothing is lost, and the rest is true.
 
-    python benchmarks/kills.py 0:300 --lines kills.jsonl [--workers 24]    cases 0 to 299, a line each
-    python benchmarks/kills.py 0:100 --watchdog-first --lines first.jsonl  its watchdog is killed first, then the run
-    python benchmarks/kills.py --summary --lines kills.jsonl
+    python experiments/kills.py 0:300 --lines kills.jsonl [--workers 24]    cases 0 to 299, a line each
+    python experiments/kills.py 0:100 --watchdog-first --lines first.jsonl  its watchdog is killed first, then the run
+    python experiments/kills.py --summary --lines kills.jsonl
 
 A case draws, by its number, a table language, the wires (TCP, terminals, VXI-11 where a box has it), how the program
 ends (SIGKILL, SIGSTOP, a call of a VISA library that never returns, with Python's lock in its hands or without, no

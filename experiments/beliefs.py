@@ -1,9 +1,9 @@
 """Whether a run believes what cannot be true: faults in each gap between windows, outputs that do not answer, no fault.
 
-    python benchmarks/beliefs.py jumps --lines jumps.jsonl          steps and pulses of the meter's reading
-    python benchmarks/beliefs.py dead --lines dead.jsonl            leads off and what does not work, role by role
-    python benchmarks/beliefs.py clean --count 2000 --lines c.jsonl drawn benches without a fault: none may be refused
-    python benchmarks/beliefs.py jumps --summary jumps.jsonl
+    python experiments/beliefs.py jumps --lines jumps.jsonl          steps and pulses of the meter's reading
+    python experiments/beliefs.py dead --lines dead.jsonl            leads off and what does not work, role by role
+    python experiments/beliefs.py clean --count 2000 --lines c.jsonl drawn benches without a fault: none may be refused
+    python experiments/beliefs.py jumps --summary jumps.jsonl
 
 `jumps`: a step of 3 mV, 20 mV, 0.1 V and 0.5 V of either sign in each gap between two windows, and pulses that cover
 one, two and three windows, in every procedure that goes from level to level, every order and every choice of zeros. A

@@ -1,7 +1,7 @@
 """Whether a change of scale factor is told from one of plan or conditions: runs over drawn rates, on drawn gyroscopes.
 
-    python benchmarks/history.py                    100 plans on each of 4 gyroscopes, 5 minutes on 2 processors
-    python benchmarks/history.py --devices 20 --processes 8
+    python experiments/history.py                    100 plans on each of 4 gyroscopes, 5 minutes on 2 processors
+    python experiments/history.py --devices 20 --processes 8
 
 Each gyroscope has a curve of its own. Half of its plans are as people choose them, half are drawn: 3 to 21 rates up to
 20 to 300 deg/s, on one side or both. Each run has a seed, and so a meter and a table, of its own. Pairs of runs are

@@ -1,6 +1,6 @@
 """Bands, phases and resonances of random gyroscopes against their parameters: sd of z, 1 is true of many records.
 
-    python benchmarks/dynamics.py [GYROS [FIRST_SEED [bandwidth|phase|resonance]]]
+    python experiments/dynamics.py [GYROS [FIRST_SEED [bandwidth|phase|resonance]]]
 
 Of few records z is Student's, wider than 1; whether U95 holds the truth counts then.
 

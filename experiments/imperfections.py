@@ -1,6 +1,6 @@
 """Each imperfection of the simulated bench alone: how large what a calibration sees of it is, and how large it must be.
 
-    python benchmarks/imperfections.py
+    python experiments/imperfections.py
 
 The bench is `ideal` with one thing switched on; what is seen comes from the instruments' readings. What is predicted is
 written here from docs/theory.md: two modes, P = w_i^2 - w_d^2, R = w_i w_d / Q; nothing of the package computes it.

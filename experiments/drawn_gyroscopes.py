@@ -1,9 +1,9 @@
 """Gyroscopes drawn by seed, each with every procedure that applies: how each run ends, and whether its values are true.
 
-    python benchmarks/drawn_gyroscopes.py 0:300 --lines drawn.jsonl              with noise
-    python benchmarks/drawn_gyroscopes.py 0:100 --lines silent.jsonl --no-noise
-    python benchmarks/drawn_gyroscopes.py 7:8 --procedures kvc,phase --keep here keep the records
-    python benchmarks/drawn_gyroscopes.py --summary drawn.jsonl
+    python experiments/drawn_gyroscopes.py 0:300 --lines drawn.jsonl              with noise
+    python experiments/drawn_gyroscopes.py 0:100 --lines silent.jsonl --no-noise
+    python experiments/drawn_gyroscopes.py 7:8 --procedures kvc,phase --keep here keep the records
+    python experiments/drawn_gyroscopes.py --summary drawn.jsonl
 
 A line a gyroscope: its data sheet, and of each procedure the end ("complete", "refused" before anything is switched on,
 with the reason, or "ended" without results after that, with the error) and of each value with a closed form its name,

@@ -1,6 +1,6 @@
 """U95 that a dry run expects beside that which the run then states, on benches of drawn gyroscopes and embedded ones.
 
-    python benchmarks/expected_u.py [--benches gyroscope-7,lab] [--procedures turntable,kvc] [--seed 3]
+    python experiments/expected_u.py [--benches gyroscope-7,lab] [--procedures turntable,kvc] [--seed 3]
 
 A line a result: expected, stated, their ratio; those that are said not to be known, those of which nothing is said.
 `self-calibration` and `online` go by a certificate that `kvc` makes first. `zero` takes 20 minutes instead of its hour.
