@@ -1,14 +1,14 @@
 # noqa: INP001 - a script, not a package
-"""Writes docs/api.md, every public name with its signature and docstring, from the source: `python docs/make_api.py`.
+"""Makes the page of the API, every public name with its signature and docstring, from the source.
 
-Nothing is imported. Names are in the groups of docs/python.md, members in the order of the source.
+The site has it (docs/site_hook.py); `python docs/make_api.py` prints it. Nothing is imported. Names are grouped by the
+package that defines them, members are in the order of the source.
 """
 
 from __future__ import annotations
 
 import ast
 import re
-import sys
 from functools import cache
 from inspect import cleandoc
 from pathlib import Path
@@ -21,13 +21,24 @@ if TYPE_CHECKING:
 
 DOCS = Path(__file__).parent
 PACKAGE = DOCS.parent / "vcfbench"
-PAGE = DOCS / "api.md"
+GROUPS = {
+    "Runs": ("runs", "safety", "archive", "records", "studies"),
+    "Results": ("values", "procedures.turntable", "procedures.virtual_coriolis", "analysis.column"),
+    "Reports": ("reports",),
+    "Benches": ("bench", "station", "procedures.bench_file"),
+    "Procedures": ("procedures", "steps"),
+    "Analysis": ("analysis",),
+    "Instruments": ("interfaces",),
+    "Time": ("clock",),
+    "Validation": ("validation",),
+    "Errors": ("errors",),
+}
+"""Titles, and where the names below them are defined; a name is in the group with the longest fit."""
 
 HEAD = """\
 # API reference
 
-Everything that `import vcfbench` offers, made from the docstrings by `python docs/make_api.py`. How it is used is in
-[From Python](python.md).
+Everything that `import vcfbench` offers, made from the docstrings. How it is used is in [From Python](python.md).
 """
 SECTION = re.compile(r"^(Args|Raises|Returns|Yields):$", re.MULTILINE)
 ITEM = re.compile(r"^(?P<name>[\w*.]+): +(?P<words>.*)$")
@@ -36,30 +47,26 @@ WIDEST = 90
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
-def main() -> None:
-    """Write the page, or with ``--check`` tell by the exit code whether it is up to date."""
-    page = api_page()
-    if "--check" in sys.argv[1:]:
-        sys.exit(PAGE.read_text(encoding="utf-8") != page)
-    PAGE.write_text(page, encoding="utf-8")
-
-
 def api_page() -> str:
     """Return the page."""
     homes = public_homes()
     parts = [HEAD]
-    for group, names in groups():
+    for group in GROUPS:
         parts.append(f"## {group}\n")
-        parts += [each for name in names for each in described(name, homes.get(name, "vcfbench"))]
+        names = (name for name, module in homes.items() if group_of(module) == group)
+        parts += [each for name in names for each in described(name, homes[name])]
     return linked("\n".join(parts), list(homes))
 
 
-def groups() -> Iterator[tuple[str, list[str]]]:
-    """Yield the groups of docs/python.md with their names."""
-    reference = (DOCS / "python.md").read_text(encoding="utf-8").partition("## Every name\n")[2]
-    for part in re.split(r"^### ", reference, flags=re.MULTILINE)[1:]:
-        title, _, rows = part.partition("\n")
-        yield title, re.findall(r"^\| `(\w+)`", rows, flags=re.MULTILINE)
+def group_of(module: str) -> str:
+    """Return the title under which names of a module are."""
+    fits = [(len(home), title) for title, places in GROUPS.items() for home in places if within(module, home)]
+    return max(fits)[1]
+
+
+def within(module: str, home: str) -> bool:
+    """Return whether a module is a package, or in it."""
+    return f"{module}.".startswith(f"vcfbench.{home}.")
 
 
 def public_homes() -> dict[str, str]:
@@ -293,4 +300,4 @@ def link(found: re.Match[str]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    print(api_page(), end="")  # noqa: T201

@@ -1,11 +1,11 @@
 # noqa: INP001 - a script, not a package
-"""Writes docs/cli.md, the help of every command, from the commands themselves: `python docs/make_cli.py`."""
+"""Makes the page of the command line, the help of every command.
+
+The site has it (docs/site_hook.py); `python docs/make_cli.py` prints it.
+"""
 
 from __future__ import annotations
 
-import re
-import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from typer.main import get_command
@@ -15,31 +15,18 @@ from vcfbench.cli.main import app
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-PAGE = Path(__file__).with_name("cli.md")
 HEAD = """\
 # Command line
 
-The help of every command, made by `python docs/make_cli.py`. Which procedure is for what is in
+The help of every command. Which procedure is for what is in
 [procedures](procedures/index.md).
 """
 
 
-def main() -> None:
-    """Write the page, or with ``--check`` tell by the exit code whether it has all commands and their options."""
+def cli_page() -> str:
+    """Return the page."""
     command = get_command(app)
-    page = "\n".join([HEAD, *described(command, command.make_context("vcfbench", ["sim"], resilient_parsing=True))])
-    if "--check" in sys.argv[1:]:  # how lines are set is up to the version of Typer
-        sys.exit(named_in(PAGE.read_text(encoding="utf-8")) != named_in(page))
-    PAGE.write_text(page, encoding="utf-8")
-
-
-def named_in(page: str) -> list[str]:
-    """Return the commands and, after each, its options."""
-    return [
-        each
-        for part in page.split("\n## ")
-        for each in (part.partition("\n")[0], *sorted(set(re.findall(r"--[a-z][\w-]*", part))))
-    ]
+    return "\n".join([HEAD, *described(command, command.make_context("vcfbench", ["sim"], resilient_parsing=True))])
 
 
 def described(command: Any, context: Any) -> Iterator[str]:
@@ -54,4 +41,4 @@ def described(command: Any, context: Any) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    main()
+    print(cli_page(), end="")  # noqa: T201

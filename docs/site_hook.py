@@ -2,26 +2,43 @@
 """Puts the pages outside docs/ on the site too, so that one link works on GitHub and there.
 
 On the site docs/ is the top: README.md (the first page), CHANGELOG.md and others of its kind, examples/ and those of
-the rack are put beside what is in it, and links that lead out of docs/ or into it are turned. Equations become MathML,
-which browsers show without a script.
+the rack are put beside what is in it, and links that lead out of docs/ or into it are turned. Pages that programs write
+(command line, API, fault matrix, cards of the simulated instruments) are made with the site and are not in git.
+Equations become MathML, which browsers show without a script.
 """
 
 from __future__ import annotations
 
 import posixpath
 import re
+import sys
 from html import unescape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from latex2mathml.converter import convert
 from mkdocs.structure.files import File, Files
+from simrack.card import page as conformance_page
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
+
+from make_api import api_page  # noqa: E402
+from make_cli import cli_page  # noqa: E402
+
+from tests.faults.table import fault_page  # noqa: E402
+
+WRITTEN = {
+    "cli.md": cli_page,
+    "api.md": api_page,
+    "evidence/fault-matrix.md": fault_page,
+    "simrack/docs/conformance.md": conformance_page,
+}
+"""Pages that programs write."""
 PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "experiments/README.md", "simrack/README.md")
 FOLDERS = ("examples", "simrack/docs", "simrack/examples")
 EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv", ".xml"}
@@ -38,13 +55,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     beside = [path for name in FOLDERS for path in (ROOT / name).rglob("*") if path.suffix in EXAMPLES]
     for path in [*(ROOT / name for name in PAGES), *beside]:
         files.append(File.generated(config, path.relative_to(ROOT).as_posix(), abs_src_path=str(path)))
+    for name, write in WRITTEN.items():
+        files.append(File.generated(config, name, content=write()))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
     """Turn the links of a page."""
     source = page.file.src_uri
-    home = source if (ROOT / source).exists() else f"docs/{source}"
+    home = source if (ROOT / source).exists() or source.startswith(FOLDERS) else f"docs/{source}"
 
     def turned(link: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(home), link[1]))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 import subprocess
 import sys
 from importlib import import_module
@@ -62,11 +61,3 @@ def test_importing_it_imports_nothing_else() -> None:
     code = "import sys; before = set(sys.modules); import vcfbench; print(*sorted(set(sys.modules) - before))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
     assert done.stdout.split() == ["vcfbench"]
-
-
-def test_the_documentation_has_every_name_and_no_other() -> None:
-    text = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
-    reference = text.partition("## Every name")[2]
-    rows = [line for line in reference.splitlines() if line.startswith("| `")]
-    names = [name for row in rows for name in re.findall(r"`(\w+)", row.split("|")[1])]
-    assert sorted(names) == dir(vcfbench)

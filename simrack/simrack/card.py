@@ -143,4 +143,4 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    print(page(), end="")  # noqa: T201  (docs/conformance.md)
+    print(page(), end="")  # noqa: T201

@@ -1,4 +1,4 @@
-"""docs/fault-matrix.md, made from the cells in docs/fault-matrix.json."""
+"""The page of the fault matrix, made from the cells in docs/evidence/fault-matrix.json."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from tests.faults.matrix import all_cases
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-__all__ = ["CELLS", "PAGE", "page", "read_cells", "write_cells"]
+__all__ = ["CELLS", "fault_page", "page", "read_cells", "write_cells"]
 
-_DOCS = Path(__file__).parents[2] / "docs"
-CELLS, PAGE = _DOCS / "fault-matrix.json", _DOCS / "fault-matrix.md"
+CELLS = Path(__file__).parents[2] / "docs" / "evidence" / "fault-matrix.json"
 
 _HEAD = """# The fault matrix
 
-What becomes of the bench when a wire fails at a bad moment. The tests make this page, from
-[fault-matrix.json](fault-matrix.json), which has every cell:
+What becomes of the bench when a wire fails at a bad moment. This page is made of `docs/evidence/fault-matrix.json`,
+which has every cell, and which a test writes:
 
 ```text
 python -m pytest -m fault_matrix tests/faults/test_matrix.py
@@ -45,17 +44,21 @@ _RULE = "|---:|---:|---:|---:|---:|---:|---:|---:|---:|"
 
 
 def write_cells(cells: Sequence[Mapping[str, Any]]) -> None:
-    """Write the cells, one a line, and the page that is made of them."""
+    """Write the cells, one per line."""
     struck = [cell for cell in cells if cell["hit"]]  # where the fault never struck nothing was shown
     ordered = sorted(struck, key=lambda cell: json.dumps({**cell, "rest_s": None, "still_s": None}))
     CELLS.write_text("[\n" + ",\n".join(json.dumps(cell) for cell in ordered) + "\n]\n", encoding="utf-8")
-    PAGE.write_text(page(ordered), encoding="utf-8")
 
 
 def read_cells() -> list[dict[str, Any]]:
     """Read the cells."""
     cells: list[dict[str, Any]] = json.loads(CELLS.read_text(encoding="utf-8"))
     return cells
+
+
+def fault_page() -> str:
+    """Return the page of the kept cells."""
+    return page(read_cells())
 
 
 def page(cells: Sequence[Mapping[str, Any]]) -> str:
