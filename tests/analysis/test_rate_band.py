@@ -42,12 +42,31 @@ def test_a_tone_is_found_in_spite_of_aperture_mains_and_a_spacing_that_is_not_kn
     for _ in range(200):
         frequency_hz, late_s = rng.uniform(4.0, 40.0), rng.uniform(0.0, 0.9e-3)
         samples = record(rng, frequency_hz, late_s)
-        spacing_s = true_spacing_s(samples, INTERVAL_S, frequency_hz)
+        spacing_s = true_spacing_s([(frequency_hz, samples)], INTERVAL_S)
         assert spacing_s == pytest.approx(INTERVAL_S + late_s, rel=1e-4)
         tone = fit_tone(samples, spacing_s, APERTURE_S, frequency_hz, mains_hz=50.0)
         z.append((tone.amplitude - 0.2) / tone.u_amplitude)
     assert abs(float(np.mean(z))) < 0.25
     assert 0.85 < float(np.std(z)) < 1.2  # u from 28 degrees of freedom each
+
+
+@pytest.mark.parametrize("seed", few(range(200), 2, 3, 24))
+def test_the_noise_of_a_narrow_mode_is_not_taken_for_the_sines_that_tell_the_spacing(seed: int) -> None:
+    """It is ten times as strong as the tones, and a line in each record."""
+    rng = np.random.default_rng(seed)
+    split_hz, late_s, tau_s = rng.uniform(40.0, 80.0), rng.uniform(0.1e-3, 0.9e-3), rng.uniform(0.3, 1.6)
+    spacing_s = INTERVAL_S + late_s
+    turn = np.exp((2j * math.pi * split_hz - 1.0 / tau_s) * spacing_s)
+    records = []
+    for part in (0.08, 0.18, 0.26, 0.36, 0.48, 0.65, 0.8):
+        force = rng.standard_normal((2, 512)) * math.sqrt(1.0 - abs(turn) ** 2)
+        noise = [complex(*rng.standard_normal(2))]
+        for push in (force[0] + 1j * force[1])[1:]:
+            noise.append(noise[-1] * turn + push)
+        cycles = part * split_hz * spacing_s * np.arange(512) + rng.uniform()
+        tone = 0.1 / (1.0 - part**2) * np.cos(2.0 * math.pi * cycles)
+        records.append((part * split_hz, tone + np.real(noise)))
+    assert true_spacing_s(records, INTERVAL_S) == pytest.approx(spacing_s, rel=2e-3)
 
 
 def test_the_third_harmonic_shows_a_cube_with_its_sign() -> None:

@@ -10,6 +10,9 @@ from msgspec import structs
 from simrack_tests.cells import few
 
 from vcfbench.procedures.bench_file import parse_bench
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.gyro.data_sheet import OUTPUT_SHARE
 from vcfbench.sim.simulation import true_output
 from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
@@ -57,6 +60,15 @@ def test_the_bench_of_a_drawn_gyroscope_is_one_for_all_procedures(seed: int, *, 
         drawn = bench.simulation.override["noise"]["angle_random_walk_deg_sqrt_s"] if noise else 0.0
         assert drawn * 60.0 == pytest.approx(noise * drawn_sheet(seed).angle_random_walk_deg_sqrt_h)
         assert structs.asdict(bench.limits)["max_rail_v"] == pytest.approx(1.05 * drawn_sheet(seed).rail_v)
+
+
+@pytest.mark.parametrize("seed", few(range(0, 240, 4), 0, 204))
+def test_readings_of_a_window_are_independent_and_all_procedures_take_their_settings(seed: int) -> None:
+    """What a narrow mode makes of white noise falls with its time constant; readings nearer than it are alike."""
+    bench, sheet = parse_bench(drawn_bench(seed), f"gyroscope-{seed}"), drawn_sheet(seed)
+    for procedure in (PROCEDURES[name] for name in BUILT_IN):
+        settings = settings_of(procedure, bench, recalled=False)
+        assert math.exp(-settings.sample_interval_s * math.pi * sheet.drive_hz / sheet.q_sense) < 0.06, procedure.name
 
 
 @pytest.mark.parametrize("seed", few(range(60), *range(6)))

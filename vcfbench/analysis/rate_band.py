@@ -20,6 +20,8 @@ from vcfbench.errors import ConfigError
 
 _BINS = range(2, 9)
 """Lines of the spectrum either side of a tone that its noise is read from."""
+_FINER, _TINY = 16, 1e-300
+"""Lines of a spectrum for each that the record tells apart; power of no line."""
 _HARMONICS = 3
 _CLOSE_HZ = 1e-10
 _TRIES = 100
@@ -93,21 +95,28 @@ class RateBand(Struct, frozen=True):
     noise_dof: float
 
 
-def true_spacing_s(samples: ArrayLike, interval_s: float, frequency_hz: float, late_s: float = 1e-3) -> float:
-    """Return how far apart samples are, up to `late_s` more than `interval_s`, by a strong sine of known frequency.
+def true_spacing_s(records: Sequence[tuple[float, ArrayLike]], interval_s: float, late_s: float = 1e-3) -> float:
+    """Return how far apart samples are, up to `late_s` more than `interval_s`, by sines of known frequency, Hz.
+
+    All records have one spacing, at which most of them have a line that stands above what is beside it: the noise of a
+    narrow mode may be the strongest line of each. Where it is so is fitted in the strongest of these sines.
 
     Raises:
         ConfigError: fewer than 64 samples, a frequency that they do not hold, or no sine there.
     """
-    values = _checked(samples, interval_s + late_s, frequency_hz)
-    # The cycles a sample, between two, at which the samples hold most
-    least = frequency_hz * interval_s
-    most = frequency_hz * (interval_s + late_s)
-    count = max(2, math.ceil((most - least) * values.size / 0.2) + 1)
-    tried = np.linspace(least, most, count)
-    turned = np.exp(-2j * math.pi * np.outer(tried, np.arange(values.size)))
-    start = float(tried[np.abs(turned @ (values - values.mean())).argmax()])
-    return fit_sine(values, 1.0, start).frequency_hz / frequency_hz
+    highest_hz, most = max(hz for hz, _ in records), max(np.size(volts) for _, volts in records)
+    tried_s = interval_s + np.linspace(0.0, late_s, max(2, math.ceil(late_s * highest_hz * most / 0.2) + 1))
+    stands, sizes = np.zeros(tried_s.size), []
+    for hz, volts in records:
+        values = _checked(volts, interval_s + late_s, hz)
+        power = np.abs(np.fft.fft(values - values.mean(), _FINER * values.size)) ** 2
+        beside = np.mean([np.roll(power, sign * _FINER * step) for step in _BINS for sign in (-1, 1)], axis=0)
+        at = np.rint(hz * tried_s * power.size).astype(int)
+        stands += np.log1p(power[at] / (beside[at] + _ROUNDING * power.max() + _TINY))
+        sizes.append(hz * np.sqrt(power[at]) / values.size)
+    place = int(stands.argmax())
+    hz, volts = records[int(np.argmax([size[place] for size in sizes]))]
+    return fit_sine(volts, 1.0, hz * float(tried_s[place])).frequency_hz / hz
 
 
 def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_hz: float, *, mains_hz: float) -> Tone:

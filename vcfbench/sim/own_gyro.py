@@ -1,5 +1,6 @@
 """The bench file of a simulated bench with a gyroscope of one's own, from the figures of its data sheet."""
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -41,13 +42,16 @@ _OFFSET_V = 0.06
 """V_Vc that an output at rest is off by as soon as V_Vc is on: the carrier comes through."""
 _LEAST_DEG_H = 1e-3
 _READING_S = 0.2
+_SETTLED_READINGS = 4.0
+"""Readings in the time that an output settles in, to e^-12: between two of them the noise of a mode falls to 5 %."""
+_LONGEST_WINDOW_S = 60.0
 _HIGHEST_HZ, _HIGHEST_IN_PAIRS_HZ = 79.0, 75.0
 """Sines on V_Vc that a meter samples, and that two sample in turn."""
 _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0)
 """Frequencies of `bandwidth` at the usual split."""
 _VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
 _THRESHOLD_STEPS_DEG_S = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-_BY_ITSELF = frozenset({"self-calibration", "repeatability", "rate-limits", "threshold", "online"})
+_BY_ITSELF = frozenset({"self-calibration", "repeatability", "rate-limits", "threshold", "online", "g-sensitivity"})
 """Procedures that are no part of `characterize`."""
 
 
@@ -146,6 +150,7 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
         "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,
         "settle_s": _round(max(2.0, sense_s)),
+        "sample_interval_s": _interval_s(sheet),
         "meter_range_v": 100 if OUTPUT_SHARE * sheet.rail_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
         "drive": {
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
@@ -198,7 +203,12 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
             "at_rate_deg_s": _round(10.0 * wider),
         },
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
+        "g-sensitivity": {"samples": math.floor(_LONGEST_WINDOW_S / _interval_s(sheet))},
     }
+
+
+def _interval_s(sheet: DataSheet) -> float:
+    return _round(max(1.0, settling_s(sheet)[1] / _SETTLED_READINGS))
 
 
 def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:

@@ -1,7 +1,6 @@
 """Sampling of sines: common parts of `bandwidth`, `vibration` and others."""
 
 from collections.abc import Sequence
-from statistics import pstdev
 
 from vcfbench.analysis.rate_band import Tone, fit_tone, true_spacing_s
 from vcfbench.steps import ModulatedRecord, SineResponse
@@ -33,13 +32,14 @@ def fitted_tones(
 ) -> list[Tone]:
     """Fit the sine of a frequency, Hz, in the volts of each record.
 
-    Records of one interval share the spacing that the strongest of them shows.
+    Records of one interval share their spacing.
     """
-    spacing_s = {}
-    for interval_s in {record.interval_s for _, record, _ in records}:
-        of = [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s]
-        hz, strongest = max(of, key=lambda each: each[0] * pstdev(each[1]))
-        spacing_s[interval_s] = true_spacing_s(strongest, interval_s, hz)
+    spacing_s = {
+        interval_s: true_spacing_s(
+            [(hz, volts) for hz, record, volts in records if record.interval_s == interval_s], interval_s
+        )
+        for interval_s in {record.interval_s for _, record, _ in records}
+    }
     return [
         fit_tone(volts, spacing_s[record.interval_s], record.aperture_s, hz, mains_hz=mains_hz)
         for hz, record, volts in records
