@@ -100,6 +100,7 @@ def inner_imports() -> Iterator[tuple[str, str]]:
         yield from ((name, target) for target in imports(name) if target.startswith("vcfbench."))
 
 
+@pytest.mark.exhaustive
 def test_every_part_of_the_package_has_its_floor() -> None:
     parts = {name.split(".")[1] for name in modules() if name.startswith("vcfbench.")}
     assert parts <= set().union(*FLOORS)

@@ -62,6 +62,7 @@ def test_points_and_results_are_those_of_the_command(procedure: str, tmp_path: P
     assert {**run.as_json(), "run": ""} == {**json.loads(done.stdout), "run": ""}
 
 
+@pytest.mark.exhaustive
 def test_settings_are_those_of_the_bench_file(quick: Run, tmp_path: Path) -> None:
     changed = embedded_text("paper").replace("\n[procedure.drive]", f"\n[procedure]\n{_toml(QUICK)}\n[procedure.drive]")
     bench = tmp_path / "quick.toml"
@@ -78,6 +79,7 @@ def _toml(settings: dict[str, Any]) -> str:
 # --- many benches in one process ---
 
 
+@pytest.mark.exhaustive
 def test_runs_in_one_process_do_not_see_each_other(tmp_path: Path) -> None:
     """One after another and two at once: what each gives is what a process of its own gives."""
     benches = [("paper", 1), ("ideal", 2), ("paper", 3)]
@@ -104,6 +106,7 @@ with ThreadPoolExecutor(2) as pool:
 """
 
 
+@pytest.mark.exhaustive
 def test_two_threads_may_be_the_first_to_use_anything(tmp_path: Path) -> None:
     """What is loaded when first used is loaded once."""
     command = [sys.executable, "-c", COLD.format(settings=QUICK)]
@@ -175,6 +178,7 @@ def _numbers_of_points(run: Run) -> set[int]:
     return {line["n"] for line in lines if "point" in line}
 
 
+@pytest.mark.exhaustive
 def test_a_notebook_shows_table_and_results(quick: Run) -> None:
     shown = quick._repr_html_()
     assert "complete" in shown

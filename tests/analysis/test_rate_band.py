@@ -203,7 +203,7 @@ def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:
 
 @pytest.mark.parametrize(
     ("drive_hz", "split_hz"),
-    few(list(product((1000.0, 3488.9, 12_000.0), (24.8, -24.8, 40.0, -40.0))), (1000.0, -24.8), (3488.9, 40.0)),
+    few(list(product((1000.0, 3488.9, 12_000.0), (24.8, -24.8, 40.0, -40.0))), (1000.0, -24.8)),
 )
 def test_q_is_that_of_a_mode_on_either_side_of_the_drive(drive_hz: float, split_hz: float) -> None:
     size, apart_hz = abs(split_hz), max(0.042 * drive_hz, 6.0 * abs(split_hz))

@@ -81,6 +81,7 @@ def test_results_with_an_uncertainty_stand_in_the_first_table() -> None:
     assert (first, second) == (["gain"], ["offset"])
 
 
+@pytest.mark.exhaustive
 def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> None:
     for seed, dut in ((1, "G1"), (2, "G2"), (3, "G1")):
         vcfbench.run("turntable", seed=seed, settings={"samples": 2}, metadata={"dut": dut}, runs=tmp_path)

@@ -204,6 +204,7 @@ def test_a_bench_that_nobody_serves() -> None:
     assert "nothing is served there" in done.stderr
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path: Path) -> None:
     due = ("--set", "multimeter.calibrated=2025-01-07", "--set", "multimeter.calibration_due=2026-01-07")

@@ -150,6 +150,7 @@ def test_a_led_run_begins_at_the_beginning_though_a_table_has_been_talking(short
     assert json.dumps(over_wires) == json.dumps(alone)
 
 
+@pytest.mark.exhaustive
 def test_all_four_steps_over_real_wires_give_the_same_bytes(short: Path, tmp_path: Path) -> None:
     alone = answer(tmp_path, "virtual-coriolis", "--bench", str(short), "--seed", "7")
     with serving(short, *everywhere("tcp"), "--seed", "7") as served:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack.observations import Window
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from tests import warm
@@ -54,7 +55,9 @@ def footer(runs: Path, run: str) -> dict[str, Any]:
     return values
 
 
-@pytest.mark.parametrize(("name", "bench"), [("turntable", "ideal"), ("virtual-coriolis", "paper")])
+@pytest.mark.parametrize(
+    ("name", "bench"), few([("turntable", "ideal"), ("virtual-coriolis", "paper")], ("turntable", "ideal"))
+)
 def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, bench: str, ran: Ran) -> None:
     answer = ran(name, "--bench", bench)
     end = footer(ran.runs, answer["run"])
@@ -63,6 +66,7 @@ def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, b
     assert len(end["safe"]) >= 4
 
 
+@pytest.mark.exhaustive
 def test_ideal_bench_agrees_below_20_ppm_and_within_its_own_uncertainty(ran: Ran) -> None:
     results = ran("virtual-coriolis", "--bench", "ideal", "--seed", "5")["results"]
     error, u = results["scale_factor_error_percent"], results["scale_factor_error_u_percent"]
@@ -70,6 +74,7 @@ def test_ideal_bench_agrees_below_20_ppm_and_within_its_own_uncertainty(ran: Ran
     assert abs(error) <= 2.0 * u
 
 
+@pytest.mark.exhaustive
 def test_same_seed_same_results_and_another_seed_others(ran: Ran, tmp_path: Path) -> None:
     command = ("virtual-coriolis", "--bench", "paper")
     first, again = ran(*command), answer(tmp_path, *command, "--seed", "0")

@@ -90,6 +90,7 @@ def test_what_nobody_looked_at_widens(tmp_path: Path) -> None:
     assert found.scale_factor.complete
 
 
+@pytest.mark.exhaustive
 def test_what_is_measured_while_it_turns_is_within_its_uncertainty(turning: Any) -> None:
     found = turning.results
     true = slope_at(20.0)

@@ -52,6 +52,7 @@ def test_the_steady_currents_are_found(run: Any) -> None:
     assert abs(power.value - 20.0 * QUIESCENT_A) < 3.0 * power.u < 0.1  # 4 mA of each rail, at 10 V
 
 
+@pytest.mark.exhaustive
 def test_the_weaker_rail_alone_decides(run: Any) -> None:
     """The drive amplitude goes by the weaker rail: lowered, one rail does all that both do; raised, nothing."""
     assert [effect.rails for effect in run.results.effects] == ["positive", "negative", "both"]
@@ -140,6 +141,7 @@ def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words:
         vcfbench.dry_run("power", "lab", settings=settings)
 
 
+@pytest.mark.exhaustive
 def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
     """Of a drive that follows the weaker rail, on a supply whose outputs are 30 mV apart; the closed form, balanced."""
     bench = simulated("lab", overrides={"drive_loop": {"amplitude_supply_coefficient_per_v": 5e-3}})

@@ -163,6 +163,7 @@ def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Pa
     assert any("combs" in each for each in found.unseen)
 
 
+@pytest.mark.exhaustive
 def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB, seed=5)
     first, second = (run(tmp_path, LAB, settings, seed=5) for _ in range(2))

@@ -76,7 +76,7 @@ def found_of(half_deg_s: float, bench: str = "ideal", **settings: Any) -> Thresh
     return results
 
 
-@pytest.mark.parametrize("settings", [{}, {"by": "table", "rate_tolerance_deg_s": 0.01}])
+@pytest.mark.parametrize("settings", few([{}, {"by": "table", "rate_tolerance_deg_s": 0.01}], {}))
 @pytest.mark.parametrize("half_deg_s", few([0.03, 0.3], 0.3))
 def test_dead_band_of_a_gyroscope_without_noise_comes_out_at_its_size(
     half_deg_s: float, settings: dict[str, Any]

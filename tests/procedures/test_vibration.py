@@ -76,6 +76,7 @@ def test_what_is_measured_is_within_its_uncertainty_whatever_the_generators_are_
     assert off != {0.0}
 
 
+@pytest.mark.exhaustive
 def test_the_record_gives_the_same_and_the_report_shows_it(drawn: Any) -> None:
     assert vcfbench.load_run(drawn.directory).results == drawn.results
     [figure] = [each for each in drawn.report().parts if isinstance(each, Figure)]

@@ -126,6 +126,7 @@ def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
     assert again.results == done.results
 
 
+@pytest.mark.exhaustive
 def test_flicker_of_the_mean_grows_with_the_horizon_that_it_is_stated_for(hour: Run) -> None:
     """By the integral of a 1/f from the horizon to the record."""
     volts = np.array([reading.voltage_v for reading in hour.readings])
@@ -387,7 +388,7 @@ def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path
     assert "set noise_bandwidth_hz, or measure it with mode=gapless" in text
 
 
-@pytest.mark.parametrize(("procedure", "table"), [("zero", True), ("warmup", False)])
+@pytest.mark.parametrize(("procedure", "table"), few([("zero", True), ("warmup", False)], ("warmup", False)))
 def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, table: bool) -> None:
     """Its output stands still anyway: it is asked by a rate, or by V_Vc, whether it answers."""
     bench = vcfbench.load_bench("paper")

@@ -56,6 +56,7 @@ def test_a_line_has_the_colour_of_the_points_it_goes_through() -> None:
     assert PALETTE[2] not in svg
 
 
+@pytest.mark.exhaustive
 def test_logarithmic_axes_have_plain_numbers_and_bands_are_drawn() -> None:
     band = Series("Allan", [1.0, 10.0, 1000.0], [3.0, 2.0, 5.0], low=[2.0, 1.0, 1.0], high=[4.0, 5.0, 40.0])
     figure = Figure("Allan", *LOG, [band])

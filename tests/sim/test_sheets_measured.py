@@ -79,6 +79,7 @@ def require_measurable_or_refused(figures: dict[str, Any], *, imperfections: boo
     assert dry_runs(sheet, imperfections=imperfections) == []
 
 
+@pytest.mark.exhaustive
 @given(data_sheets(), st.booleans())
 @settings(max_examples=3, deadline=None, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow])
 @example({**USUAL, "split_hz": 76.0}, False)  # noqa: FBT003

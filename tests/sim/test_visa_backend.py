@@ -253,6 +253,7 @@ def test_benches_side_by_side(station: Station) -> None:
         gc.collect()
 
 
+@pytest.mark.exhaustive
 def test_waiting_for_one_instrument_lets_the_others_live() -> None:
     world = FakeWorld()
     supply = E3631ATwin(world, errors=SupplyErrors.none())  # type: ignore[arg-type]

@@ -88,6 +88,7 @@ def test_each_chunk_says_which_step_it_belongs_to() -> None:
     assert ends == sorted(ends)
 
 
+@pytest.mark.exhaustive
 def test_the_point_is_that_of_all_readings(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "j")
     journal.header({"procedure": "own"})

@@ -88,6 +88,7 @@ def test_a_run_of_a_study_is_the_run_alone(whole: Path, tmp_path: Path) -> None:
     assert result.rows[5].bench_seconds == run.bench_seconds
 
 
+@pytest.mark.exhaustive
 def test_the_summary_is_of_the_rows(whole: Path) -> None:
     result = vcfbench.load_study(whole / "t.csv")
     found = [row.metrics["scale_factor"] for row in result.rows if row.case == 1]

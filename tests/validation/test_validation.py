@@ -43,7 +43,7 @@ def test_installation_and_arithmetic_are_sound() -> None:
     assert [(each.name, each.came) for each in found if each.verdict == "FAIL"] == []
 
 
-@pytest.mark.parametrize("name", ["limits", "wires", "resumption", "seals", exhaustive("faults")])
+@pytest.mark.parametrize("name", ["limits", exhaustive("wires"), "resumption", "seals", exhaustive("faults")])
 def test_simulated_benches_are_sound(name: str) -> None:
     checks = [each for each in benches.checks(30) if each.name == name]
     assert len(checks) == 1

@@ -6,7 +6,12 @@ import pytest
 
 from tests.procedures.parts import values
 
-LONG = ("temperature with the split", "four steps, by both signs", "four steps, by a curve")
+LONG = (
+    "K_Vc, and a self-calibration by it",
+    "temperature with the split",
+    "four steps, by both signs",
+    "four steps, by a curve",
+)
 
 
 def test_every_run_has_kept_figures() -> None:

@@ -185,7 +185,7 @@ def test_a_room_beyond_18_to_28_degc_counts_by_the_kelvin(room: str, gain: float
     assert "room assumed within 18 to 28 degC" in silent.station.sources.meter_age_from
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", few(range(3), 0))
 def test_what_a_meter_loads_an_output_by_is_nothing_up_to_10_v_and_within_u95_above(seed: int) -> None:
     """An output of up to 10 kohm: at the 34401A's 10 Mohm it would be read 1000 ppm low."""
     output_ohm = 10.0 ** np.random.default_rng(seed).uniform(3.0, 4.0)

@@ -99,6 +99,7 @@ def test_a_curve_brings_the_methods_together(runs: dict[str, Any]) -> None:
     assert len(curve.pairs) == 6
 
 
+@pytest.mark.exhaustive
 def test_a_record_gives_the_same_again_and_its_report_has_the_matches(runs: dict[str, Any]) -> None:
     for by in ("plus-minus", "curve"):
         again = vcfbench.load_run(runs[by].directory)

@@ -73,6 +73,7 @@ def test_a_sine_is_refused_before_anything_changes(node: str) -> None:
     powered(IDEAL)[1].drive(node, Drive(0.0, frequency_hz=5.0, amplitude_v=1.0 / K_VC, source_ohm=0.0))
 
 
+@pytest.mark.exhaustive
 def test_a_run_that_vibrates_says_so_and_leaves_the_bench_safe() -> None:
     overrides = {"sense_path": {"dead_band_deg_s": 0.5}, "pick_up": {"v_vc_lead_v": 0.0}}
     with pytest.raises(Contradiction, match=r"where v_vc gets more than a level, came 0\.5"):

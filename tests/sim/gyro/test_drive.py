@@ -102,6 +102,7 @@ def test_start_up_follows_the_equation_of_motion_under_the_same_controller() -> 
     assert np.max(np.abs(seen - started_plainly(steps))) < 1e-3
 
 
+@pytest.mark.exhaustive
 def test_start_up_on_rails_that_still_rise_follows_the_equation_of_motion() -> None:
     """It starts as the rail comes to 8 V on its way to 10 V; constant rails of 8 or 10 V miss this by far."""
     begins, steps = 220 * math.tau / MODE.natural_rad_s, 240  # the VCO runs at rest too: whole turns

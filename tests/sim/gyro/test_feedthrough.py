@@ -90,6 +90,7 @@ def test_a_step_of_it_passes_the_filter_as_an_integration_at_carrier_level_says(
     assert np.max(np.abs(seen - run.y[2])) < 1e-7 * np.max(np.abs(run.y[2]))
 
 
+@pytest.mark.exhaustive
 def test_the_carrier_model_has_it_too() -> None:
     model, sealed = CarrierModel(LEAKING), CarrierModel(SEALED)
     runs = [each.run(each.at_rest(), 400, rate_rad_s=0.0, virtual_v=0.6) for each in (model, sealed)]

@@ -153,6 +153,7 @@ def test_skew_shows_a_channel_later(skew_s: float) -> None:
 # --- rejects
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("form", FORMS)
 def test_hf_reject_leaves_5_mv_of_1_v_at_10_mhz(form: str) -> None:
     bench = bench_with(form, 0.0, Sine(1.0, 10e6, 0.0))

@@ -60,6 +60,7 @@ def test_a_level_that_is_given_up_at_its_start_is_no_movement() -> None:
     assert talk.ask("MEAS:VOLT? P25V;:SYST:ERR?").split(";") == ["+0.00000000E+00", '+0,"No error"']
 
 
+@pytest.mark.exhaustive
 def test_up_and_off_are_one_exponential_each() -> None:
     world, _, talk = bench()
     talk.write("APPL P25V,10,1;:OUTP ON")
