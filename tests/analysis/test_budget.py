@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from uncertainties import umath
 
 from tests.analysis.monte_carlo import agreement, propagate
-from vcfbench.analysis.budget import Budget, Model, Source, evaluate
+from vcfbench.analysis.budget import Budget, Model, Source, evaluate, summed
 from vcfbench.errors import ConfigError
 from vcfbench.values.quantile import t_quantile
 
@@ -264,6 +266,17 @@ def test_interval_covers_the_truth_as_often_as_it_says(correlation: float) -> No
         inside += abs(result.value - 20.0) <= result.expanded_u
     assert inside / 1000 == pytest.approx(0.95, abs=3.0 * math.sqrt(0.95 * 0.05 / 1000))
     assert abs(np.mean(scores)) < 0.15
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0.0, 1e3), st.sampled_from([2.0, 7.5, math.inf]), st.booleans()), min_size=1, max_size=9
+    )
+)
+def test_a_sum_is_what_a_model_that_adds_is(drawn: list[tuple[float, float, bool]]) -> None:
+    sources = [Source(str(n), 0.0, u, "V", dof, rectangular=own) for n, (u, dof, own) in enumerate(drawn)]
+    model = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=3.0)})
+    assert summed(sources, 3.0) == model.result("value")
 
 
 def test_a_number_alone_is_a_result_without_uncertainty() -> None:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import json
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 import vcfbench
 from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
+from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.shared.steady import jumps
 from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.reports.document import Heading, Text
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from vcfbench.archive.run import Run
     from vcfbench.procedures.shared.steady.walk import Walk
 
@@ -143,4 +144,15 @@ def test_report_and_record_say_it(turntable: Tried) -> None:
     assert re.search(r"bias 0\.02\d deg/s", done)
     first = next(part.text for part in report.parts if isinstance(part, Text) and "would not have refused" in part.text)
     assert f"{what} ({size})" in first
-    json.dumps([each.effects for each in turntable.rows])
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_the_answer_of_a_run_says_it_and_of_a_simulated_one_where_it_is_asked(
+    turntable: Tried, capsys: pytest.CaptureFixture[str], *, simulated: bool
+) -> None:
+    run = structs.replace(turntable.run, simulated=simulated)
+    _show(run, RunOptions(bench=None, runs=Path()))
+    assert ("not seen, and in no U95 " in capsys.readouterr().out) is not simulated
+    _show(run, RunOptions(bench=None, runs=Path(), json=True))
+    answer = json.loads(capsys.readouterr().out)["not_seen"]
+    assert [each["size"] for each in answer] == [each.size for each in turntable.rows]

@@ -139,11 +139,9 @@ def evaluate(
     covariance, groups = u_source[:, None] * matrix * u_source, correlated_groups(sources, pairs)
     results = []
     for (name, output), slope in zip(outputs.items(), slopes, strict=True):
-        u, lines = _contributions(sources, slope, covariance)
-        # The degrees of freedom after Welch and Satterthwaite; sources observed together count as one
-        share = {line.source: line.share for line in lines}
-        terms = math.fsum(math.fsum(share[source.name] for source in group) ** 2 / group[0].dof for group in groups)
-        dof = 1.0 / terms if terms > 0.0 else math.inf
+        u, lines = _contributions(sources, slope, slope * (covariance @ slope))
+        share = {line.source: line.share for line in lines}  # sources observed together count as one
+        dof = _effective_dof([(math.fsum(share[each.name] for each in group), group[0].dof) for group in groups])
         value = float(output if isinstance(output, int | float) else output.nominal_value)
         results.append(Result(name, value, u, dof, confidence, t_quantile(1.0 - confidence, dof), lines))
     of_results = slopes @ covariance @ slopes.T
@@ -152,6 +150,26 @@ def evaluate(
     correlation = np.divide(of_results, product, out=np.zeros_like(of_results), where=product > 0.0)
     np.fill_diagonal(correlation, 1.0)  # a result without variance is correlated with itself only
     return Budget(tuple(sources), tuple(results), correlation)
+
+
+def summed(sources: Sequence[Source], value: float, confidence: float = 0.95) -> Result:
+    """Return `value` with the uncertainties of independent sources added to it: :func:`evaluate` of their sum.
+
+    Raises:
+        ConfigError: sources that cannot be.
+    """
+    check_sources(sources, {})
+    slopes = np.array([float(source.u > 0.0) for source in sources])
+    u, lines = _contributions(sources, slopes, slopes * [source.u**2 for source in sources])
+    share = {line.source: line.share for line in lines}
+    dof = _effective_dof([(share[source.name], source.dof) for source in sources])
+    return Result("value", value, u, dof, confidence, t_quantile(1.0 - confidence, dof), lines)
+
+
+def _effective_dof(shares: Iterable[tuple[float, float]]) -> float:
+    """Return the degrees of freedom after Welch and Satterthwaite, by shares of the variance with theirs."""
+    terms = math.fsum(share**2 / dof for share, dof in shares)
+    return 1.0 / terms if terms > 0.0 else math.inf
 
 
 def check_sources(sources: Sequence[Source], correlations: Correlations) -> None:
@@ -192,11 +210,8 @@ def correlated_groups(sources: Sequence[Source], correlations: Correlations) -> 
     return list(groups.values())
 
 
-def _contributions(
-    sources: Sequence[Source], slopes: Floats, covariance: Floats
-) -> tuple[float, tuple[Contribution, ...]]:
-    """Return the combined uncertainty of one result and its contributions, the largest first."""
-    parts = slopes * (covariance @ slopes)
+def _contributions(sources: Sequence[Source], slopes: Floats, parts: Floats) -> tuple[float, tuple[Contribution, ...]]:
+    """Return the combined uncertainty of one result and its contributions, the largest first; `parts` of variance."""
     variance = max(0.0, math.fsum(parts))
     shares = parts / variance if variance > 0.0 else np.zeros(len(sources))
     lines = [

@@ -35,11 +35,11 @@ def front_page(
     title: str,
     given: Mapping[str, str] | None,
     figure: Figure | None,
-    left_unseen: Sequence[tuple[str, str, str]] = (),
+    left_unseen: str = "",
 ) -> Iterator[Part]:
     """Yield the parts of the first page of `run`; `given` are words of a certificate, `figure` the one that it shows.
 
-    `left_unseen` are the faults that the run would not have refused, as :func:`unseen_words` has them.
+    `left_unseen` says which faults the run would not have refused, as :func:`unseen_in_short` has them.
 
     Raises:
         ConfigError: the record cannot be read any more, or a word is none of a certificate.
@@ -108,15 +108,14 @@ def checked(run: Run) -> str | None:
     return f"{check.by}, {check.utc[:10]} (UTC), revision {check.revision}{since}"
 
 
-def _results(run: Run, left_unseen: Sequence[tuple[str, str, str]]) -> Iterator[Part]:
+def _results(run: Run, left_unseen: str) -> Iterator[Part]:
     """Yield the box of the results, and what is to be known of their uncertainties."""
     table = values_table(run, most=MOST)
     if table is not None:
         yield table
         yield Text("\n".join(_said_of_results(run, run.values.values())))
         if left_unseen:
-            kinds = dict.fromkeys(f"{what} ({size})" for what, size, _ in left_unseen)
-            yield Text(f"Nor what the run would not have refused (section Not seen): {'; '.join(kinds)}.")
+            yield Text(f"Nor what the run would not have refused (section Not seen): {left_unseen}.")
 
 
 def values_table(run: Run, most: int | None = None) -> Table | None:

@@ -16,7 +16,7 @@ import numpy as np
 from vcfbench.archive.front_page import BLANK, MOST, checked, front_page, values_table
 from vcfbench.archive.results import STORED_SETTINGS
 from vcfbench.archive.run import Run, clock
-from vcfbench.archive.unseen import unseen_of, unseen_parts, unseen_words
+from vcfbench.archive.unseen import unseen_in_short, unseen_of, unseen_parts
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.metadata import Equipment
@@ -52,7 +52,7 @@ def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "
     remarks += [Text(f"observer left out: {each}") for each in run.observers_lost]
     return Report(
         [
-            *front_page(run, title or title_of(run), words, first, tuple(unseen_words(run, left_unseen))),
+            *front_page(run, title or title_of(run), words, first, unseen_in_short(run, left_unseen)),
             *(Heading("Method", 2), Text(method_of(run))),
             *(Heading("Conditions", 2), _conditions(run, header)),
             *_equipment(run.equipment),

@@ -152,6 +152,11 @@ def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, 
         yield _WORDS[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
 
 
+def unseen_in_short(run: Run, found: Sequence[Unseen]) -> str:
+    """Return the faults with the sizes up to which they are not refused, without what they may do."""
+    return "; ".join(dict.fromkeys(f"{what} ({size})" for what, size, _ in unseen_words(run, found)))
+
+
 def _effect(value: Value, effect: float) -> str:
     of = value.named
     if value.value and value.unit in _RELATIVE:

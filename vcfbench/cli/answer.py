@@ -10,6 +10,7 @@ from typing import Any, Final
 import msgspec
 import typer
 
+from vcfbench.archive.run import Run
 from vcfbench.cli.ending import discard_stdout, terminal_gone
 from vcfbench.errors import BenchError
 from vcfbench.reports.document import Report
@@ -28,6 +29,22 @@ def print_report(report: Report) -> None:
     """Print a report on stdout: as wide as a terminal there, if that is narrower than usual."""
     width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
     typer.echo(text_of(report, max(width, _NARROWEST)))
+
+
+def not_seen(run: Run) -> list[dict[str, Any]]:
+    """Return the faults that a run cannot have seen, for programs."""
+    from vcfbench.archive.unseen import unseen_of  # noqa: PLC0415  # numpy takes longer to import than all else
+
+    found: list[dict[str, Any]] = msgspec.to_builtins(unseen_of(run))
+    return found
+
+
+def print_not_seen(run: Run) -> None:
+    """Print in a line which faults a run cannot have seen, up to which sizes."""
+    from vcfbench.archive.unseen import unseen_in_short, unseen_of  # noqa: PLC0415  # as above
+
+    if said := unseen_in_short(run, unseen_of(run)):
+        typer.echo(f"\nnot seen, and in no U95 (vcfbench report has what it may do): {said}")
 
 
 def print_verdicts(lines: str) -> None:

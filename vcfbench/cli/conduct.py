@@ -13,7 +13,7 @@ import typer
 from msgspec import Struct, field, structs, to_builtins
 
 from vcfbench.archive.run import Run
-from vcfbench.cli.answer import given, print_json, print_report
+from vcfbench.cli.answer import given, not_seen, print_json, print_not_seen, print_report
 from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
@@ -143,11 +143,13 @@ def attended(
 def _show(run: Run, options: RunOptions) -> None:
     """Print the answer: one JSON object, or table, fits and record."""
     if options.json:
-        print_json(run.as_json())
+        print_json({**run.as_json(), "not_seen": not_seen(run)})
     elif run.physical_minimum_s is not None:  # the bench did open
         print_report(run.report())
         for said in run.asked_again:
             typer.echo(f"\nasked again: {said}")
+        if not run.simulated:  # nobody waits for it there: runs show, reports and --json have it
+            print_not_seen(run)
         typer.echo(
             f"\n{run.status.value}: {run.bench_seconds or 0.0:.1f} s of bench time, "
             f"{run.physical_minimum_s:.1f} s of it windows, ramps and settling"

@@ -16,7 +16,7 @@ from vcfbench.archive.recorded import directory_of, recorded_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.verified import verify_run
-from vcfbench.cli.answer import print_json, print_report, print_verdicts
+from vcfbench.cli.answer import not_seen, print_json, print_not_seen, print_report, print_verdicts
 from vcfbench.cli.options import (
     Json_,
     Run_,
@@ -98,8 +98,6 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
     record = directory.read()
     shown_run = recorded_run(directory, record)
     if json:
-        from vcfbench.archive.unseen import unseen_of  # noqa: PLC0415  # numpy takes longer to import than all else
-
         print_json(
             {
                 "revision": shown_run.revision,
@@ -110,7 +108,7 @@ def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
                 "bench_seconds": shown_run.bench_seconds,
                 "physical_minimum_s": shown_run.physical_minimum_s,
                 "no_results": shown_run.no_results,
-                "not_seen": to_builtins(unseen_of(shown_run)),
+                "not_seen": not_seen(shown_run),
                 "asked_again": [said for step in record.steps for said in step.get("asked_again", ())],
                 "errors": [error.get("error") for error in record.errors],
                 "identities": record.header.get("identities", {}),
@@ -148,6 +146,7 @@ def _print_run(directory: RunDirectory, record: JournalRecord, run: Run) -> None
     print_report(run.report())
     for said in run.asked_again:
         typer.echo(f"\nasked again: {printable(said)}")
+    print_not_seen(run)
     if run.no_results is not None:
         typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")
     for error in record.errors:

@@ -8,7 +8,7 @@ from statistics import fmean, stdev
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.analysis.budget import Source, convolved_coverage_factor, evaluate
+from vcfbench.analysis.budget import Source, convolved_coverage_factor, summed
 from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
 from vcfbench.values.kinds import kind_of
@@ -84,8 +84,7 @@ def measurand(value: float, unit: str, parts: Sequence[UncertaintyPart], missing
         )
         for number, part in enumerate(parts)
     ]
-    budget = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=value)})
-    result = budget.result("value")
+    result = summed(sources, value)
     by_size = tuple(sorted(parts, key=lambda part: -abs(part.u)))
     factor = convolved_coverage_factor(result, sources)
     without, dof = tuple(dict.fromkeys(missing)), finite(result.dof)
