@@ -26,7 +26,7 @@ from vcfbench.errors import BenchError
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.shared.measurand import Measurand
+    from vcfbench.values.value import Measurand
 
 WARM_K = 0.3
 """The paper's gyroscope heats itself by so much, in bands of 0.02 K."""
@@ -155,7 +155,7 @@ def scores(procedure: str, seed: int) -> dict[str, tuple[float, bool]] | str:
         if each is None:
             return f"seed {seed}: no {name}"
         off = _off(each, true)
-        found[name] = (off / each.u, abs(off) < each.expanded_u)
+        found[name] = (off / each.u, abs(off) < each.u95)
     return found
 
 

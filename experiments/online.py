@@ -47,7 +47,7 @@ def with_known_k_vc(seed: int, seconds: float) -> dict[str, list[float]]:
         "scale factor": [_z(found.scale_factor, scale_factor)],
         "windows": [(each.scale_factor_v_per_deg_s - scale_factor) / each.u for each in found.windows],
         "disturbance": [_z(found.disturbance, 0.0)],
-        "disturbance over U95": [found.disturbance.value / found.disturbance.expanded_u * 1.96],
+        "disturbance over U95": [found.disturbance.value / found.disturbance.u95 * 1.96],
         "chi-square a degree": [found.chi_square / found.dof],
     }
 

@@ -144,7 +144,7 @@ def _z(found: Any, true: float) -> dict[str, float]:
         "error_ppm": 1e6 * (found.value - true) / size,
         "u_ppm": 1e6 * found.u / size,
         "z": (found.value - true) / found.u,
-        "within_95": abs(found.value - true) <= found.expanded_u,
+        "within_95": abs(found.value - true) <= found.u95,
     }
 
 

@@ -45,7 +45,7 @@ def test_split_and_q_come_back_from_readings_alone(tmp_path: Path) -> None:
     assert found.peak_hz.value == pytest.approx(24.73, abs=0.01)
     assert found.minus_3_db_hz.value == pytest.approx(34.98, abs=0.04)
     assert found.drive_hz == pytest.approx(3488.9, abs=5.0 * found.u_drive_hz)
-    assert found.split_hz.expanded_u == pytest.approx(found.split_hz.coverage_factor * found.split_hz.u)
+    assert found.split_hz.u95 == pytest.approx(found.split_hz.coverage_factor * found.split_hz.u)
     assert run.directory is not None
     again = vcfbench.load_run(run.directory)
     assert again.results == found
@@ -90,7 +90,7 @@ def test_phases_come_back_where_the_oscilloscope_sees_v_vc(tmp_path: Path) -> No
     off = [
         math.remainder(each.phase_deg.value - true_phase_deg(parameters, each.frequency_hz), 360.0) for each in found
     ]
-    held = [abs(each) <= point.phase_deg.expanded_u for each, point in zip(off, found, strict=True)]
+    held = [abs(each) <= point.phase_deg.u95 for each, point in zip(off, found, strict=True)]
     assert sum(held) >= len(held) - 3
     assert max(map(abs, off)) < 1.0  # at 55 Hz the output is a tenth of that at rest
     assert abs(off[0]) < 0.5

@@ -27,8 +27,8 @@ def test_resistances_are_those_of_the_world_within_u95() -> None:
     found = run().results
     for line, true_ohm in zip(found.lines, GOOD.values(), strict=True):
         off = abs(line.resistance.value - true_ohm)
-        assert off <= line.resistance.expanded_u, line.of
-        assert line.resistance.expanded_u < 0.12 + 2.5e-4 * true_ohm
+        assert off <= line.resistance.u95, line.of
+        assert line.resistance.u95 < 0.12 + 2.5e-4 * true_ohm
 
 
 def test_meter_on_v_vc_loads_it_by_its_ten_megohm() -> None:

@@ -41,7 +41,7 @@ def test_without_noise_each_axis_comes_out_as_it_was_set() -> None:
     assert [each.value for each in found.per_g.values()] == pytest.approx(PER_G, abs=5e-4)
     for axis, each in found.per_g.items():
         assert found.per_m_s2[axis].value == pytest.approx(each.value / 9.80665, rel=1e-12)
-        assert found.per_m_s2[axis].expanded_u == pytest.approx(each.expanded_u / 9.80665, rel=1e-9)
+        assert found.per_m_s2[axis].u95 == pytest.approx(each.u95 / 9.80665, rel=1e-9)
         assert each.missing == ("scale factor",)
     assert found.gravity_m_s2 == pytest.approx(9.7803253, abs=1e-6)
 

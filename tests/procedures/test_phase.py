@@ -69,14 +69,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> vcfbench.Run:
 def test_a_phase_is_that_of_the_parameters(run: vcfbench.Run, name: str) -> None:
     assert run.error is None
     found = getattr(run.results, name)
-    assert abs(found.value - truth()[name]) < 2.0 * found.expanded_u  # a few records: u has few degrees of freedom
+    assert abs(found.value - truth()[name]) < 2.0 * found.u95  # a few records: u has few degrees of freedom
 
 
 def test_every_phase_is_known_to_the_target(run: vcfbench.Run) -> None:
     found = run.results
     phases = found.carrier_deg, found.coriolis_deg, found.virtual_deg, found.demodulator_deg
-    assert all(0.0 < each.u < each.expanded_u < 0.1 for each in phases)
-    assert found.target_met == all(each.expanded_u <= found.target_deg for each in phases)
+    assert all(0.0 < each.u < each.u95 < 0.1 for each in phases)
+    assert found.target_met == all(each.u95 <= found.target_deg for each in phases)
     assert found.k_vc_error_ppm.u < 60.0
     assert found.drive_hz == pytest.approx(3485.0, abs=0.3)
     assert found.records == 3 * (4 * 2 + 2)

@@ -12,6 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import PowerSettings, valid_output
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
@@ -45,7 +46,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Any:
 @pytest.mark.exhaustive
 def test_the_steady_currents_are_found(run: Any) -> None:
     for rail in run.results.rails:
-        assert abs(rail.current.value - QUIESCENT_A) < rail.current.expanded_u < 4e-3
+        assert abs(rail.current.value - QUIESCENT_A) < rail.current.u95 < 4e-3
         assert rail.inrush.value <= QUIESCENT_A + START_UP_A + 3.0 * rail.inrush.u
         assert rail.inrush.value >= rail.current.value - 3e-4
     power = run.results.power
@@ -68,7 +69,7 @@ def test_the_weaker_rail_alone_decides(run: Any) -> None:
 
 
 def test_what_both_rails_do_is_kept_of_the_device_by_what_it_was_taken_with(run: Any) -> None:
-    both = run.results.effects[2].scale_factor.kept()
+    both = as_kept(run.results.effects[2].scale_factor)
     assert power_characteristics(PowerSettings(), run.results) == Characteristics(v_vc_slope_ppm_v=both)
     by_table = power_characteristics(PowerSettings(by=ScaleFactorBy.TABLE), run.results)
     assert by_table == Characteristics(table_slope_ppm_v=both)

@@ -44,7 +44,7 @@ def test_limit_of_a_clipped_output_is_where_the_line_has_that_much_more(by: str,
         assert 0.125 / math.sqrt(12.0) <= side.limit.u <= 0.26 / math.sqrt(12.0)
         assert side.clipped.value == pytest.approx(clipped_v, abs=1e-4)
         assert side.rises_beyond == pytest.approx(0.0, abs=1e-3)
-        assert abs(side.comes_back.value) <= side.comes_back.expanded_u
+        assert abs(side.comes_back.value) <= side.comes_back.u95
     assert abs(found.positive.limit.value) < 800.0
 
 
@@ -114,7 +114,7 @@ def test_output_that_does_not_come_back_is_seen_at_its_size() -> None:
     done = vcfbench.run(structs.replace(RATE_LIMITS, results=results), "lab", seed=2, settings=QUICK, runs=None)
     for side in (done.results.positive, done.results.negative):
         assert side.comes_back.value == pytest.approx(0.05 / -0.0125, abs=0.05)
-        assert abs(side.comes_back.value) > side.comes_back.expanded_u
+        assert abs(side.comes_back.value) > side.comes_back.u95
 
 
 def test_clipped_window_is_not_held_against_the_noise_of_others() -> None:

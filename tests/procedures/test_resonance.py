@@ -21,6 +21,7 @@ from vcfbench.procedures.resonance import (
     combined,
     resonance_characteristics,
 )
+from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.testing import simulated
 
 OVERRIDES = {
@@ -63,7 +64,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> vcfbench.Run:
 def test_a_resonance_is_that_of_the_parameters(run: vcfbench.Run, name: str, true: float, largest_u: float) -> None:
     assert run.error is None
     found = getattr(run.results, name)
-    assert abs(found.value - true) < 2.0 * found.expanded_u
+    assert abs(found.value - true) < 2.0 * found.u95
     assert 0.0 < found.u < largest_u
 
 
@@ -77,7 +78,7 @@ def test_both_ways_agree(run: vcfbench.Run) -> None:
 def test_the_time_base_that_both_drive_frequencies_share_does_not_make_them_agree(run: vcfbench.Run) -> None:
     found = run.results
     off_hz = abs(found.drive_hz.value - found.drive_ring_down_hz.value)
-    assert found.e_n_drive_hz > 3.0 * off_hz / (found.drive_hz.expanded_u + found.drive_ring_down_hz.expanded_u)
+    assert found.e_n_drive_hz > 3.0 * off_hz / (found.drive_hz.u95 + found.drive_ring_down_hz.u95)
 
 
 def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:
@@ -152,7 +153,7 @@ def test_v_vc_of_a_ring_down_is_held_against_its_limit() -> None:
 
 def test_what_is_kept_of_a_device_is_what_rang_down(run: vcfbench.Run) -> None:
     kept = resonance_characteristics(ResonanceSettings(), run.results)
-    assert (kept.q_in_phase, kept.drive_hz) == (run.results.in_phase_q.kept(), run.results.drive_hz.kept())
+    assert (kept.q_in_phase, kept.drive_hz) == (as_kept(run.results.in_phase_q), as_kept(run.results.drive_hz))
     unseen = structs.replace(run.results, in_phase_q=None, in_phase_hz=None)
     without = resonance_characteristics(ResonanceSettings(), unseen)
     assert (without.q_in_phase, without.in_phase_split_hz) == (None, None)

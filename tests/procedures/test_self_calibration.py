@@ -241,7 +241,7 @@ def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(t
     assert len(ranges) == 8  # gain and offset of those that three levels and their zero are on
     assert "gain of what V_Vc is known by, 3.16 V range" in ranges
     for each in (told, found):
-        assert abs(each.drift.change_ppm.value) <= each.drift.change_ppm.expanded_u
+        assert abs(each.drift.change_ppm.value) <= each.drift.change_ppm.u95
     assert (
         0.005
         < told.scale_factor.u / abs(told.scale_factor.value)
@@ -338,7 +338,7 @@ def test_a_limit_of_a_drift_says_what_its_u95_lacks() -> None:
     drift = drift_of(now, known, limits)
     assert drift is not None
     seen = [(each.key, each.u95, each.missing) for each in drift.limits]
-    assert seen == [("drift_ppm", drift.change_ppm.expanded_u, ("temperature",)), ("cusum", None, ())]
+    assert seen == [("drift_ppm", drift.change_ppm.u95, ("temperature",)), ("cusum", None, ())]
     assert drift.verdict == "pass"
 
 
@@ -539,10 +539,10 @@ def test_what_nobody_sees_widens_u95_with_the_time_since_the_certificate(quiet: 
     later = run(where, still(LAB), dated_back(where, settings, "year", 365.25))
     (part,) = [part for part in later.scale_factor.parts if "drift" in part.source]
     assert 1e6 * part.u / abs(size) == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
-    assert 1e6 * later.scale_factor.expanded_u / abs(size) == pytest.approx(475.0, rel=0.03)
+    assert 1e6 * later.scale_factor.u95 / abs(size) == pytest.approx(475.0, rel=0.03)
     assert any("500 ppm a year, assumed" in each for each in later.since)
     told = run(where, bench, dated_back(where, settings, "told", 2 * 365.25))
-    assert 1e6 * told.scale_factor.expanded_u / abs(size) == pytest.approx(195.0, rel=0.05)
+    assert 1e6 * told.scale_factor.u95 / abs(size) == pytest.approx(195.0, rel=0.05)
     assert any("uncertainty.k_vc_drift_ppm_per_year" in each for each in told.since)
     (of_drift,) = [part for part in later.drift.change_ppm.parts if "drift" in part.source]
     assert of_drift.u == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
@@ -555,7 +555,7 @@ def test_what_happened_on_the_way_counts_from_the_first_day_and_holds_what_did(t
     first, second = (run(tmp_path, still(bench), settings) for _ in range(2))
     size, rng = abs(first.scale_factor.value), np.random.default_rng(1)
     shifts_ppm = rng.uniform(-300.0, 300.0, 2000)
-    within = np.abs(shifts_ppm) <= 1e6 * first.scale_factor.expanded_u / size
+    within = np.abs(shifts_ppm) <= 1e6 * first.scale_factor.u95 / size
     assert 0.93 < within.mean() < 0.975
     assert any("on the way" in each for each in second.drift.last.cancelled)  # the same in both
     assert second.drift.last.change_ppm.u < 30.0

@@ -12,6 +12,7 @@ from msgspec import to_builtins
 import vcfbench
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
@@ -142,7 +143,7 @@ def test_what_is_kept_of_the_device_can_be_written(run: Any) -> None:
     assert typed(to_builtins(kept), Characteristics) == kept
     assert kept.drive_ppm_k is not None
     assert abs(kept.drive_ppm_k.value + 30.0) < 3.0 * kept.drive_ppm_k.u
-    assert kept.v_vc_slope_ppm_k == run.results.scale_factor_tc.kept()
+    assert kept.v_vc_slope_ppm_k == as_kept(run.results.scale_factor_tc)
     assert kept.table_slope_ppm_k is None
 
 
@@ -150,7 +151,7 @@ def test_what_has_no_hysteresis_shows_none(run: Any) -> None:
     found = run.results
     for name, most in (("scale_factor", 50.0), ("bias", 0.02), ("frequency", 50.0)):
         hysteresis = getattr(found, f"{name}_hysteresis")
-        assert abs(hysteresis.value) < hysteresis.expanded_u < most
+        assert abs(hysteresis.value) < hysteresis.u95 < most
     forms = [each.form for each in found.stated() if "hysteresis" in each.name]
     assert forms == ["size-below"] * 3
     assert "size below" in vcfbench.text_of(run.report())
@@ -247,7 +248,7 @@ def test_coefficients_scatter_as_their_uncertainties_say() -> None:
         made = _found(settings, seen, list(values), [cause], ("V", "V", 1.0))
         z.append([(m.value - truth) / m.u for m, truth in ((made.value, 5.0), (made.tc, 0.1), (made.tc2, -1e-3))])
         assert made.hysteresis is not None
-        claimed += abs(made.hysteresis.value) > made.hysteresis.expanded_u
+        claimed += abs(made.hysteresis.value) > made.hysteresis.u95
         assert made.lack_of_fit is not None
     assert 8 <= claimed <= 36, "5 % of 400: the largest of three differences, none of which is there"
     assert np.abs(np.mean(z, axis=0)).max() < 0.15
@@ -264,4 +265,4 @@ def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
     assert found.value == pytest.approx(0.1)
     assert found.u == pytest.approx(0.01 * 2**0.5)
     assert found.coverage_factor == pytest.approx(2.2365, abs=1e-3)  # of the largest of two
-    assert abs(found.value) > found.expanded_u
+    assert abs(found.value) > found.u95

@@ -35,8 +35,8 @@ from vcfbench.steps.dry_run import walk
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.procedures.shared.measurand import Measurand
     from vcfbench.station.description import BenchDescription
+    from vcfbench.values.value import Measurand
 
 SCALE = {"scale_factor_v_per_deg_s": -0.0125527}
 B_DEG_S = 5.57 / 3600.0
@@ -152,7 +152,7 @@ def test_u95_of_a_weak_exponential_holds_its_time_constant() -> None:
     results = [synthetic(rng, 230.0, -100.0 / 3600.0, 0.06) for _ in range(60)]
     times = [(each.time_constant, each.warm_up) for each in results if each.time_constant is not None]
     assert len(times) > 54
-    held = [[abs(time.value - t) <= time.expanded_u for time, t in zip(each, true_s, strict=True)] for each in times]
+    held = [[abs(time.value - t) <= time.u95 for time, t in zip(each, true_s, strict=True)] for each in times]
     assert 0.9 <= np.mean(held) < 1.0
 
 

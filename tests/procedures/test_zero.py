@@ -231,7 +231,7 @@ def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
 def test_a_trend_that_shows_is_said_of_the_mean(hour: Run) -> None:
     trend = hour.results.trend
     assert trend is not None
-    for value, is_said in ((0.5 * trend.expanded_u, False), (-2.0 * trend.expanded_u, True)):
+    for value, is_said in ((0.5 * trend.u95, False), (-2.0 * trend.u95, True)):
         results = structs.replace(hour.results, trend=structs.replace(trend, value=value))
         text = vcfbench.text_of(zero_report(ZeroSettings(), None, results))
         assert ("This record has a trend: over another time the mean is another" in text) is is_said
@@ -243,7 +243,7 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
     assert trend is not None
     assert bias.value == pytest.approx(np.mean([reading.voltage_v for reading in hour.readings]) / TRUE_SCALE)
     assert 0.3 * 3.7 / 3600.0 < bias.u < 3.0 * 3.7 / 3600.0  # the flicker floor, not 34 deg/h / sqrt(3600)
-    assert bias.expanded_u > 1.9 * bias.u
+    assert bias.u95 > 1.9 * bias.u
     assert bias.dof is not None
     assert bias.dof > 5.0
     assert abs(trend.value) < 4.0 * trend.u
@@ -261,7 +261,7 @@ def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None
     expected = 3600.0**2 / math.sqrt(n * (n**2 - 1) / 12.0)
     assert expected <= np.median([trend.u for trend in found]) < 2.5 * expected
     assert np.std([trend.value for trend in found]) == pytest.approx(expected, rel=0.15)
-    assert 0.92 < np.mean([abs(trend.value) < trend.expanded_u for trend in found]) <= 1.0
+    assert 0.92 < np.mean([abs(trend.value) < trend.u95 for trend in found]) <= 1.0
 
 
 @pytest.mark.parametrize("seed", few(range(12), 0))
@@ -276,7 +276,7 @@ def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
             record[place] += 0.03 * state
     found = of_record(record, AS_READ).bias
     assert found is not None
-    assert found.expanded_u < 0.5
+    assert found.u95 < 0.5
     assert found.dof is None or found.dof > 2.0
 
 

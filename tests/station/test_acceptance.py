@@ -136,7 +136,7 @@ def test_one_marginal_limit_makes_a_run_marginal_and_not_passed() -> None:
 
 
 def test_an_e_n_by_an_incomplete_u95_says_so() -> None:
-    found = measurand(3.0, "ppm", [], ("temperature",)).as_value("drift_ppm")
+    found = measurand(3.0, "ppm", [], ("temperature",)).called("drift_ppm")
     verdict = judged([Limit("e_n", 0.0, 1.5)], {"e": Value("e_n", 0.4, kind="e_n", missing=found.missing)}, ())
     assert verdict is not None
     assert (verdict.word, verdict.said) == ("pass", "PASS with an incomplete U95, without temperature")

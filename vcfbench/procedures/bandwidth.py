@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import as_kept, measurand, printed, quantity_table
 from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -29,7 +29,7 @@ from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Routine, answer
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 RECORDS = 4
 _PERIODS = 4.0
@@ -110,7 +110,7 @@ def phase_parts(points: Sequence[PhasePoint]) -> list[Table | Figure]:
     if not points:
         return []
     columns = heads("frequency [Hz]:.4g | phase [deg] | u [deg] | U95 [deg]")
-    rows = [(each.frequency_hz, *each.phase_deg.printed()) for each in points]
+    rows = [(each.frequency_hz, *printed(each.phase_deg)) for each in points]
     at_hz, phases = [each.frequency_hz for each in points], [each.phase_deg for each in points]
     series = Series("measured", at_hz, [each.value for each in phases], [each.u for each in phases])
     title = "Phase of the output against V_Vc, the low-pass filter in it"
@@ -369,8 +369,8 @@ def characteristics(found: Bandwidth) -> device_values.Characteristics:
     """
     return device_values.Characteristics(
         drive_hz=device_values.Measured(value=found.drive_hz, u=found.u_drive_hz),
-        split_size_hz=found.split_hz.kept(),
-        q_anti_phase=found.q.kept(),
+        split_size_hz=as_kept(found.split_hz),
+        q_anti_phase=as_kept(found.q),
         in_phase_share=device_values.Measured(value=found.in_phase_share, u=found.u_in_phase_share),
     )
 

@@ -15,7 +15,7 @@ from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.interfaces import ReadsResistance
 from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared.measurand import Measurand, made_of, measurand, titled
+from vcfbench.procedures.shared.measurand import made_of, measurand, printed, titled
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.specifications import HP_34401A, VoltmeterSpecification
@@ -24,7 +24,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import MeterKnown, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import answer
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _Ohm = Annotated[float, Meta(ge=0.0, le=1e8)]
 _Window = tuple[_Ohm, _Ohm] | None
@@ -189,7 +189,7 @@ def report(settings: ElectricalSettings, _points: Sequence[Point], found: Electr
     """Report each line with its limits."""
     columns = heads("<line | resistance [ohm] | u:.2g | U95:.2g | from:.4g | to:.4g | <u is made of")
     rows = [
-        (each.of.replace("_", " "), *each.resistance.printed(), each.low_ohm, each.high_ohm, made_of(each.resistance))
+        (each.of.replace("_", " "), *printed(each.resistance), each.low_ohm, each.high_ohm, made_of(each.resistance))
         for each in found.lines
     ]
     leads = f"by {found.wires} wires, of which 0 to {settings.leads_ohm:g} ohm are leads"

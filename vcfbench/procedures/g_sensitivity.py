@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table, titled
+from vcfbench.procedures.shared.measurand import measurand, quantity_table, titled
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
 from vcfbench.procedures.shared.window_sum import noise_v, windows_without_times
@@ -30,7 +30,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """One g (3rd CGPM, 1901)."""

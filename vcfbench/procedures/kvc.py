@@ -37,7 +37,7 @@ from vcfbench.procedures.shared.known.device import UNSEEN
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
 from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
-from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
+from vcfbench.procedures.shared.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.procedures.shared.routines import framed, powered
@@ -53,7 +53,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
@@ -142,13 +142,6 @@ class KVcResult(Struct, frozen=True, kw_only=True):
     holds_not: tuple[str, ...]
     """Sources that are in no uncertainty, with the reasons."""
 
-    def stated(self) -> Iterator[Value]:
-        """Yield its values; the characteristics, which an earlier run may have found, are none of them."""
-        yield self.k_vc.as_value("k_vc")
-        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
-        yield self.bias.as_value("bias", "bias_at_rest")
-        yield self.bias_deg_s.as_value("bias_deg_s", "bias_at_rest_deg_s")
-
 
 _HOLDS_NOT = (
     "instruments beyond their data sheets and certificates: each is taken to be within",
@@ -225,7 +218,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
         scale_factor=scale_factor,
         bias=bias,
-        bias_deg_s=quotient(bias, scale_factor, "deg/s"),
+        bias_deg_s=quotient(bias, scale_factor, "deg/s", "bias_at_rest_deg_s"),
         noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
         holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
@@ -286,7 +279,7 @@ def _scale_factor(
         *(UncertaintyPart(name, abs(slope) * u) for name, u in v_vc.temperature_errors(settings, windows).items()),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in phases.u("scale_factor").items()),
     ]
-    return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"))
+    return measurand(slope, "V/(deg/s)", parts, settings.station.sources.missing("scale_factor"), "scale_factor_small")
 
 
 def _levels(settings: KVcSettings, points: Sequence[Point]) -> tuple[Floats, Floats, Floats, Floats, float, BlockNoise]:
@@ -305,7 +298,7 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
     if settings.dut is None:
         return None
     curve, days, own = results.curve, results.days_to_wanted_u95, {part.source: part for part in results.k_vc.parts}
-    if days is None and 1e6 * results.k_vc.expanded_u >= settings.wanted_u95_ppm * abs(results.k_vc.value):
+    if days is None and 1e6 * results.k_vc.u95 >= settings.wanted_u95_ppm * abs(results.k_vc.value):
         days = 0.0
     shares = [
         CurveShare(source=name, of=own[name].of, dof=own[name].dof, covariance=part)
@@ -326,8 +319,8 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
             missing=results.k_vc.missing,
         ),
         conditions=conditions_of(settings, made, settings.temperature_c),
-        scale_factor_v_per_deg_s=results.scale_factor.kept(),
-        bias_v=results.bias.kept(),
+        scale_factor_v_per_deg_s=as_kept(results.scale_factor),
+        bias_v=as_kept(results.bias),
         unseen=UNSEEN,
         characteristics=results.characteristics,
         sensitivities=results.sensitivities,

@@ -21,7 +21,7 @@ from vcfbench.interfaces import FunctionGenerator
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import Measurand, measurand, quantity_table
+from vcfbench.procedures.shared.measurand import as_kept, measurand, quantity_table
 from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import device_values
@@ -32,7 +32,7 @@ from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 LEAST_CYCLES: Final = 3
 
@@ -168,7 +168,7 @@ def phases_of(
         drive_hz=drive_hz,
         records=len(records) + len(turned),
         target_deg=settings.target_deg,
-        target_met=all(each.expanded_u <= settings.target_deg for each in against_drive.values()),
+        target_met=all(each.u95 <= settings.target_deg for each in against_drive.values()),
     )
 
 
@@ -253,7 +253,7 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
     said = (
         f"drive {found.drive_hz:.3f} Hz; {found.records} records; U95 of {found.target_deg:g} deg for every phase: "
         f"{'met' if found.target_met else 'NOT met'}\nK_Vc by equal outputs: {abs(error.value):.0f} ppm too "
-        f"{'small' if error.value < 0.0 else 'large'}, U95 {error.expanded_u:.2g} ppm; it changes by "
+        f"{'small' if error.value < 0.0 else 'large'}, U95 {error.u95:.2g} ppm; it changes by "
         f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier, "
         f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator\n"
         f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
@@ -399,12 +399,12 @@ def _rotations(
 
 def phase_characteristics(_settings: PhaseSettings, found: Phases) -> device_values.Characteristics:
     """Return the characteristics that K_Vc depends on: phases against the drive's velocity."""
-    demodulator = found.demodulator_deg.kept()
+    demodulator = as_kept(found.demodulator_deg)
     return device_values.Characteristics(
         drive_hz=device_values.Measured(
             value=found.drive_hz, u=found.drive_hz * oscilloscope.TIME_BASE / math.sqrt(3.0)
         ),
-        carrier_phase_deg=found.carrier_from_velocity_deg.kept(),
+        carrier_phase_deg=as_kept(found.carrier_from_velocity_deg),
         demodulator_phase_deg=structs.replace(demodulator, value=math.remainder(demodulator.value - 90.0, 180.0)),
     )
 

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared.known.scale_factor import (
     scale_factor_used,
     tells_scale_factor,
 )
-from vcfbench.procedures.shared.measurand import Measurand, measurand, titled, value_table
+from vcfbench.procedures.shared.measurand import measurand, titled, value_table
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.procedures.shared.sweep.agreement import SLOPES
 from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
@@ -37,7 +37,7 @@ from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
 from vcfbench.values.printing import incomplete
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _LINE, _RAISED, _BEYOND, _BACK = 1, 2, 3, 4
 """Steps of the points: small rates, the search, beyond the limit, at the small rate again."""

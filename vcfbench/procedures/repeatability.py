@@ -21,7 +21,7 @@ from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
 from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, quantity_table, titled
+from vcfbench.procedures.shared.measurand import mean_of_records, quantity_table, titled
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.window_sum import windows_without_times
 from vcfbench.records.schema import Point
@@ -29,7 +29,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
-from vcfbench.values.value import Value
+from vcfbench.values.value import Measurand, Value
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 """Steps of the points: the chopped block when warm, the window just after the drive has locked."""

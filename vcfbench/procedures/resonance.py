@@ -22,7 +22,7 @@ from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.measurand import Measurand, difference, mean_of_records, measurand
+from vcfbench.procedures.shared.measurand import as_kept, difference, mean_of_records, measurand, printed
 from vcfbench.procedures.shared.oscilloscope import (
     amplitudes,
     as_expected,
@@ -39,6 +39,7 @@ from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import interval_of, scale_v_per_div
 from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer, does
+from vcfbench.values.value import Measurand
 
 _DRIVE_RECORD = 0.02, 50_000
 """Time base (s/div) and points of the drive's record: a fifth of a second, in which the rails fall; five points in a
@@ -331,7 +332,7 @@ def _e_n(first: Measurand, second: Measurand) -> float:
     owners = {part.of for part in first.parts} & {part.of for part in second.parts}
     own = [part for part in (*first.parts, *second.parts) if part.of is None or part.of not in owners]
     difference = measurand(abs(first.value) - abs(second.value), first.unit, own)
-    return abs(difference.value) / difference.expanded_u if difference.value else 0.0
+    return abs(difference.value) / difference.u95 if difference.value else 0.0
 
 
 def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances) -> Report:
@@ -349,7 +350,7 @@ def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances)
         ("Q of the in-phase mode", "ring-down", found.in_phase_q, None),
     )
     columns = heads("<quantity | <by | value:.8g | u:.2g | U95:.2g | <unit | E_n:.2f")
-    rows = [(name, way, *each.printed(), each.unit, e_n) for name, way, each, e_n in named if each]
+    rows = [(name, way, *printed(each), each.unit, e_n) for name, way, each, e_n in named if each]
     missing = [f"{name} by {way}: not seen" for name, way, each, _ in named if each is None]
     said = [*missing, *([found.why_no_drive] if found.why_no_drive else []), NOT_HELD]
     return Report([Table(columns, rows), Text("\n".join(said))])
@@ -359,15 +360,15 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
     """Return the characteristics that K_Vc depends on: the in-phase mode as well where it was seen to ring down."""
     apart = None
     if found.in_phase_hz is not None:
-        apart = difference(found.drive_hz, found.in_phase_hz).kept()
+        apart = as_kept(difference(found.drive_hz, found.in_phase_hz))
     return structs.replace(
         characteristics(found.sweep),
-        drive_hz=found.drive_hz.kept(),
-        split_hz=found.split_ring_down_hz.kept(),
+        drive_hz=as_kept(found.drive_hz),
+        split_hz=as_kept(found.split_ring_down_hz),
         split_size_hz=None,
-        q_anti_phase=found.sense_q_ring_down.kept(),
+        q_anti_phase=as_kept(found.sense_q_ring_down),
         in_phase_split_hz=apart,
-        q_in_phase=None if found.in_phase_q is None else found.in_phase_q.kept(),
+        q_in_phase=None if found.in_phase_q is None else as_kept(found.in_phase_q),
     )
 
 

@@ -25,7 +25,7 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import require_valid
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import Measurand, finite, measurand, titled, value_table
+from vcfbench.procedures.shared.measurand import finite, measurand, titled, value_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
 from vcfbench.records.devices import Certificate, last_certificate
 from vcfbench.records.schema import Point
@@ -33,7 +33,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.step import Routine
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _AT_REST, _AT_RATE, _SEARCH = 1, 2, 3
 """Steps of the points: the blocks about rest, those about a rate, and the search for the level of rest."""
@@ -124,7 +124,7 @@ class InputLimit(Struct, frozen=True):
 
     def as_value(self, name: str) -> Value:
         """Return it as a value of a run: below what noise may make, where it is not seen."""
-        found = self.deg_s.as_value(name)
+        found = self.deg_s.called(name)
         if self.seen:
             return found
         return replace(found, form="below", high=self.at_most_deg_s, u=None, dof=None, u95=None)
@@ -301,7 +301,7 @@ def _limit(settings: ThresholdSettings, half: DeadBand, parts: list[UncertaintyP
         own.append(UncertaintyPart("K_Vc", size * (u_k_vc or 0.0)))
         size, missing = k_vc * size, u_k_vc is None
     found = measurand(size, "deg/s", own, ["K_Vc"] * missing)
-    once_in_20 = _ONE_SIDED / 1.96 * found.expanded_u
+    once_in_20 = _ONE_SIDED / 1.96 * found.u95
     return InputLimit(found, in_volts, size > once_in_20, max(size, 0.0) + once_in_20)
 
 

@@ -21,7 +21,7 @@ from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines, tones
 from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
-from vcfbench.procedures.shared.measurand import Measurand, made_of, measurand
+from vcfbench.procedures.shared.measurand import made_of, measurand
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -31,7 +31,7 @@ from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
 from vcfbench.values.quantile import t_of_largest
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 from vcfbench.values.verdict import e_n
 
 _STATIC = 1
@@ -114,7 +114,7 @@ class VibrationResult(Struct, frozen=True):
         missing = dict.fromkeys(
             name for row in self.responses for name in (*row.response.missing, *row.expected.missing)
         )
-        yield self.static_v_per_v.as_value("static_v_per_v", words="response at rest, V per V of V_Vc")
+        yield self.static_v_per_v.called("static_v_per_v", words="response at rest, V per V of V_Vc")
         yield Value("e_n", self.largest_e_n, kind="e_n", missing=tuple(missing))
 
 
@@ -279,7 +279,7 @@ def _response(
     response = measurand(value, "", parts)
     return VibrationResponse(
         *(output.frequency_hz, amplitude_v, abs(settings.expected_gyro().k_vc) * amplitude_v, output.amplitude),
-        *(response, expected, e_n(response.value, response.expanded_u, expected.value, expected.expanded_u)),
+        *(response, expected, e_n(response.value, response.u95, expected.value, expected.u95)),
     )
 
 
@@ -302,7 +302,7 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
     rows = [
         (
             *(each.frequency_hz, each.virtual_rate_deg_s, each.output_amplitude_v),
-            *(each.response.value, each.response.expanded_u, each.expected.value, each.expected.expanded_u),
+            *(each.response.value, each.response.u95, each.expected.value, each.expected.u95),
             *(100.0 * (each.response.value / each.expected.value - 1.0), each.e_n, made_of(each.response, ".1g")),
         )
         for each in found.responses

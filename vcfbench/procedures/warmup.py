@@ -24,7 +24,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, budget_table, measurand
+from vcfbench.procedures.shared.measurand import budget_table, measurand, printed
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -34,7 +34,7 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Context, Reading, Step, StepResult, answer
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 _SIGMAS = 3.0
 _FLOOR = 0.6643
@@ -111,12 +111,6 @@ class WarmupResult(Struct, frozen=True):
     means_t_s: tuple[float, ...]
     means_deg_s: tuple[float, ...]
     means_u_deg_s: tuple[float, ...]
-
-    def stated(self) -> Iterator[Value]:
-        """Yield its values; those of an exponential that is not seen are none."""
-        yield self.bias_end.as_value("bias_end", "bias_at_rest_deg_s", "bias, warm")
-        named = (("amplitude", self.amplitude), ("time_constant", self.time_constant), ("warm_up", self.warm_up))
-        yield from (each.as_value(f"{name}") for name, each in named if each is not None)
 
     def curve_deg_s(self, t_s: float) -> float:
         """Return the fitted output at `t_s` after power-on, deg/s."""
@@ -196,7 +190,9 @@ def warmup_results(
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=ended_s,
-        bias_end=as_rate(measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u),
+        bias_end=as_rate(measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u).called(
+            "bias_end", "bias_at_rest_deg_s", "bias, warm"
+        ),
         amplitude=creep.get("amplitude"),
         time_constant=creep.get("time_constant"),
         warm_up=creep.get("warm_up"),
@@ -285,7 +281,7 @@ def _stated(values_s: Floats, likely: Floats, found: tuple[float, float]) -> Mea
     away = np.abs(values_s - value)
     order = np.argsort(away)
     half = float(away[order][np.searchsorted(np.cumsum(likely[order]), 0.95)])
-    return Measurand(value, u, "s", None, half / u if u else 0.0, half, (UncertaintyPart("fit", u),))
+    return Measurand("", value, "s", u, u95=half, parts=(UncertaintyPart("fit", u),))
 
 
 def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -> Report:
@@ -294,10 +290,10 @@ def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -
     columns = heads("< | value:.5g | u:.2g | U95:.2g | unit")
     rows: list[Any] = [
         ("turn-on", found.turn_on_s, None, None, "s"),
-        ("b_inf", *found.bias_end.printed(), found.bias_end.unit),
+        ("b_inf", *printed(found.bias_end), found.bias_end.unit),
     ]
     named = (("a", found.amplitude, "deg/s"), ("tau", found.time_constant, "s"), ("warm-up", found.warm_up, "s"))
-    rows += [(name, *((None,) * 3 if each is None else each.printed()), unit) for name, each, unit in named]
+    rows += [(name, *((None,) * 3 if each is None else printed(each)), unit) for name, each, unit in named]
     ended = "three means in a row agree" if found.steady else "NOT steady: the last three means do not agree"
     unseen = (
         "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings\n"

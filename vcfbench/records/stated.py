@@ -48,9 +48,7 @@ def stated(results: object) -> Iterator[Value | Unstated]:
     Results that say themselves which they are (``stated()``) are asked. In any others they are found by type: in
     fields, mappings, and tuples of them; and of plain numbers those that have the name of a limit.
     """
-    if isinstance(results, StatesValues):
-        yield from results.stated()
-    elif isinstance(results, Mapping) and "uncertainty" in results:
+    if isinstance(results, Mapping) and "uncertainty" in results:
         yield from _of_before(results)
     else:
         yield from _found(results, "")
@@ -58,17 +56,20 @@ def stated(results: object) -> Iterator[Value | Unstated]:
 
 def _found(of: object, name: str) -> Iterator[Value | Unstated]:
     """Yield the values in `of`, going down by names."""
-    if isinstance(of, Value):
-        yield of
+    if isinstance(of, StatesValues):
+        yield from of.stated()
+    elif isinstance(of, Value):
+        yield of if of.name else of.called(name, of.kind or None)
     elif isinstance(of, BecomesValue):
         yield of.as_value(name)
     elif isinstance(of, tuple | list):
-        yield from (each for each in of if isinstance(each, Value))
+        yield from (each for each in of if isinstance(each, Value) and each.name)
     else:
         names = of.keys() if isinstance(of, Mapping) else field_names(of) or ()
         members = {str(key): of[key] if isinstance(of, Mapping) else getattr(of, key) for key in names}
         if "value" in members:
-            yield from _quantity(name, members)
+            # what a run used, or keeps of a device, is no value of it: those are of a type of their own
+            yield from () if type(of).__module__.startswith("vcfbench.") else _quantity(name, members)
             return
         for key, each in members.items():
             if name or key not in LIMITED or not (each is None or _number(each) is not None):

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from msgspec import Struct
-from msgspec.structs import force_setattr
+from msgspec.structs import force_setattr, replace
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.definition import Conditions, Definition
-from vcfbench.values.kinds import KINDS, Named, named
+from vcfbench.values.kinds import KINDS, Named, kind_of, named
 from vcfbench.values.printing import digits_of_value, grouped, in_threes, incomplete, shorthand
 from vcfbench.values.quantile import t_quantile
 
@@ -40,10 +40,10 @@ class UncertaintyPart(Struct, frozen=True):
 class Value(Struct, frozen=True):
     """A value as it is stated of a run, in SI units but for rates (deg/s).
 
-    `name` is unique in the run (``turntable.scale_factor``), `kind` says what it is of: a key of
-    :data:`vcfbench.values.kinds.KINDS`, or nothing. `low` and `high` are the ends of what holds with 95 % where that is
-    not value +- U95; of a bound `value` is what was found, if anything was. A `u` without `u95` gets the factor of
-    Student's t for its `dof` (None: as many as one likes).
+    `name` is unique in the run (``turntable.scale_factor``); where it has none, that of its place in the results is.
+    `kind` says what it is of: a key of :data:`vcfbench.values.kinds.KINDS`, or nothing. `low` and `high` are the ends
+    of what holds with 95 % where that is not value +- U95; of a bound `value` is what was found, if anything was. A `u`
+    without `u95` gets the factor of Student's t for its `dof` (None: as many as one likes).
 
     Raises:
         ConfigError: a number is not finite, an uncertainty negative, the form lacks its ends, or the kind has another
@@ -125,6 +125,11 @@ class Value(Struct, frozen=True):
         found = named(self.name, self.unit, self.kind)
         return found._replace(words=self.words, german="") if self.words else found
 
+    def called(self, name: str, kind: str | None = None, words: str = "") -> Self:
+        """Return it under a name; of the kind that has its name and unit where none is said."""
+        kind = kind_of(name, self.unit) if kind is None else kind
+        return replace(self, name=name, kind=kind, words=words or self.words)
+
     def figure(self, factor: float = 1.0) -> str:
         """Return what is stated, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
         size, (low, high) = abs(factor), sorted(factor * each for each in self.ends)
@@ -164,6 +169,23 @@ class Value(Struct, frozen=True):
         numbers = {"value": self.value, "u": self.u, "dof": self.dof, "u95": self.u95, "form": self.form, "ends": ends}
         holds = {"definition": self.definition.as_json(), "conditions": self.conditions.as_json()}
         return {**said, **numbers, "low": self.low, "high": self.high, "missing": list(self.missing), **holds}
+
+
+class Measurand(Value, frozen=True):
+    """A value +- U95 with its combined standard uncertainty, all sources in it; their parts add up in squares."""
+
+    if TYPE_CHECKING:
+        value: float
+        u: float = 0.0
+        u95: float = 0.0
+        parts: tuple[UncertaintyPart, ...] = ()
+        missing: tuple[str, ...] = ()
+
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it, by the names of ever since."""
+        whole = {"complete": not self.missing, "missing": self.missing}
+        factor = {"coverage_factor": self.coverage_factor, "expanded_u": self.u95, "parts": self.parts}
+        return {"value": self.value, "u": self.u, "unit": self.unit, "dof": self.dof, **factor, **whole}
 
 
 class Unstated(Struct, frozen=True):

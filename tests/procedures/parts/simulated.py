@@ -16,10 +16,10 @@ from msgspec import structs, to_builtins
 
 import vcfbench
 from vcfbench.procedures.shared.budget.statement import StatedValue
-from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.sim.gyro.design import PAPER_TARGETS, design, imperfect, paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.parameters import BenchParameters
+from vcfbench.values.value import Measurand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

@@ -63,7 +63,7 @@ def test_an_output_as_a_rate_has_the_scale_factor_s_uncertainty_too() -> None:
         "readings": (9.0, None),
         "meter": (None, "M1"),
     }
-    assert rate.complete
+    assert not rate.missing
     without = as_rate(measurand(0.3, "V", output.parts, ["flicker"]), -0.02, None)
     assert without.u == pytest.approx(math.hypot(0.1, 0.05))
     assert (without.value, without.missing) == (pytest.approx(-15.0), ("flicker", "scale factor"))

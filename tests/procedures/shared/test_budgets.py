@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from vcfbench.procedures.shared.measurand import budget_table, mean_of_records, measurand, quantity_table, said_of
+from vcfbench.procedures.shared.measurand import (
+    as_kept,
+    budget_table,
+    mean_of_records,
+    measurand,
+    quantity_table,
+    said_of,
+)
 from vcfbench.reports.text import table_text
 from vcfbench.values.value import UncertaintyPart
 
@@ -68,20 +75,20 @@ def test_the_mean_of_records_has_their_scatter_and_what_they_share() -> None:
             6.0**0.5 * (1.0 - 0.05**0.5),
         ),
         ([UncertaintyPart("a", 1.0, rectangular=True), UncertaintyPart("b", 5.0)], 26.0**0.5, None, 1.95996),
-        ([], 0.0, None, 1.95996),
+        ([], 0.0, None, None),
     ],
 )
 def test_u95_is_that_of_the_distributions_that_prevail(
-    parts: list[UncertaintyPart], u: float, dof: float | None, factor: float
+    parts: list[UncertaintyPart], u: float, dof: float | None, factor: float | None
 ) -> None:
     """A rectangle with up to a twentieth of the variance does not show."""
     found = measurand(7.0, "V", parts, ["flicker", "table", "flicker"])
     assert (found.u, found.dof) == (pytest.approx(u), dof if dof is None else pytest.approx(dof))
-    assert found.coverage_factor == pytest.approx(factor, rel=2e-3)
-    assert found.expanded_u == pytest.approx(found.coverage_factor * u)
+    assert found.coverage_factor == (None if factor is None else pytest.approx(factor, rel=2e-3))
+    assert found.u95 == pytest.approx((factor or 0.0) * u, rel=2e-3)
     assert list(found.parts) == sorted(parts, key=lambda part: -abs(part.u))
-    assert (found.value, found.complete, found.missing) == (7.0, False, ("flicker", "table"))
-    assert measurand(7.0, "V", parts).complete
+    assert (found.value, found.missing) == (7.0, ("flicker", "table"))
+    assert not measurand(7.0, "V", parts).missing
 
 
 def test_a_twentieth_of_the_variance_is_where_a_rectangle_shows() -> None:
@@ -93,7 +100,7 @@ def test_a_twentieth_of_the_variance_is_where_a_rectangle_shows() -> None:
 
 
 def test_a_value_is_kept_with_its_parts_as_shares() -> None:
-    kept = measurand(7.0, "V", [UncertaintyPart("meter", 3.0, 9.0, "M1")], ["flicker"]).kept()
+    kept = as_kept(measurand(7.0, "V", [UncertaintyPart("meter", 3.0, 9.0, "M1")], ["flicker"]))
     assert (kept.value, kept.u, kept.dof, kept.missing) == (7.0, 3.0, 9.0, ("flicker",))
     assert [(each.source, each.u, each.of, each.dof) for each in kept.shares] == [("meter", 3.0, "M1", 9.0)]
 

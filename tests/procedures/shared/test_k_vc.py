@@ -127,7 +127,7 @@ def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(s
     assert len(ranges) == 6
     true = truth(warm(physical_parameters(bench)))[1]  # at the input: 50 ohm take 5e-4 or less of the open level
     for k_vc in (told.k_vc, found.k_vc):
-        assert abs(k_vc.value - true) <= k_vc.expanded_u
+        assert abs(k_vc.value - true) <= k_vc.u95
         assert sum(part.u**2 for part in k_vc.parts) == pytest.approx(k_vc.u**2)
     assert 0.005 * true < told.k_vc.u <= found.k_vc.u
     assert math.sqrt(told.curve.covariance[1][1]) == pytest.approx(told.k_vc.u)

@@ -18,7 +18,6 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.health.found import _feedthrough
 from vcfbench.procedures.power.results import PowerSettings, _imbalance_v, _step_v, _three
-from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.procedures.shared.null_comparison.blocks import bias_at_rest
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.shared.sweep.windows import window_times
@@ -27,7 +26,7 @@ from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.device_values import Measured
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources, Station
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from vcfbench.procedures.health.check import checked, not_measured
 from vcfbench.procedures.health.found import _feedthrough  # type: ignore[attr-defined]
 from vcfbench.procedures.health.plan import Modes
 from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_change, k_vc_sensitivities
-from vcfbench.procedures.shared.measurand import measurand
+from vcfbench.procedures.shared.measurand import as_kept, measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, together
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
@@ -220,7 +220,7 @@ def test_bandwidth_keeps_no_sign() -> None:
     found = measurand(24.8, "Hz", [UncertaintyPart("noise", 1e-3)])
     band = {"drive_hz": 3488.9, "u_drive_hz": 0.01, "in_phase_share": 0.1, "u_in_phase_share": 0.01}
     kept = characteristics(SimpleNamespace(**band, split_hz=found, q=found))  # type: ignore[arg-type]
-    assert (kept.split_hz, kept.split_size_hz) == (None, found.kept())
+    assert (kept.split_hz, kept.split_size_hz) == (None, as_kept(found))
 
 
 def far_records(split_hz: float, through: float) -> tuple[Modes, float, list[RotationRecord]]:

@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 from vcfbench.procedures.shared.known.k_vc_change import ASSUMED_DRIVE_PPM_K
-from vcfbench.procedures.shared.measurand import Measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
+from vcfbench.values.value import Measurand
 
 
 class Rise(NamedTuple):
@@ -47,7 +47,7 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
         if abs(wider_v) > 2.0 * u_v:
             words = f"{wider_v:+.3f} V of both rails"
             causes.append((words, wider_v, u_v, then.table_slope_ppm_v, "vcfbench run power --by table"))
-    said, left, square = [], change_ppm.value, change_ppm.expanded_u**2
+    said, left, square = [], change_ppm.value, change_ppm.u95**2
     for words, by, u_by, slope, ask in causes:
         if slope is None:
             said.append(f"{words}, and what that does to this device is not known ({ask})")

@@ -15,13 +15,13 @@ from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level
 from vcfbench.procedures.resonance import rang_down
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.measurand import Measurand, mean_of_records, measurand
+from vcfbench.procedures.shared.measurand import as_kept, mean_of_records, measurand
 from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.measured import Measured
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 _FLAT = 0.05
 """By which a feed-through may differ between the frequencies where it shows and that of the drive (assumed)."""
@@ -40,7 +40,7 @@ quality factors make of it: 0 where nothing else is at work.
 
 def beside(found: Health, known: Characteristics) -> Characteristics:
     """Return the characteristics for the device store, beside those `known` otherwise."""
-    seen = {name: each.kept() for name, each in found.items()}
+    seen = {name: as_kept(each) for name, each in found.items()}
     only_size = {"split_size_hz": None} if "split_hz" in seen else {}
     return structs.replace(known, **only_size, **seen)
 
@@ -83,7 +83,7 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     reference = reference_phase(near)
     reference_deg = math.remainder(reference.phase_deg - 90.0, 180.0)
     records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
-    kept_share = _share_of(then, middle) or share.kept()
+    kept_share = _share_of(then, middle) or as_kept(share)
 
     # A channel with its probe: of the same number on another day it may have another gain
     gain, middle_v = settings.station.sources.oscilloscope_gain_error / math.sqrt(3.0), fmean(carrier_v)

@@ -7,7 +7,7 @@ the record and taken out, so that of the curve of K_Vc its slope at 0 V is all t
 
 import cmath
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from statistics import median
 
 import numpy as np
@@ -31,11 +31,11 @@ from vcfbench.procedures.shared.known.certificate import (
 )
 from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
 from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
-from vcfbench.procedures.shared.measurand import Measurand, budget_table, made_of, measurand, said_of
+from vcfbench.procedures.shared.measurand import budget_table, made_of, measurand, said_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 _U_SHARE = 0.05
 """Standard uncertainty of the share of the in-phase mode in the response at rest."""
@@ -120,13 +120,6 @@ class OnlineResult(Struct, frozen=True, kw_only=True):
     holds_not: tuple[str, ...]
     drift: Drift | None
     """Since the certificate of the device; None where nothing earlier is known."""
-
-    def stated(self) -> Iterator[Value]:
-        """Yield its values, the drift last."""
-        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
-        yield self.disturbance.as_value("disturbance")
-        if self.drift is not None:
-            yield from self.drift.stated()
 
 
 class _Run(Struct, frozen=True):
@@ -311,7 +304,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     missing = missing_of(settings)
     if settings.v_vc_role != "v_vc_meter" and settings.known_scale_factor is None:
         missing = (*missing, UNKNOWN_SIGN)
-    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing)
+    scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing, "scale_factor_small")
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc
     times_s = [at_s + (place + 0.5) * window_s for at_s in begin_s for place in range(settings.windows_a_burst)]
@@ -331,7 +324,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     return OnlineResult(
         scale_factor=scale_factor,
         disturbance=disturbance,
-        disturbed_by_less_than_deg_s=abs(disturbance.value) + disturbance.expanded_u,
+        disturbed_by_less_than_deg_s=abs(disturbance.value) + disturbance.u95,
         windows=tuple(
             WindowFactor(t_s, float(each), u_readings, math.hypot(u_readings, u_common))
             for t_s, each in zip(times_s, factors, strict=True)

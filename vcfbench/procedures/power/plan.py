@@ -19,6 +19,7 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import at_signs, to_level
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
@@ -156,7 +157,7 @@ def power_characteristics(settings: PowerSettings, found: PowerResult) -> Charac
     """Return the effect of both rails on the slope; their effect on K_Vc takes a run by the table and one by V_Vc."""
     for effect in found.effects:
         if effect.rails == "both":
-            slope = effect.scale_factor.kept()
+            slope = as_kept(effect.scale_factor)
             if settings.by is ScaleFactorBy.TABLE:
                 return Characteristics(table_slope_ppm_v=slope)
             return Characteristics(v_vc_slope_ppm_v=slope)

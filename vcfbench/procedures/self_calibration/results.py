@@ -39,7 +39,7 @@ from vcfbench.procedures.shared.known.certificate import (
 )
 from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_ON_THE_WAY, k_vc_since, with_temperature
-from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand, quotient, said_of
+from vcfbench.procedures.shared.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
 from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
@@ -49,7 +49,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import Rate, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
-from vcfbench.values.value import UncertaintyPart, Unstated, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
@@ -131,11 +131,11 @@ class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values, the drift last."""
-        yield self.scale_factor.as_value("scale_factor", "scale_factor_small")
-        yield self.line.as_value("line", "scale_factor_by_v_vc")
-        yield self.bias.as_value("bias", "bias_at_rest")
-        yield self.bias_deg_s.as_value("bias_deg_s", "bias_at_rest_deg_s")
-        yield self.nonlinearity.as_value("nonlinearity", "nonlinearity_by_v_vc")
+        yield self.scale_factor.called("scale_factor", "scale_factor_small")
+        yield self.line.called("line", "scale_factor_by_v_vc")
+        yield self.bias.called("bias", "bias_at_rest")
+        yield self.bias_deg_s.called("bias_deg_s", "bias_at_rest_deg_s")
+        yield self.nonlinearity.called("nonlinearity", "nonlinearity_by_v_vc")
         if self.drift is not None:
             yield from self.drift.stated()
 
@@ -154,7 +154,7 @@ class NotStated(Struct, frozen=True, kw_only=True):
 
     def stated(self) -> Iterator[Value | Unstated]:
         """Yield the bias: what goes by K_Vc could not be found."""
-        yield self.bias.as_value("bias", "bias_at_rest")
+        yield self.bias.called("bias", "bias_at_rest")
         kinds = ("scale_factor_small", "bias_at_rest_deg_s", "nonlinearity_by_v_vc", "drift_ppm", "e_n")
         yield from (Unstated(kind, kind) for kind in kinds)
 
@@ -376,14 +376,14 @@ def entry_of(
         done=made.finished,
         procedure="self-calibration",
         certificate=settings.known.certificate,
-        scale_factor_v_per_deg_s=results.scale_factor.kept(),
-        bias_v=results.bias.kept(),
-        nonlinearity_ppm=results.nonlinearity.kept(),
+        scale_factor_v_per_deg_s=as_kept(results.scale_factor),
+        bias_v=as_kept(results.bias),
+        nonlinearity_ppm=as_kept(results.nonlinearity),
         conditions=conditions_of(settings, made, settings.temperature_c),
         characteristics=results.characteristics,
-        drift_ppm=None if drift is None else drift.change_ppm.kept(),
+        drift_ppm=None if drift is None else as_kept(drift.change_ppm),
         e_n=None if drift is None else drift.e_n,
-        since_last_ppm=None if last is None else last.change_ppm.kept(),
+        since_last_ppm=None if last is None else as_kept(last.change_ppm),
         cusum=None if drift is None else drift.cusum,
         drift_verdict=None if drift is None else drift.verdict,
         verdict=made.verdict,

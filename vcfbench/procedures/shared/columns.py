@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
-from vcfbench.procedures.shared.measurand import Measurand, stated_cells
+from vcfbench.procedures.shared.measurand import stated_cells
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
@@ -17,7 +17,7 @@ from vcfbench.reports.document import Axis, Cell, Figure, Series, Table, Text, h
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.values.kinds import named
 from vcfbench.values.printing import incomplete
-from vcfbench.values.value import Unstated, Value
+from vcfbench.values.value import Measurand, Unstated, Value
 
 
 def stated(statement: Statement) -> Iterator[Value | Unstated]:
@@ -38,7 +38,7 @@ def with_statement(column: CalibrationColumn, statement: Statement, before: str 
 
 def combined(of_fit: Quantity, stated: StatedValue | Measurand) -> Quantity:
     """Return a value with the combined uncertainty that is stated of it."""
-    return replace(of_fit, u=stated.u, complete=stated.complete, missing=stated.missing)
+    return replace(of_fit, u=stated.u, complete=not stated.missing, missing=stated.missing)
 
 
 def is_swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:

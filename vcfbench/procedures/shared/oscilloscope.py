@@ -7,12 +7,12 @@ from statistics import fmean
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.shared.measurand import Measurand, mean_of_records
+from vcfbench.procedures.shared.measurand import mean_of_records
 from vcfbench.station.parts import Node
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.step import Routine, answer
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 TIME_BASE = 25e-6
 """DSO7104B: 15 ppm and 2 ppm a year, five years old (service guide p. 45), rectangular."""

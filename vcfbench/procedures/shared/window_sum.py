@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.schema import Point, fits_one_chunk, pooled_std_v
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Window
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 def windows_without_times(settings: ProcedureSettings) -> Iterator[InvalidValue]:

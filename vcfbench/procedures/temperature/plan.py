@@ -20,6 +20,7 @@ from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
 from vcfbench.procedures.shared.kept import Keeps
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.procedures.shared.oscilloscope import capture_drive
 from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.procedures.shared.sweep.agreement import require_steady_slope
@@ -130,12 +131,12 @@ def temperature_characteristics(settings: TemperatureSettings, found: results.Te
     frequency = found.frequency
     return Characteristics(
         temperature_c=None if frequency is None else Measured(value=found.reference_c, u=settings.u_temperature_k),
-        drive_hz=None if frequency is None else frequency.kept(),
-        drive_ppm_k=None if found.frequency_tc is None else found.frequency_tc.kept(),
-        split_size_hz=None if found.split is None else found.split.kept(),
-        split_hz_k=None if found.split_tc is None else found.split_tc.kept(),
-        table_slope_ppm_k=found.scale_factor_tc.kept() if by_table else None,
-        v_vc_slope_ppm_k=None if by_table else found.scale_factor_tc.kept(),
+        drive_hz=None if frequency is None else as_kept(frequency),
+        drive_ppm_k=None if found.frequency_tc is None else as_kept(found.frequency_tc),
+        split_size_hz=None if found.split is None else as_kept(found.split),
+        split_hz_k=None if found.split_tc is None else as_kept(found.split_tc),
+        table_slope_ppm_k=as_kept(found.scale_factor_tc) if by_table else None,
+        v_vc_slope_ppm_k=None if by_table else as_kept(found.scale_factor_tc),
         least_temperature_c=None if frequency is None else min(seen_c),
         most_temperature_c=None if frequency is None else max(seen_c),
     )

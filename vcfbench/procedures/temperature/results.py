@@ -15,7 +15,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.procedures import bandwidth
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import Measurand, measurand, value_table
+from vcfbench.procedures.shared.measurand import measurand, value_table
 from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -23,7 +23,7 @@ from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
 from vcfbench.values.quantile import t_of_largest
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
@@ -77,7 +77,7 @@ class TemperatureResult(Struct, frozen=True):
 
     What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
     the temperatures that were come to both ways; None where there is none. The largest of several differences is never
-    zero, so its `expanded_u` is that of all of them together: a hysteresis that is not larger is not seen, and below
+    zero, so its U95 is that of all of them together: a hysteresis that is not larger is not seen, and below
     the sum of both. `..._lack_of_fit` is what the parabola leaves, root mean square over the degrees of freedom; it is
     in no uncertainty.
     """
@@ -121,8 +121,8 @@ class TemperatureResult(Struct, frozen=True):
         for name, (words, found) in named.items():
             if found is None:
                 continue
-            value = found.as_value(name, "", words)  # at one level and one temperature: of no kind that limits are for
-            if name.endswith("hysteresis") and abs(found.value) <= found.expanded_u:
+            value = found.called(name, "", words)  # at one level and one temperature: of no kind that limits are for
+            if name.endswith("hysteresis") and abs(found.value) <= found.u95:
                 value = replace(value, form="size-below", high=_bound(found), u=None, dof=None, u95=None)
             yield value
 
@@ -372,14 +372,14 @@ def _hysteresis(
     together = []
     for each in found.values():
         factor = t_of_largest(len(found), math.inf if each.dof is None else each.dof)
-        together.append(replace(each, coverage_factor=factor, expanded_u=factor * each.u))
-    if beyond := [each for each in together if abs(each.value) > each.expanded_u]:
+        together.append(replace(each, u95=factor * each.u))
+    if beyond := [each for each in together if abs(each.value) > each.u95]:
         return max(beyond, key=lambda each: abs(each.value))
     return max(together, key=_bound, default=None)
 
 
 def _bound(difference: Measurand) -> float:
-    return abs(difference.value) + difference.expanded_u
+    return abs(difference.value) + difference.u95
 
 
 def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:

@@ -18,13 +18,13 @@ from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, fl
 from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
-from vcfbench.procedures.shared.measurand import Measurand, budget_table, finite, measurand
+from vcfbench.procedures.shared.measurand import budget_table, finite, measurand, printed
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.values.printing import incomplete
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -184,12 +184,12 @@ class ZeroResult(Struct, frozen=True):
             yield Value("output_v", self.bias_v, "V", kind="bias_at_rest")
             yield Value("bias", self.bias_deg_s, "deg/s", kind="bias_at_rest_deg_s")
             return
-        yield self.output_v.as_value("output_v", "bias_at_rest")
-        yield self.bias.as_value("bias", "bias_at_rest_deg_s")
+        yield self.output_v.called("output_v", "bias_at_rest")
+        yield self.bias.called("bias", "bias_at_rest_deg_s")
         yield from (each.as_value() for each in self.noise)
-        yield self.trend.as_value("trend")
+        yield self.trend.called("trend")
         if self.noise_bandwidth_hz is not None:
-            yield self.noise_bandwidth_hz.as_value("noise_bandwidth_hz")
+            yield self.noise_bandwidth_hz.called("noise_bandwidth_hz")
 
     @property
     def flicker(self) -> tuple[float, float] | None:
@@ -345,7 +345,7 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
     """Report a static record: its sampling, its results, the Allan table and its figure."""
     flicker = results.flicker  # as the key of the bench file
     said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
-    if results.trend is not None and abs(results.trend.value) > results.trend.expanded_u:
+    if results.trend is not None and abs(results.trend.value) > results.trend.u95:
         said.append(
             "This record has a trend: over another time the mean is another by what it makes, in no u of the bias."
         )
@@ -357,7 +357,7 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
     stated = (("output, mean", results.output_v), ("bias, mean", results.bias), ("trend", results.trend))
     for place, (name, found) in enumerate(stated):
         if found is not None:
-            value, u, u95 = found.printed()
+            value, u, u95 = printed(found)
             rows[place : place + 1] = [(name, value, u, found.dof, u95, found.unit)]
     lacks = incomplete(() if results.bias is None else results.bias.missing).removeprefix("; ")
     return Report(

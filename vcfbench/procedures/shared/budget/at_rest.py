@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.procedures.shared.budget.phases import PhaseErrors
 from vcfbench.procedures.shared.known.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
-from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
+from vcfbench.procedures.shared.measurand import finite, measurand
 from vcfbench.procedures.shared.sweep.windows import ENOUGH_DOF, Flicker
 from vcfbench.station.settings import ProcedureSettings, Sources
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 _CONTRADICTS = 1.645
 """Excess of the observed flicker, in its own uncertainties, from which it replaces the stated one."""
@@ -66,9 +66,9 @@ def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None
     value, per_v = output.value / scale_factor, 1.0 / abs(scale_factor)
     parts = [replace(part, u=per_v * part.u) for part in output.parts]
     if u_scale_factor is None:
-        return measurand(value, "deg/s", parts, (*output.missing, "scale factor"))
+        return measurand(value, "deg/s", parts, (*output.missing, "scale factor"), "bias_at_rest_deg_s")
     parts.append(UncertaintyPart("scale factor", abs(value) * per_v * u_scale_factor))
-    return measurand(value, "deg/s", parts, output.missing)
+    return measurand(value, "deg/s", parts, output.missing, "bias_at_rest_deg_s")
 
 
 def about_horizon(begin_s: ArrayLike, end_s: ArrayLike, horizon_h: float) -> float:

@@ -16,14 +16,14 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.control_chart import cusum, recursive_residuals
 from vcfbench.procedures.shared.known.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.procedures.shared.known.v_vc import v_vc_error
-from vcfbench.procedures.shared.measurand import Measurand, measurand
+from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
 from vcfbench.values.kinds import KINDS
 from vcfbench.values.printing import incomplete
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 from vcfbench.values.verdict import e_n
 
 
@@ -79,7 +79,7 @@ class Drift(Change, frozen=True):
     def stated(self) -> Iterator[Value]:
         """Yield the change, and what of it is held against limits; an E_n is by the U95 of the change."""
         missing = self.change_ppm.missing
-        yield self.change_ppm.as_value("drift_ppm")
+        yield self.change_ppm.called("drift_ppm")
         yield Value("e_n", self.e_n, kind="e_n", missing=missing)
         if self.last is not None:
             yield Value("e_n_since_last", self.last.e_n, kind="e_n_since_last", missing=missing)
@@ -188,7 +188,7 @@ def _change(scale_factor: Measurand, reference: Reference, known: KnownDevice, h
     found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
     since += f" (taken off: {'; '.join(moved.words)})" if moved.words else ""
-    return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.expanded_u))
+    return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.u95))
 
 
 def _relative(found: Measurand) -> list[UncertaintyPart]:
@@ -225,7 +225,7 @@ def drift_parts(drift: Drift | None) -> list[Any]:
     for name, change in (("drift", drift), ("and", drift.last)):
         if change is not None:
             found = change.change_ppm
-            value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.expanded_u:.2g}{incomplete(found.missing)}"
+            value = f"{found.value:+.1f} ppm, u {found.u:.2g}, U95 {found.u95:.2g}{incomplete(found.missing)}"
             words.append(f"{name} since {change.since}: {value}; E_n {change.e_n:.2f}")
             words += [f"  cancels: {each}" for each in change.cancelled]
     judged_by = ", ".join(

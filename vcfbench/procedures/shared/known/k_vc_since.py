@@ -92,7 +92,7 @@ def days_until(wanted_u95_ppm: float, today: Sequence[UncertaintyPart], drift_pp
 
     def u95_ppm(days: float) -> float:
         u = drift_ppm_per_year * days / YEAR_DAYS / math.sqrt(3.0)
-        return measurand(0.0, "ppm", [*today, UncertaintyPart(K_VC_DRIFT, u, rectangular=True)]).expanded_u
+        return measurand(0.0, "ppm", [*today, UncertaintyPart(K_VC_DRIFT, u, rectangular=True)]).u95
 
     if u95_ppm(0.0) >= wanted_u95_ppm:
         return None

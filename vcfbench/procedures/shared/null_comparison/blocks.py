@@ -10,12 +10,12 @@ from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise, p
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.shared.budget.at_rest import about_horizon, flicker_counted, flicker_part, parts_at_rest
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings, levels_by_hand, measured_level, v_vc_error
-from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
+from vcfbench.procedures.shared.measurand import finite, measurand
 from vcfbench.procedures.shared.null_comparison.plan import block
 from vcfbench.procedures.shared.sweep.windows import Flicker, window_times
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 def nulled_levels(v_vc_v: Floats, zero_v_vc_v: float, driven_v: Floats, left_v: Floats) -> tuple[Floats, Floats]:
@@ -62,7 +62,7 @@ def bias_at_rest(
         flicker_part(flicker, per_b),
         *parts_at_rest(settings, mean_v, scale_factor, float(end[-1] - begin[0])),
     ]
-    return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"))
+    return measurand(mean_v, "V", parts, settings.station.sources.missing("bias"), "bias_at_rest")
 
 
 def block_covariance(noise: BlockNoise, blocks: int, cycles: int) -> Floats:

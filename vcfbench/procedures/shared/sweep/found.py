@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from msgspec import Struct
 
-from vcfbench.procedures.shared.measurand import Measurand, finite, measurand
+from vcfbench.procedures.shared.measurand import finite, measurand
 from vcfbench.procedures.shared.sweep import schedule
 from vcfbench.procedures.shared.sweep.windows import Sweep, WindowNoise, line_weights, zero_places
 from vcfbench.records.schema import Point
 from vcfbench.values.quantile import t_of_largest
-from vcfbench.values.value import UncertaintyPart
+from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 class Repeatability(Struct, frozen=True):
