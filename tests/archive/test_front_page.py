@@ -54,8 +54,10 @@ def shown(run: Run, **words: str) -> tuple[dict[str, str], list[tuple[str, ...]]
 def test_what_nobody_told_is_a_blank_line_and_what_is_told_stands_there(judged: Run) -> None:
     facts, _, _ = shown(judged)
     asked = ("laboratory", "customer", "model", "serial number", "operator", "checked by", "issued on")
-    assert {name: facts[name] for name in (*asked, "signature")} == dict.fromkeys((*asked, "signature"), BLANK)
-    assert facts["procedure"] == "turntable"
+    asked += ("received on", "deviations from it", "place", "name, function, signature")
+    assert {name: facts[name] for name in asked} == dict.fromkeys(asked, BLANK)
+    assert facts["method"].startswith("turntable, vcfbench ")
+    assert facts["adjustment"] == "none during the run"
     assert facts["traceable by"] == f"34401A (multimeter) {BLANK}; acl (rate table) {BLANK}"
     facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2026-11-23")
     assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2026-11-23")

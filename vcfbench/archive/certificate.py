@@ -10,13 +10,17 @@ from msgspec import Struct
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 
+NOT_ADJUSTED: Final = "none during the run"
+
 
 class CertificateWords(Struct, frozen=True, kw_only=True):
     """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
 
     `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
-    `responsible` the person who answers for it; `item` what the device is, `serial` its serial number; `issued` is the
-    day of issue, 2026-11-23.
+    `responsible` the person who answers for it, with `responsible_function`; `item` what the device is, `serial` its
+    serial number; `issued` is the day of issue, 2026-11-23. `place` is where it was calibrated, `received` when the
+    device came in, `method` by which method and edition, `adjustment` and `deviations` what was adjusted, and what
+    deviates from the method.
     """
 
     laboratory: str
@@ -34,6 +38,12 @@ class CertificateWords(Struct, frozen=True, kw_only=True):
     laboratory_code: str = ""
     customer_email: str = ""
     issued: str = ""
+    place: str = ""
+    received: str = ""
+    method: str = ""
+    adjustment: str = NOT_ADJUSTED
+    deviations: str = ""
+    responsible_function: str = ""
 
 
 _KNOWN: Final = CertificateWords.__struct_fields__
@@ -79,6 +89,7 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     if unknown:
         raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
     laboratory: Mapping[str, Any] = run.header.get("bench", {}).get("laboratory") or {}
+    edition = run.header.get("versions", {}).get("vcfbench")
     recorded = {
         "laboratory": laboratory.get("name"),
         "laboratory_address": laboratory.get("address"),
@@ -86,6 +97,7 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
         "country": laboratory.get("country"),
         "responsible": run.metadata.operator or laboratory.get("operator"),
         "serial": run.metadata.dut,
+        "method": f"{run.procedure}, vcfbench {edition}" if edition else None,
         "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
     }
     tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}

@@ -6,7 +6,7 @@ and is no certificate of an accredited laboratory unless a laboratory makes it o
 
 import re
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Final
 from xml.etree import ElementTree as ET
 
@@ -131,18 +131,12 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     _contact(contact, words.laboratory, words.laboratory_email, words.laboratory_address, words.country)
     person = _under(_under(parent, "respPersons"), "respPerson")
     _say(_under(person, "person"), "name", words.responsible)
+    if words.responsible_function:
+        _under(person, "role", words.responsible_function)
     _under(person, "mainSigner", "true")
     _contact(_under(parent, "customer"), words.customer, words.customer_email, words.customer_address)
-    missing = dict.fromkeys(name for each in values for name in each.missing)
-    without = f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
-    said_of_all = [_UNSIGNED, *([_SIMULATED] if run.simulated else []), *([without] if missing else [])]
     statements = _under(parent, "statements")
-    said_of_all += [f"not checked: {each}" for each in run.not_checked]
-    said_of_all += [
-        f"not in U95, because not refused: {what}, {size}; it may have moved {done}"
-        for what, size, done in unseen_words(run, unseen_of(run))
-    ]
-    for each in said_of_all:
+    for each in _declarations(run, words, values):
         _say(_under(statements, "statement"), "declaration", each)
     if run.verdict is not None:
         one = _under(statements, "statement")
@@ -150,6 +144,21 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
         limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.stated}" for e in run.verdict.limits]
         _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
         _under(one, "conformity", _CONFORMITY[run.verdict.conditional or run.verdict.word])
+
+
+def _declarations(run: Run, words: CertificateWords, values: Sequence[Value]) -> Iterator[str]:
+    """Yield what a certificate declares besides its results."""
+    yield _UNSIGNED
+    if run.simulated:
+        yield _SIMULATED
+    if missing := dict.fromkeys(name for each in values for name in each.missing):
+        yield f"INCOMPLETE: uncertainties are stated here without {', '.join(missing)}, of which nothing was known"
+    for key in ("place", "received", "method", "deviations", "adjustment"):
+        if text := getattr(words, key):
+            yield f"{key}: {text}"
+    yield from (f"not checked: {each}" for each in run.not_checked)
+    for what, size, done in unseen_words(run, unseen_of(run)):
+        yield f"not in U95, because not refused: {what}, {size}; it may have moved {done}"
 
 
 def _core(parent: ET.Element, run: Run, words: CertificateWords, *, german: bool) -> None:

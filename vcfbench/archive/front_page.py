@@ -10,7 +10,7 @@ from typing import Final
 
 import msgspec
 
-from vcfbench.archive.certificate import stated_words
+from vcfbench.archive.certificate import NOT_ADJUSTED, stated_words
 from vcfbench.archive.days import days_of
 from vcfbench.archive.run import Run
 from vcfbench.files import read_file
@@ -63,7 +63,8 @@ def front_page(
     if figure is not None:
         yield figure
     issued, seal = words.get("issued") or BLANK, seal_of(run) or "none"
-    yield facts([("issued on", issued), ("signature", BLANK), ("seal of the record", seal)])
+    signature = ", ".join(filter(None, (BLANK, words.get("responsible"), words.get("responsible_function"))))
+    yield facts([("issued on", issued), ("name, function, signature", signature), ("seal of the record", seal)])
     yield Text(
         "These results are those of the device named above, at the time and under the conditions stated. Without a "
         "signature this is no certificate. It is copied whole, or with the laboratory's leave."
@@ -91,7 +92,11 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         ("model", said("item_model")),
         ("serial number", said("serial")),
         ("record", f"{run.name or 'not recorded'}{revision}"),
-        ("procedure", run.procedure),
+        ("received on", said("received")),
+        ("method", words.get("method", run.procedure)),
+        ("deviations from it", said("deviations")),
+        ("adjustment", words.get("adjustment", NOT_ADJUSTED)),
+        ("place", said("place")),
         ("measured on", BLANK if days is None else f"{' to '.join(dict.fromkeys(days))} (UTC)"),
         ("operator", run.metadata.operator or BLANK),
         ("checked by", checked(run) or BLANK),
