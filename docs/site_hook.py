@@ -3,7 +3,7 @@
 
 On the site docs/ is the top: README.md (the first page), CHANGELOG.md and others of its kind, examples/ and those of
 the rack are put beside what is in it, and links that lead out of docs/ or into it are turned. Pages that programs write
-(command line, API, fault matrix, cards of the simulated instruments) are made with the site and are not in git.
+(command line, API, formats, fault matrix, cards of the simulated instruments) are made with the site, not kept in git.
 Equations become MathML, which browsers show without a script.
 """
 
@@ -29,12 +29,14 @@ sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
 
 from make_api import api_page  # noqa: E402
 from make_cli import cli_page  # noqa: E402
+from make_formats import formats_page  # noqa: E402
 
 from tests.faults.table import fault_page  # noqa: E402
 
 WRITTEN = {
     "cli.md": cli_page,
     "api.md": api_page,
+    "formats.md": formats_page,
     "evidence/fault-matrix.md": fault_page,
     "simrack/docs/conformance.md": conformance_page,
 }

@@ -1,4 +1,4 @@
-"""The pages of API and command line are made of docstrings and commands when the site is built."""
+"""The pages of API, command line and formats are made of the program when the site is built."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typer.main import get_command
 
 import vcfbench
 from vcfbench.cli.main import app
+from vcfbench.steps.step import Step, StepResult
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -40,3 +41,14 @@ def test_page_of_the_command_line_has_every_command() -> None:
     shown: str = runpy.run_path(str(DOCS / "make_cli.py"))["cli_page"]()
     names = [name for name, each in get_command(app).commands.items() if not each.hidden]
     assert all(f"\n## vcfbench {name}\n" in shown for name in names)
+
+
+def test_page_of_formats_has_steps_fields_and_bounds() -> None:
+    made = runpy.run_path(str(DOCS / "make_formats.py"))
+    page: str = made["formats_page"]()
+    kinds = [
+        name for name, kind in {**Step.kinds, **StepResult.kinds}.items() if kind.__module__.startswith("vcfbench.")
+    ]
+    assert all(f"| `{name}` | " in page for name in kinds)
+    assert all(set(made["said_of"](kind)) == set(kind.__struct_fields__) for kind in made["ENTRIES"])
+    assert "| `uncertainty.table_rate_error` | 0 | 0.1 |" in page

@@ -79,13 +79,13 @@ def test_any_frozen_value_is_a_result_and_is_written_by_its_fields(own: Run) -> 
     assert own.as_json()["results"] == written
 
 
-def test_every_field_of_the_result_is_documented(own: Run) -> None:
+def test_each_field_of_the_result_is_described(own: Run) -> None:
     assert own.directory is not None
     page = (Path(__file__).parents[1] / "docs" / "records.md").read_text(encoding="utf-8")
     table = page.partition("## Beside the journal\n")[2].partition("\n## ")[0]
-    documented = re.findall(r"^\| `(\w+)` ", table, re.MULTILINE)
+    described = [name for names in re.findall(r"^\| (`.+?) \|", table, re.MULTILINE) for name in names.split(", ")]
     written = json.loads((own.directory / "result.json").read_text())
-    assert [name for name in documented if name not in {"not_checked", "resumed", "error"}] == list(written)
+    assert {f"`{name}`" for name in written} <= set(described)
 
 
 def test_a_procedure_without_a_report_has_points_and_fields(own: Run) -> None:

@@ -23,7 +23,6 @@ from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.station.description import BenchDescription, Knowledge, SerialSettings, Served, Simulation
 from vcfbench.station.file import EMBEDDED, embedded_text, template
-from vcfbench.station.settings import ProcedureSettings
 from vcfbench.strict import one_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -459,46 +458,6 @@ def test_the_profile_of_a_table_is_read_with_the_bench_file(tmp_path: Path) -> N
 def test_zaber_is_told_its_microsteps(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"rate_table\.steps_per_deg: expected the stage's microsteps per degree"):
         load_bench(with_table(tmp_path, "zaber"))
-
-
-def bounds(node: object, path: str = "") -> dict[str, tuple[float, float]]:
-    """Least and largest of every number that a bench file may have, by its path."""
-    found: dict[str, tuple[float, float]] = {}
-    if isinstance(node, inspect.StructType):
-        for field in node.fields:
-            if field.name != "station":
-                found |= bounds(field.type, f"{path}.{field.encode_name}".removeprefix("."))
-    elif isinstance(node, inspect.Metadata):
-        found |= bounds(node.type, path)
-    elif isinstance(node, inspect.UnionType):
-        for part in node.types:
-            found |= bounds(part, path)
-    elif isinstance(node, inspect.TupleType):
-        found |= bounds(node.item_types[0], path)
-    elif isinstance(node, inspect.VarTupleType):
-        found |= bounds(node.item_type, path)
-    elif isinstance(node, inspect.FloatType | inspect.IntType):
-        assert node.ge is not None, path
-        assert node.le is not None, path
-        found[path] = (float(node.ge), float(node.le))
-    return found
-
-
-def test_the_documented_bounds_are_those_of_the_types() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "bench-file.md").read_text(encoding="utf-8")
-    rows = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| `") and " to " in line]
-    documented = {
-        key.strip("`"): tuple(map(float, limits.split(" to "))) for keys, limits, *_ in rows for key in keys.split(", ")
-    }
-    others = ("rate_source", "multimeter", "oscilloscope", "vibration_source", "v_vc_meter", "chamber")
-    types = bounds(inspect.type_info(BenchDescription)) | bounds(inspect.type_info(ProcedureSettings), "procedure")
-    for path, limits in bounds(inspect.type_info(VirtualCoriolisSettings), "procedure.virtual-coriolis").items():
-        if path.replace(".virtual-coriolis", "") not in types:
-            types[path] = limits
-    known = {
-        path: limits for path, limits in types.items() if not path.startswith(others) or path == "oscilloscope.probe"
-    }
-    assert documented == known
 
 
 @pytest.mark.parametrize("value", ["1e308", "1e31"])

@@ -1,7 +1,7 @@
 """Smallest and largest numbers of a bench file, each with its unit and its reason.
 
 They do not say what is wise on a station (that is what its ``[limits]`` are for) but what no station can mean: a
-number outside is a slip of the pen. docs/bench-file.md has them as a table, which a test holds to what stands here.
+number outside is a slip of the pen. the page Formats of the site lists them.
 """
 
 from typing import Annotated, Any
