@@ -9,6 +9,7 @@ The safe words alone need none of that: they are sent on whatever is left of the
 
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from itertools import groupby
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeVar
@@ -88,15 +89,15 @@ class Session(Conversation):
 
     def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
-        return self.query_as(command, lambda text: replies.reading(text, form), deadline)
+        return self.query_as(command, partial(replies.reading, form=form), deadline)
 
     def query_number(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a number in the `form` that the model promises; 9.9E37 is none."""
-        return self.query_as(command, lambda text: replies.number(text, form), deadline)
+        return self.query_as(command, partial(replies.number, form=form), deadline)
 
     def query_ohms(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a resistance in the `form` that the model promises; 9.9E37 is inf, an open circuit."""
-        return self.query_as(command, lambda text: replies.ohms(text, form), deadline)
+        return self.query_as(command, partial(replies.ohms, form=form), deadline)
 
     def query_numbers(self, command: str, deadline: Deadline | None = None) -> tuple[float, ...]:
         """Ask for comma-separated numbers."""
@@ -353,10 +354,12 @@ class Session(Conversation):
 
     def _in_step(self, deadline: Deadline) -> None:
         """Resynchronise if the last exchange failed, or if something has been said that nobody asked for."""
-        self._require_open()
+        if self._closed_because is not None:
+            self._require_open()
         if not self.dirty:
             try:
-                self.dirty = bool(self._received or self._wire.pending())
+                unasked = self._received or (self._wire.interface in _STREAMS and self._wire.pending())
+                self.dirty = bool(unasked)
             except errors.TransportError as error:
                 raise self.locate(error, None, deadline)  # noqa: B904 - the same error, now knowing where
         if self.dirty:
@@ -369,7 +372,7 @@ class Session(Conversation):
                 self._wire.pending()
 
     def _say(self, command: str, deadline: Deadline) -> None:
-        if deadline.expired():
+        if deadline.clock.now() >= deadline.expires_s:
             raise errors.DeadlineExceeded("the time was up before anything was sent")
         self._said = command
         self._wire.send(command.encode("ascii") + b"\n", deadline)
@@ -384,12 +387,12 @@ class Session(Conversation):
             raise self._with_what_came(error, bytes(received)) from error.__cause__
 
     def _read_line(self, deadline: Deadline) -> bytes:
-        received, end = self._received, False
+        received, end = (self._received, False) if self._received else self._wire.receive(deadline)
         while not end and b"\n" not in received:
             more, end = self._more(received, deadline)
             if len(received) > _LONGEST_LINE:
                 raise errors.FramingError(f"{len(received)} bytes came without an end of line")
-            received = received + more if received else more
+            received += more
         cut = received.find(b"\n") + 1 or len(received)
         self._received = received[cut:]
         self._came = line = received[:cut]

@@ -256,7 +256,9 @@ class VisaWire:
         _close(self._opened)
 
     def _grant(self, deadline: Deadline) -> None:
-        left = left_s(deadline)
+        left = deadline.expires_s - deadline.clock.now()  # here and not in left_s: it comes with every message
+        if left <= 0.0:
+            raise DeadlineExceeded("the time is up")
         if not 0.0 <= self._timeout_s - left <= _SLACK_S:
             # Rounded up: a VISA time-out of 0 ms would mean "do not wait at all".
             milliseconds = int(left * 1000.0) + 1

@@ -49,7 +49,7 @@ class Wire(Protocol):
         """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
 
     def pending(self) -> bytes:
-        """Take unasked bytes, without waiting; empty where the interface cannot tell."""
+        """Take unasked bytes of a stream, without waiting; empty where the interface cannot tell."""
 
     def clear(self, deadline: Deadline) -> None:
         """Do a device clear where the interface has one, and drop received bytes."""
