@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
@@ -30,11 +30,12 @@ class AttendedClock:
         devices: the devices to look in on; more by :meth:`attend`, because a device is made with its clock.
     """
 
-    __slots__ = ("_clock", "_devices", "asleep", "held", "now", "pace")
+    __slots__ = ("_clock", "_wake_ats", "asleep", "held", "now", "pace")
 
     def __init__(self, clock: Clock, devices: Iterable[Attended] = ()) -> None:
         self._clock = clock
-        self._devices = tuple(devices)
+        self._wake_ats: tuple[Callable[[], float | None], ...] = ()
+        self.attend(*devices)
         self.now = clock.now
         self.pace: float = getattr(clock, "pace", math.inf)
         self.asleep: AbstractContextManager[object] = nullcontext()
@@ -44,7 +45,7 @@ class AttendedClock:
 
     def attend(self, *devices: Attended) -> None:
         """Look in on `devices` too, once each."""
-        self._devices += tuple(device for device in devices if not any(device is known for known in self._devices))
+        self._wake_ats = tuple(dict.fromkeys((*self._wake_ats, *(each.wake_at for each in devices))))
 
     def sleep_until(self, instant_s: float) -> None:
         """Wait until `instant_s`, stopping wherever a device has something to do."""
@@ -60,13 +61,13 @@ class AttendedClock:
 
     def _next_due(self, instant_s: float) -> float:
         """Return the next instant before `instant_s` at which a device acts, else `instant_s`."""
-        if instant_s <= self.now():
-            return instant_s
         due = instant_s
         with self.held:
             now = self.now()
-            for device in self._devices:
-                wake = device.wake_at()
+            if instant_s <= now:
+                return instant_s
+            for wake_at in self._wake_ats:
+                wake = wake_at()
                 if wake is not None and now < wake < due:
                     due = wake
         return due

@@ -133,13 +133,10 @@ class Observed(ABC):
 
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
+        self.reached_s = clock.now()
+        """The bench time that it was taken to."""
         self._edges_s: list[float] = []
         self._observers: list[Window | Capture | Trace] = []
-
-    @property
-    @abstractmethod
-    def reached_s(self) -> float:
-        """The bench time that it was taken to."""
 
     @abstractmethod
     def _go(self, stop_s: float, *, seen: bool) -> Stretch | None:
@@ -162,7 +159,9 @@ class Observed(ABC):
         edge = self._edges_s[0] if self._edges_s else math.inf
         stop = min(target_s, edge, self._next_event_s())
         looking = [each for each in self._observers if each.start_s <= self.reached_s]
-        if (stretch := self._go(stop, seen=bool(looking))) is not None:
+        stretch = self._go(stop, seen=bool(looking))
+        self.reached_s = stop
+        if stretch is not None:
             for each in looking:
                 each.take(stretch)
         if stop == edge:

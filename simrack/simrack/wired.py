@@ -211,7 +211,6 @@ class WiredWorld(Loaded):
         self.device = " and ".join(names) or "wire"
         self.leads: dict[str, LeadsOfRole] = {}
         self.table = TableMotion(clock, Mechanics(), self.advance)
-        self._now_s = clock.now()
         self._sources: dict[str, Drive | Played | None] = dict.fromkeys(self.inputs)
         self._rails = dict.fromkeys(rails, _Rail(Approach(0.0)))
         self._ambient_c = _ROOM_C
@@ -242,15 +241,8 @@ class WiredWorld(Loaded):
         else:
             self.load_node(("load", node), node, resistance_ohm)
 
-    @property
-    def reached_s(self) -> float:
-        """The bench time that it was taken to."""
-        return self._now_s
-
     def _go(self, stop_s: float, *, seen: bool) -> _Stretch | None:
-        stretch = self._stretch(self._now_s, stop_s) if seen else None
-        self._now_s = stop_s
-        return stretch
+        return self._stretch(self.reached_s, stop_s) if seen else None
 
     def _stretch(self, start_s: float, stop_s: float) -> _Stretch:
         fed = {node: Drive(0.0) if source is None else source for node, source in self._sources.items()}
@@ -324,7 +316,7 @@ class WiredWorld(Loaded):
         """Return a node's voltage now."""
         self._require(node, self.nodes)
         self.advance()
-        return float(self._stretch(self._now_s, self._now_s).at(node, np.array([self._now_s]))[0])
+        return float(self._stretch(self.reached_s, self.reached_s).at(node, np.array([self.reached_s]))[0])
 
     def glance_v(self, node: str) -> float:
         """Return a node's voltage now."""

@@ -132,8 +132,8 @@ def test_who_waits_for_a_reading_looks_in_on_each_device_once(
     station: Station, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_in = []
-    wake_at = Hp34401ATwin.wake_at
-    monkeypatch.setattr(Hp34401ATwin, "wake_at", lambda meter: looked_in.append(meter) or wake_at(meter))
+    next_event_s = Hp34401ATwin.next_event_s
+    monkeypatch.setattr(Hp34401ATwin, "next_event_s", lambda meter: looked_in.append(meter) or next_event_s(meter))
     meter = station.open(read_termination="\n")
     assert meter.query("READ?") == "+1.25000000E+00"
     assert len(looked_in) == len(NAMES)

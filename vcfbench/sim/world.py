@@ -47,7 +47,7 @@ class World(Loaded):
         super().__init__(clock, parameters.source.by_node())
         self.parameters = parameters
         self.table = TableMotion(clock, parameters.table, self.advance, Flutter.of(parameters.table, seed))
-        self._gyro = Gyro(parameters, seed, clock.now())
+        self._gyro = Gyro(parameters, seed, self.reached_s)
         self.mains = Mains.drawn(parameters.pick_up, seed)
         """What the leads catch of the mains."""
         self.leads: dict[str, LeadsOfRole] = {}
@@ -56,11 +56,6 @@ class World(Loaded):
         self._generators: dict[str, Drive | Played | None] = dict.fromkeys(INPUTS)
         self._v_vc_source: Drive | Played | None = None
         self._imagined: Gyro | None = None
-
-    @property
-    def reached_s(self) -> float:
-        """The bench time that the world was taken to."""
-        return self._gyro.now_s
 
     def reach(self, instant_s: float) -> bool:
         """Take the world to an instant if it has not been there; return whether it lies in the past."""

@@ -115,7 +115,7 @@ class TemptronicATS545Twin(scpi.ScpiTwin):
         """Take bytes; changes between panel and remote control make no difference here."""
         rest = _LOCAL.sub(b"", data)
         if rest or not data:
-            scpi.ScpiTwin.write(self, rest, end=end)
+            self.engine.write(rest, end=end)
 
     def identity(self) -> str:
         """Return the identity; of the real one only the maker's name is known."""

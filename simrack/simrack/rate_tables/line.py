@@ -64,8 +64,7 @@ class LineDevice:
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; `end` terminates a message like its terminator."""
-        if not self._quiet:
-            self._advance()
+        self._up_to_now()
         if not self._only_asks(data):
             self._quiet_until_s = -math.inf
         begun = 0
@@ -79,9 +78,8 @@ class LineDevice:
 
     def read(self, limit: int) -> tuple[bytes, bool]:
         """Return at most `limit` bytes of the replies that are complete by now, and whether a reply ends there."""
-        if not self._quiet:
-            self._advance()
-        if not self._output or self._output[0][0] > self._clock.now():
+        now = self._up_to_now()
+        if not self._output or self._output[0][0] > now:
             return b"", False
         reply = self._output[0][1]
         part = bytes(reply[:limit])
@@ -95,23 +93,25 @@ class LineDevice:
 
         A reply that is complete and not read yet must not hide what happens later.
         """
-        if not self._quiet:
+        now = self._clock.now()
+        if now >= self._quiet_until_s or self._table.commands != self._commands_known:
             self._advance()
             self._quiet_until_s = min(self._own_events_s(), default=math.inf)
             self._commands_known = self._table.commands
-        own_s = self._quiet_until_s
-        if not self._output:
-            return own_s if own_s < math.inf else None
-        now = self._clock.now()
-        coming_s = min((ready for ready, _ in self._output if ready > now), default=math.inf)
-        if (next_s := min(own_s, coming_s)) < math.inf:
+        next_s = self._quiet_until_s
+        for ready_s, _ in self._output:
+            if now < ready_s < next_s:
+                next_s = ready_s
+        if next_s < math.inf:
             return next_s
-        return self._output[0][0]
+        return self._output[0][0] if self._output else None
 
-    @property
-    def _quiet(self) -> bool:
-        """Whether nothing can have happened since it was last looked at."""
-        return self._clock.now() < self._quiet_until_s and self._table.commands == self._commands_known
+    def _up_to_now(self) -> float:
+        """Do what is due, unless nothing can have happened since it was last looked at; return the time."""
+        now = self._clock.now()
+        if now >= self._quiet_until_s or self._table.commands != self._commands_known:
+            self._advance()
+        return now
 
     @property
     def answering(self) -> bool:

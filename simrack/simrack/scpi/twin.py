@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 from simrack.scpi.engine import ScpiEngine
 
@@ -15,17 +16,22 @@ class ScpiTwin:
 
     engine: ScpiEngine
 
-    def write(self, data: bytes, *, end: bool = False) -> None:
+    # what comes with every message and whenever time passes is the engine's own, kept by those who call it often
+
+    @property
+    def write(self) -> Callable[..., None]:
         """Take bytes from the controller."""
-        self.engine.write(data, end=end)
+        return self.engine.write
 
-    def read(self, limit: int) -> tuple[bytes, bool]:
+    @property
+    def read(self) -> Callable[[int], tuple[bytes, bool]]:
         """Return at most `limit` bytes that are ready, and whether END comes with the last."""
-        return self.engine.read(limit)
+        return self.engine.read
 
-    def wake_at(self) -> float | None:
+    @property
+    def wake_at(self) -> Callable[[], float | None]:
         """Return when something happens by itself."""
-        return self.engine.wake_at()
+        return self.engine.wake_at
 
     def clear(self) -> None:
         """Device clear."""

@@ -7,7 +7,7 @@ from simrack.rate_tables.line import LineDevice
 from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import Interface, ScpiError, ScpiTwin
 from simrack.serve.clock import ServedClock
-from simrack.serve.framing import empty_messages, message_sizes, no_answer, shortest_calls
+from simrack.serve.framing import answer_of, empty_messages, message_sizes, no_answer
 
 SOCKET = Interface("lan", message_exchange=False)
 CONVERTER = Interface("converter", message_exchange=False, break_byte=b"\x03")
@@ -43,16 +43,17 @@ class EmbodiedDevice:
         """Whether every byte may be part of a message: none means a break."""
         self.blank = empty_messages(device)
         """Finds the ends of messages without anything before them, which mean nothing."""
-        self._write, self._read, self._wake_at, self._answer = shortest_calls(device)
+        self._wake_at = device.wake_at
+        self.power(on=True)
         self.speaks = self.engine is None and device.wake_at() is not None
         """Whether it says something unasked, so that a client may wait for it without a word."""
 
     def power(self, *, on: bool) -> None:
         """Let the instrument take and say something, or nothing at all."""
         if on:
-            self._write, self._read, self._wake_at, self._answer = shortest_calls(self.device)
+            self._write, self._read, self._answer = self.device.write, self.device.read, answer_of(self.device)
         else:
-            self._write, self._read = (lambda _data, **_end: None), (lambda _limit: (b"", False))
+            self._write, self._read = (lambda _data, **_end: None), (lambda limit: (b"", False))  # noqa: ARG005
             self._answer = no_answer
 
     def asks(self, message: bytes) -> bool:

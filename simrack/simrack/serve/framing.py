@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Any, TypeAlias, cast
+from typing import TypeAlias
 
 from simrack.device import Device
 from simrack.rate_tables.line import LineDevice
@@ -19,17 +19,11 @@ NOTHING_EMPTY = re.compile(b"")
 """Finds no empty message: there every one counts."""
 
 
-def shortest_calls(
-    device: Device,
-) -> tuple[
-    Callable[..., None], Callable[[int], tuple[bytes, bool]], Callable[[], Any], Callable[[bytes], bytes | None]
-]:
-    """Return the device's write, read and wake_at, without methods that only pass them on, and answer, both in one."""
-    kind = type(device)
-    if (kind.write, kind.read, kind.wake_at) == (ScpiTwin.write, ScpiTwin.read, ScpiTwin.wake_at):
-        engine = cast("ScpiTwin", device).engine
-        return engine.write, engine.read, engine.wake_at, engine.answer
-    return device.write, device.read, device.wake_at, no_answer
+def answer_of(device: Device) -> Callable[[bytes], bytes | None]:
+    """Return the device's write and read in one."""
+    if isinstance(device, ScpiTwin) and (device.write, device.read) == (device.engine.write, device.engine.read):
+        return device.engine.answer
+    return no_answer
 
 
 def no_answer(_message: bytes) -> None:

@@ -92,13 +92,14 @@ class OpenSession:
     """An open resource."""
 
     __slots__ = (
-        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "rest", "sends_end", "stream"),
-        *("terminator", "timeout_s"),
+        *("attributes", "bench", "ended", "kind", "line", "offset", "place", "read", "rest", "sends_end", "stream"),
+        *("terminator", "timeout_s", "write"),
     )
 
     def __init__(self, bench: VisaBench, place: VisaPlace, maker: str) -> None:
         self.bench = bench
         self.place = place
+        self.write, self.read = place.device.write, place.device.read
         self.kind = (place.parsed.interface_type_const, place.parsed.resource_class)
         self.stream = self.kind[0] is InterfaceType.asrl or self.kind[1] == "SOCKET"
         self.timeout_s = DEFAULT_TIMEOUT_MS / 1e3
@@ -195,7 +196,7 @@ def available(opened: OpenSession) -> int:
     """Return how many received bytes wait to be read."""
     if not opened.rest:
         with opened.bench.lock:
-            opened.rest, opened.ended = opened.place.device.read(1 << 20)
+            opened.rest, opened.ended = opened.read(1 << 20)
         opened.offset = 0
     return len(opened.rest) - opened.offset
 

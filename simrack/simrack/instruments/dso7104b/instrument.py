@@ -132,7 +132,7 @@ class SimulatedDso7104B(scpi.ScpiTwin):
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller; the protection of 50 ohm inputs looks whenever there is something to do."""
-        super().write(data, end=end)
+        self.engine.write(data, end=end)
         self.inputs.watch()
         self._coupling.watch(self.state)
 
@@ -145,7 +145,8 @@ class SimulatedDso7104B(scpi.ScpiTwin):
 
     def service(self) -> None:
         """Look for the trigger when there is something to look at."""
-        self.inputs.judge()
+        if self.inputs.due_s is not None:
+            self.inputs.judge()
         armed = self._acquisition
         if armed is not None and not self._searching and self._world.clock.now() >= armed.due_s:
             self._searching = True

@@ -149,11 +149,13 @@ class SimulatedHp34401A(scpi.ScpiTwin):
 
     def service(self) -> None:
         """Finish readings that are due and start the next ones."""
-        self.triggering.service()
+        if self.triggering.sequence is not None:
+            self.triggering.service()
 
     def next_event_s(self) -> float | None:
         """Return when the running reading ends."""
-        return self.triggering.next_event_s()
+        sequence = self.triggering.sequence
+        return None if sequence is None or sequence.current is None else sequence.current.end_s
 
     def abort(self) -> None:
         """Device clear: the trigger system goes idle (p. 116), a calibration is given up (705)."""

@@ -130,12 +130,6 @@ class TriggerSystem:
             self._finish_reading(sequence)
             sequence = self.sequence
 
-    def next_event_s(self) -> float | None:
-        """Return when the running reading ends."""
-        if self.sequence is None or self.sequence.current is None:
-            return None
-        return self.sequence.current.end_s
-
     def streams(self) -> bool:
         """Whether a reading can go out while others are taken."""
         return self.sequence is not None and self.sequence.streamed and len(self.sequence.readings) > 1
