@@ -77,7 +77,7 @@ def attribute(
         pattern,
         (parameter,),
         do=do or write,
-        query=read,
+        query=read if isinstance(reply, str) or "[" in path or "<" in pattern else attrgetter(path),
         query_parameters=query_parameters,
         reply=str if isinstance(reply, str) else reply,
         takes_s=takes_s,

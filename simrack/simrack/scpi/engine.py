@@ -110,10 +110,14 @@ class ScpiEngine:
 
     def write(self, data: bytes, *, end: bool = False) -> None:
         """Take bytes from the controller."""
-        self.model.service()
-        self._unterminated = False
         if end and data[-1:] != b"\n" and b"#" not in data:
             data += b"\n"  # so that both spellings of a message are one in the cache
+        if data in self._questions and (whole := self.answer(data)) is not None:
+            if whole:
+                self._output.append(whole)
+            return
+        self.model.service()
+        self._unterminated = False
         program = self._programs.get(data) if not self._partial else None
         if program is None:
             self._receive(data, end=end)
@@ -179,7 +183,7 @@ class ScpiEngine:
         ready = None if self._pending is None else self._pending.ready_at()
         if self._announce_completion and (end := self._operations_end()) is not None:
             ready = end if ready is None else min(ready, end)
-        return min((each for each in (own, ready) if each is not None), default=None)
+        return min(own, ready) if own is not None and ready is not None else own if ready is None else ready
 
     def clear(self) -> None:
         """Device clear: buffers emptied, the running command ended; status and settings stay."""
@@ -351,15 +355,13 @@ class ScpiEngine:
             self._settle_completion()
         while True:
             if self._pending is not None and not self._complete():
-                self._execute_urgent()
+                if self._queue or self._next < len(self._steps):
+                    self._execute_urgent()
                 break
             if self._next < len(self._steps):
                 step = self._steps[self._next]
                 self._next += 1
-                if step.at_once:
-                    self._call(step)
-                else:
-                    self._execute(step)
+                (self._call if step.at_once else self._execute)(step)
                 continue
             if self._replies:
                 self._respond()

@@ -34,7 +34,7 @@ def real(decimals: int, exponent_digits: int = 2) -> Callable[[float], str]:
     """Return a formatter for NR3 with its sign: `real(8)` gives `+1.00000000E+01`; infinity is 9.9E+37."""
     pattern = f"%+.{decimals}E"
     if exponent_digits == 2:
-        return lambda value: pattern % _finite(value)
+        return lambda value: pattern % (value if _LEAST <= abs(value) < math.inf else _finite(value))
     return lambda value: _widen(pattern % _finite(value), exponent_digits)
 
 

@@ -139,10 +139,9 @@ class SimulatedSerial(serial.SerialBase):
 
     def read(self, size: int = 1, /) -> bytes:
         """Return up to `size` bytes, waiting at most the time-out in bench time."""
-        self._require_open()
-        port = self._port_behind
-        deadline = None if self.timeout is None else port.clock.now() + self.timeout
+        port, timeout_s = self._port_behind, self.timeout
         self._pull()
+        deadline = None if timeout_s is None else port.clock.now() + timeout_s
         while len(self._received) < size and port.wait(deadline):
             self._pull()
         return self._take(size)
@@ -157,7 +156,6 @@ class SimulatedSerial(serial.SerialBase):
     @property
     def in_waiting(self) -> int:
         """Return the number of bytes that have arrived by now."""
-        self._require_open()
         self._pull()
         return len(self._received)
 
@@ -178,7 +176,6 @@ class SimulatedSerial(serial.SerialBase):
 
     def reset_input_buffer(self) -> None:
         """Throw away the bytes that have arrived by now."""
-        self._require_open()
         self._pull()
         self._received.clear()
 
@@ -216,6 +213,8 @@ class SimulatedSerial(serial.SerialBase):
         return device if isinstance(device, LineEnd) else None
 
     def _pull(self) -> None:
+        if not self.is_open:
+            self._require_open()
         while data := self._port_behind.device.read(65536)[0]:
             self._received += data
 

@@ -116,6 +116,14 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         except KeyError:
             raise errors.VisaIOError(StatusCode.error_invalid_object) from None
 
+    def _usable(self, session: VISASession) -> OpenSession:
+        """Return the session if nobody else has locked its instrument."""
+        opened = self._sessions.get(session) or self._session(session)
+        place = opened.place
+        if (place.owner is not None or place.sharers) and place.locked_against(session):
+            raise errors.VisaIOError(StatusCode.error_resource_locked)
+        return opened
+
     def _done(self, session: int, status: StatusCode = SUCCESS) -> StatusCode:
         return self.handle_return_value(cast("VISASession", session), status)
 
@@ -169,21 +177,19 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     def write(self, session: VISASession, data: bytes) -> tuple[int, StatusCode]:
         """Send bytes, with END after the last unless the session says otherwise."""
-        opened = self._session(session)
-        self._check_owner(session, opened)
+        opened = self._usable(session)
         with opened.bench.lock:
-            opened.place.device.write(data, end=opened.sends_end)
+            opened.write(data, end=opened.sends_end)
         self._last_status = self._last_status_in_session[session] = SUCCESS
         return len(data), SUCCESS
 
     def read(self, session: VISASession, count: int) -> tuple[bytes, StatusCode]:
         """Receive up to `count` bytes of the next response; waits in bench time, at most the session's time-out."""
-        opened = self._session(session)
-        self._check_owner(session, opened)
+        opened = self._usable(session)
         terminator = opened.terminator
         if not opened.rest:
             with opened.bench.lock:
-                data, end = opened.place.device.read(count)
+                data, end = opened.read(count)
             if end and not opened.stream and (terminator is None or data.find(terminator) in (-1, len(data) - 1)):
                 # what nearly every read is: a whole response, as it came
                 self._last_status = self._last_status_in_session[session] = SUCCESS
@@ -214,7 +220,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def _fetch(opened: OpenSession, count: int) -> bool:
         """Take the device's present bytes; False when there are none."""
         with opened.bench.lock:
-            opened.rest, opened.ended = opened.place.device.read(count)
+            opened.rest, opened.ended = opened.read(count)
         opened.offset = 0
         return bool(opened.rest)
 
@@ -253,8 +259,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     def clear(self, session: VISASession) -> StatusCode:
         """Device clear; a SOCKET or serial session has none and only drops received bytes."""
-        opened = self._session(session)
-        self._check_owner(session, opened)
+        opened = self._usable(session)
         if opened.stream:
             self._drain(opened)
         else:
@@ -267,7 +272,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def _drain(opened: OpenSession) -> None:
         opened.drop_buffer()
         with opened.bench.lock:
-            while opened.place.device.read(1 << 20)[0]:
+            while opened.read(1 << 20)[0]:
                 pass
 
     def read_stb(self, session: VISASession) -> tuple[int, StatusCode]:
@@ -292,19 +297,12 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     def _addressed(self, session: VISASession) -> OpenSession:
         """Return the session if its interface can address a device out of band."""
-        opened = self._session(session)
+        opened = self._usable(session)
         if opened.stream:
             raise errors.VisaIOError(StatusCode.error_nonsupported_operation)
-        self._check_owner(session, opened)
         return opened
 
     # --- locks --------------------------------------------------------------------------------------------
-
-    @staticmethod
-    def _check_owner(session: VISASession, opened: OpenSession) -> None:
-        place = opened.place
-        if (place.owner is not None or place.sharers) and place.locked_against(session):
-            raise errors.VisaIOError(StatusCode.error_resource_locked)
 
     def lock(
         self, session: VISASession, lock_type: constants.Lock, timeout: int, requested_key: str | None = None
