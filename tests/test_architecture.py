@@ -50,7 +50,11 @@ FLOORS = [
     },
 ]
 SEALED = {"drivers", "records", "analysis"}
-FROM_THE_RACK = {"vcfbench.clock": "simrack.clock", "vcfbench.specifications": "simrack.specifications"}
+FROM_THE_RACK = {
+    "vcfbench.__main__": "simrack.stated",
+    "vcfbench.clock": "simrack.clock",
+    "vcfbench.specifications": "simrack.specifications",
+}
 KNOW_THE_SIMULATION = (
     *("vcfbench.bench", "vcfbench.cli.sim", "vcfbench.cli.serve", "vcfbench.sim", "vcfbench.testing"),
     *("vcfbench.cli.bench_new", "vcfbench.studies.truth"),

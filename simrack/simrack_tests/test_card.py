@@ -98,7 +98,7 @@ def test_page_has_a_card_of_each_model() -> None:
 
 
 def test_the_command_prints_a_card_or_the_table_and_names_the_models() -> None:
-    from simrack.__main__ import app  # noqa: PLC0415  (imports what serves)
+    from simrack.cli import app  # noqa: PLC0415  (imports what serves)
 
     assert CliRunner().invoke(app, ["card", "34461A"]).stdout == card("34461A") + "\n"
     assert CliRunner().invoke(app, ["card"]).stdout == overview() + "\n"

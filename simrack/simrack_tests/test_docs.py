@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 import pytest
-from simrack.__main__ import _places
+from simrack.cli import _places
 from simrack.faults import Kind
 from simrack.plan import plan_of
 from simrack.rack import served as served_rack

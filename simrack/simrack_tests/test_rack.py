@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 import pyvisa
-from simrack.__main__ import app
 from simrack.attendance import AttendedClock
+from simrack.cli import app
 from simrack.clock import VirtualClock
 from simrack.models import RACK
 from simrack.plan import DESK, circuit_in, plan_of
