@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 import tomllib
 
+import numpy as np
 import pytest
 from msgspec import structs
 from simrack_tests.cells import few
 
+from tests.sim.gyro.bench import mean_v
+from vcfbench.clock import VirtualClock
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.gyro.data_sheet import OUTPUT_SHARE
-from vcfbench.sim.simulation import true_output
+from vcfbench.sim.simulation import physical_parameters, true_output
+from vcfbench.sim.world import World
 from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
 
 SEEDS = range(400)
@@ -69,6 +73,18 @@ def test_readings_of_a_window_are_independent_and_all_procedures_take_their_sett
     for procedure in (PROCEDURES[name] for name in BUILT_IN):
         settings = settings_of(procedure, bench, recalled=False)
         assert math.exp(-settings.sample_interval_s * math.pi * sheet.drive_hz / sheet.q_sense) < 0.06, procedure.name
+
+
+@pytest.mark.parametrize("seed", few(range(100, 180), 125, 131, 162))
+def test_the_output_stands_still_once_a_switch_on_is_said_to_have_settled(seed: int) -> None:
+    """A drive mode of 1 ms was locked by the simulation after 3 s only; a start pushes sense modes at resonance."""
+    text, sheet, clock = drawn_bench(seed, noise=False), drawn_sheet(seed), VirtualClock()
+    world = World(clock, physical_parameters(parse_bench(text, f"gyroscope-{seed}")), 1)
+    for rail, sign in (("positive", 1.0), ("negative", -1.0)):
+        world.set_rail(rail, sign * sheet.rail_v)
+    clock.sleep_until(tomllib.loads(text)["procedure"]["repeatability"]["settle_s"])
+    means_v = [mean_v(clock, world, 0.02) for _ in range(10)]
+    assert np.ptp(means_v) < 5e-5 * sheet.range_deg_s * abs(sheet.scale_factor_v_per_deg_s)
 
 
 @pytest.mark.parametrize("seed", few(range(60), *range(6)))

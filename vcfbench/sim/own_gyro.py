@@ -142,21 +142,20 @@ def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
 def _shared(sheet: DataSheet) -> dict[str, Any]:
     """Return the settings of all procedures: rails, rates, times, the drive signal."""
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
-    drive_s, sense_s = settling_s(sheet)
     return {
         "positive_rail_v": sheet.rail_v,
         "negative_rail_v": -sheet.rail_v,
         "rates_deg_s": [_round(rate * wider) for rate in PAPER_RATES_DEG_S],
         "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,
-        "settle_s": _round(max(2.0, sense_s)),
+        "settle_s": _round(max(2.0, settling_s(sheet)[1])),
         "sample_interval_s": _interval_s(sheet),
         "meter_range_v": 100 if OUTPUT_SHARE * sheet.rail_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
         "drive": {
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
             "amplitude_v": [0.8, 1.2],
             "phase_deg": [80.0, 100.0],
-            "start_up_s": _round(max(5.0, drive_s + sense_s)),  # `warmup` takes its first window then
+            "start_up_s": _round(max(5.0, _started_s(sheet))),  # `warmup` takes its first window then
         },
     }
 
@@ -190,7 +189,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "zero": _noise_bandwidth(sheet),
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
-        "repeatability": {**level, "settle_s": _round(max(settling_s(sheet)))},
+        "repeatability": {**level, "settle_s": _round(_started_s(sheet))},
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(max(0.05, 0.5 * wider))},
         "polarity": {
             **started,
@@ -205,6 +204,12 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
         "g-sensitivity": {"samples": math.floor(_LONGEST_WINDOW_S / _interval_s(sheet))},
     }
+
+
+def _started_s(sheet: DataSheet) -> float:
+    """Return when an output has settled after power-on, s: a start leaves ringing what it pushes at resonance."""
+    times = max(1.0, peak_response(sheet)) * (1.0 + sheet.quadrature_deg_s / sheet.range_deg_s)
+    return sum(settling_s(sheet)) + sheet.q_sense / (math.pi * sheet.drive_hz) * math.log(times)
 
 
 def _interval_s(sheet: DataSheet) -> float:

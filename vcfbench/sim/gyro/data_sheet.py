@@ -23,6 +23,8 @@ OUTPUT_SHARE = 0.85
 _SENSE_SHARE = 0.5
 """Share of the rails that the sense signal takes at most, quadrature and a rate at the end of the range together."""
 _SECONDS = 3600.0
+_LEAST_LOOP_S = 0.01
+"""Quality factor over frequency of the fastest drive mode whose loop is as fast: its sampled controller locks none."""
 _DRIVE_STARTS_S, _OUTPUT_SETTLES_S = 600.0, 20.0
 """Longest times that a drive loop takes to start and an output to settle."""
 _LEAST_OUTPUT_V = 0.2
@@ -129,7 +131,7 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
     bench = _modes(base, sheet)
     # The drive loop is as fast, against the time constant of its mode, as that of the shipped sets
     loop, usual, supply, path = base.drive_loop, PERFECT.drive_mode, base.supply, base.sense_path
-    slower = (sheet.q_drive / sheet.drive_hz) / (usual.quality / usual.frequency_hz)
+    slower = _loop_s(sheet) / (usual.quality / usual.frequency_hz)
     stiffer = (sheet.drive_hz / usual.frequency_hz) ** 2 * usual.quality / sheet.q_drive
     higher = sheet.rail_v / supply.nominal_v
     bench = replace(
@@ -245,9 +247,13 @@ def peak_response(sheet: DataSheet) -> float:
 
 def settling_s(sheet: DataSheet) -> tuple[float, float]:
     """Return the settling times of drive loop and output, to 1e-5, s."""
-    drive_s = 20.0 * sheet.q_drive / (math.pi * sheet.drive_hz)
+    drive_s = 20.0 / math.pi * _loop_s(sheet)
     sense_s = 12.0 * sheet.q_sense / (math.pi * sheet.drive_hz) + 6.0 / sheet.low_pass_hz
     return drive_s, sense_s
+
+
+def _loop_s(sheet: DataSheet) -> float:
+    return max(_LEAST_LOOP_S, sheet.q_drive / sheet.drive_hz)
 
 
 def in_phase_share(sheet: DataSheet) -> float:
