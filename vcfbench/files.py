@@ -92,25 +92,28 @@ def opened(path: Path | str, expected: str) -> Iterator[IO[bytes]]:
 
 @contextmanager
 def _descriptor_of(path: Path | str, expected: str) -> Iterator[int]:
-    where = f"{shown(path)}: expected {expected}"
     try:
-        _require_regular(os.stat(path), where)  # noqa: PTH116  # opening a device may do something already
+        _require_regular(os.stat(path), path, expected)  # noqa: PTH116  # opening a device may do something already
         descriptor = os.open(path, os.O_RDONLY | _NOT_BLOCKING)
         try:
-            _require_regular(os.fstat(descriptor), where)  # what was looked at may have been exchanged
+            _require_regular(os.fstat(descriptor), path, expected)  # what was looked at may have been exchanged
             yield descriptor
         finally:
             os.close(descriptor)
     except FileNotFoundError:
-        raise ConfigError(f"{where}, there is no such file") from None
+        raise _no_such(path, expected, "there is no such file") from None
     except (OSError, ValueError) as error:  # a name with NUL in it is a ValueError
         reason = error.strerror if isinstance(error, OSError) else error
-        raise ConfigError(f"{where}, which cannot be read: {reason}") from None
+        raise _no_such(path, expected, f"which cannot be read: {reason}") from None
 
 
-def _require_regular(found: os.stat_result, where: str) -> None:
+def _no_such(path: Path | str, expected: str, why: str) -> ConfigError:
+    return ConfigError(f"{shown(path)}: expected {expected}, {why}")
+
+
+def _require_regular(found: os.stat_result, path: Path | str, expected: str) -> None:
     if not stat.S_ISREG(found.st_mode):
-        raise ConfigError(f"{where}, this is {_KINDS.get(stat.S_IFMT(found.st_mode), 'no regular file')}")
+        raise _no_such(path, expected, f"this is {_KINDS.get(stat.S_IFMT(found.st_mode), 'no regular file')}")
 
 
 _KINDS = {

@@ -186,3 +186,8 @@ def test_a_line_and_small_signals_are_of_another_measurand_and_not_compared() ->
     why = "of another measurand: scale factor and scale factor of small signals"
     assert compared.of_others == (f"scale factor: {why}",)
     assert f"Not compared:\n  scale factor: {why}" in text_of(compared.report())
+
+
+def test_more_runs_than_letters_are_refused_before_anything_is_read(tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["compare", *map(str, range(100)), "--runs", str(tmp_path)])
+    assert (done.exit_code, done.stderr) == (2, "vcfbench: expected 2 to 26 runs to compare, came 100\n")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from vcfbench.errors import ConfigError
+from vcfbench.records import directory
 from vcfbench.records.directory import create_run, find_run, list_runs
 from vcfbench.records.journal import Journal
 
@@ -106,3 +107,12 @@ def test_a_directory_without_a_record_is_taken_away_and_no_other(tmp_path: Path)
     empty.discard()
     kept.discard()
     assert list(tmp_path.iterdir()) == [kept.path]
+
+
+def test_a_run_that_is_named_is_found_without_reading_any(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("20260101T000000Z-zero-000001", "20260102T000000Z-zero-000002"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "journal.jsonl").write_text("")
+    monkeypatch.setattr(directory, "read_header", None)
+    for name in ("20260102T000000Z-zero-000002", "20260102", "000002"):
+        assert find_run(tmp_path, name).run == "20260102T000000Z-zero-000002"

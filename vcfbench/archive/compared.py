@@ -104,8 +104,7 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
         if not hasattr(each, "results"):
             kind = type(each).__name__
             raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
-    if not 2 <= len(runs) <= 26:
-        raise ConfigError(f"expected 2 to 26 runs to compare, came {len(runs)}")
+    require_comparable(len(runs))
     of_each, seen = [_compared(run) for run in runs], [Compared(run) for run in runs]
     known = cache(partial(Coefficients.kept, runs, devices))
     results, others, cancelled = [], [], list[str]()
@@ -142,6 +141,12 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
         tuple(dict.fromkeys(cancelled)),
         tuple(others),
     )
+
+
+def require_comparable(count: int) -> None:
+    """Refuse more runs than there are letters for, and fewer than two."""
+    if not 2 <= count <= 26:
+        raise ConfigError(f"expected 2 to 26 runs to compare, came {count}")
 
 
 def _compared(run: Run) -> dict[str, Value]:

@@ -130,7 +130,11 @@ def _summary(
     values: Sequence[Value],
     damage: str | None = None,
 ) -> RunSummary:
-    found = {each.name: replace(each, of="", words=each.named.words, parts=()) for each in values}
+    listed = (
+        each if each.words and not (each.of or each.parts) else replace(each, of="", words=each.named.words, parts=())
+        for each in values
+    )
+    found = {each.name: each for each in listed}
     metadata = amended(outline.metadata, outline.amendments)
     kept = {name: getattr(outline, name) for name in ("procedure", "bench", "simulated", "seed", "status", "points")}
     kept |= {**structs.asdict(metadata), "tags": ReadOnly(metadata.tags)}

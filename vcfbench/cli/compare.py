@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from vcfbench.archive.compared import compare_runs
+from vcfbench.archive.compared import compare_runs, require_comparable
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_document
@@ -32,7 +32,8 @@ def compare(
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
     if runs and dut is not None:
         raise ConfigError("--dut: it chooses the runs, name none")
-    found = run_summaries(directory, dut=dut, status=None if dut is None else "complete")
+    require_comparable(max(2, len(runs or ())))  # before anything is read
+    found = () if runs else run_summaries(directory, dut=dut, status=None if dut is None else "complete")
     alike = [each.directory for each in found if dut is None or each.procedure == found[-1].procedure]
     if len(chosen := runs or alike[-2:]) < 2:
         said = f"{directory}: expected two runs{f' of {dut}' if dut else ''} to compare, found {len(chosen)}"

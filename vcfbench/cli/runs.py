@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Sequence
 from csv import writer as csv_writer
+from itertools import islice
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import Annotated
@@ -262,7 +263,7 @@ def _print_list(known: Sequence[RunSummary]) -> None:
     rows = []  # a table escapes what would write on the terminal itself
     for run in known:
         dut = (run.dut or "-") + " (amended)" * ("dut" in run.amended)
-        results = [f"{name} {found}" for name, found in run.results.items()][:_SHOWN_RESULTS]
+        results = [f"{name} {found}" for name, found in islice(run.results.items(), _SHOWN_RESULTS)]
         cells = (run.run, run.procedure, _status(run.status, run.damage), run.bench, run.seed, dut, run.points)
         rows.append([*map(str, cells), "; ".join(results) or "-", (run.verdict or "-").upper()])
     table = table_text(Table([Column(name) for name in _HEAD], rows))

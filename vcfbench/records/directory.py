@@ -137,8 +137,7 @@ def find_run(runs: Path, name: str) -> RunDirectory:
     """
     if not name:
         raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', came nothing")
-    known = list_runs(runs)
-    if name == "last" and known:
+    if name == "last" and (known := list_runs(runs)):
         newest, started = known[-1], _began(known[-1])
         if started > utc_now() + _CLOCKS_DIFFER:
             raise ConfigError(
@@ -147,8 +146,9 @@ def find_run(runs: Path, name: str) -> RunDirectory:
                 hint="give the run's name; vcfbench runs list shows them",
             )
         return newest
-    exact = [run for run in known if run.run == name]
-    found = exact or [run for run in known if run.run.startswith(name) or run.run.endswith(name)]
+    if Path(name).name == name and (exact := RunDirectory(runs / name)).journal.is_file():
+        return exact
+    found = [each for each in recorded_runs(runs) if each.run.startswith(name) or each.run.endswith(name)]
     if len(found) != 1:
         what = f"{len(found)} runs are called" if found else "there is no run"
         raise ConfigError(f"{shown(runs)}: {what} {name!r}", hint="vcfbench runs list shows them")

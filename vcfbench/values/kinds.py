@@ -1,6 +1,7 @@
 """Names of results and settings in words, with the unit in which people read them; programs keep their own names."""
 
 import re
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 
@@ -106,6 +107,7 @@ _SIGNS: Final = {
 }
 
 
+@lru_cache(4096)  # lists ask for the same few, record by record
 def named(name: str, unit: str = "", kind: str = "") -> Named:
     """Return words for a result by its name in programs, such as ``turntable.scale_factor``, and its unit there.
 
