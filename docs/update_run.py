@@ -31,7 +31,7 @@ PICTURE = Path(__file__).with_name("run.svg")
 COMMAND = "vcfbench run virtual-coriolis --speed 20"
 SHOWN_AT = re.compile(r"^ 8[0-9] %")
 ROWS, COLUMNS = 32, 80
-FIRST_LINE = "K_Vc"
+FIRST_LINE = "quantity"
 
 
 def vcfbench(command: str) -> list[str]:
@@ -40,7 +40,7 @@ def vcfbench(command: str) -> list[str]:
 
 
 def results() -> str:
-    """Return what a run ends with: the fits, and the last line before the name of the record."""
+    """Return what a run ends with: the values, and the last line before the name of the record."""
     with tempfile.TemporaryDirectory() as folder:
         done = subprocess.run(  # noqa: S603
             vcfbench("vcfbench run virtual-coriolis --quiet"), cwd=folder, stdout=subprocess.PIPE, text=True, check=True

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 KEYS = [
     *("run", "procedure", "status", "bench", "simulated", "seed", "metadata", "equipment", "bench_seconds"),
-    *("points", "results", "values", "acceptance", "asked_again"),
+    *("points", "results", "values", "acceptance", "asked_again", "not_seen"),
 ]
 POINT_KEYS = ["step", "rate_deg_s", "v_vc_v", "output_v", "std_v", "n"]
 
@@ -139,7 +139,7 @@ def test_match_absolute_is_passed_on(station: Station) -> None:
 def test_table_and_record_without_json_and_progress_on_stderr(station: Station, name: str) -> None:
     result = call("run", name)
     assert result.exit_code == 0
-    assert "Omega_z / (deg/s)" in result.stdout
+    assert "quantity  " in result.stdout
     assert "complete:" in result.stdout
     assert "record: runs/" in result.stdout.replace("\\", "/")
     assert "table to +200 deg/s" in result.stderr
@@ -358,3 +358,12 @@ def test_a_real_bench_has_neither_speed_nor_seed(
     assert isinstance(result.exception, ConfigError)
     assert f"lab-1 is a real bench, only simulated ones have a {options[0][2:]}" in str(result.exception)
     assert station.opened == []
+
+
+@pytest.mark.usefixtures("station")
+def test_answer_fits_one_screen_and_verbose_has_the_points(name: str) -> None:
+    short = call("run", name, "--quiet").stdout.splitlines()
+    assert len(short) <= 40
+    assert all(len(line) <= 80 for line in short if not line.startswith("record:"))
+    assert any(line.startswith("U95 of ") for line in short)
+    assert "Omega_z / (deg/s)" in call("run", name, "--quiet", "-v").stdout

@@ -138,7 +138,7 @@ def test_a_bench_file_gives_way_to_the_command_line(tmp_path: Path) -> None:
 
 def test_help_has_every_key_with_default_range_and_meaning() -> None:
     shown = " ".join(call("virtual-coriolis", "--help").stdout.split())
-    assert "readings a mean: a whole number at least 2 and at most 1000000; default 10" in shown
+    assert "readings per mean: a whole number at least 2 and at most 1000000; default 10" in shown
     assert "a list of 3 to 1000 numbers, each at least -5000 and at most 5000; default [200.0, 100.0," in shown
     assert "--match zero|absolute" in shown
     assert all(f" {key.path} {key.meaning}" in shown for key in settable_keys(VirtualCoriolisSettings))

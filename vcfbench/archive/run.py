@@ -18,7 +18,7 @@ from vcfbench.records.metadata import Equipment, RunMetadata
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, Status
 from vcfbench.records.stated import values_of
-from vcfbench.reports.document import Report, Text
+from vcfbench.reports.document import Part, Report, Text
 from vcfbench.reports.generic import verdict_table
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.steps.measured import Measured
@@ -199,11 +199,16 @@ class Run(Struct, frozen=True, eq=False):
 
     def report(self) -> Report:
         """Return the outcome as a report: its own, breaks and pauses, checks left out, the verdict."""
-        broken = [Text(f"resumed: {each}") for each in self.resumed]
+        return Report([*self._own_report.parts, *self.remarks])
+
+    @property
+    def remarks(self) -> list[Part]:
+        """Breaks, pauses, checks left out, and the verdict, for a report."""
+        broken: list[Part] = [Text(f"resumed: {each}") for each in self.resumed]
         broken += [Text(f"paused {each}") for each in self.pauses]
         left_out = [Text(f"not checked: {each}") for each in self.not_checked]
         verdict = [] if self.verdict is None else [verdict_table(self.verdict)]
-        return Report([*self._own_report.parts, *broken, *left_out, *verdict])
+        return [*broken, *left_out, *verdict]
 
     def _repr_html_(self) -> str:
         """Show the run in a notebook: how it ended, and its report with its figures."""

@@ -25,9 +25,9 @@ def print_json(values: dict[str, Any]) -> None:
     typer.echo(msgspec.json.encode(values).decode())
 
 
-def print_report(report: Report) -> None:
+def print_report(report: Report, widest: int = WIDTH) -> None:
     """Print a report on stdout: as wide as a terminal there, if that is narrower than usual."""
-    width = min(WIDTH, get_terminal_size().columns) if sys.stdout.isatty() else WIDTH
+    width = min(widest, get_terminal_size().columns) if sys.stdout.isatty() else widest
     typer.echo(text_of(report, max(width, _NARROWEST)))
 
 

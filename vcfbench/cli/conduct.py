@@ -30,6 +30,7 @@ from vcfbench.values.printing import incomplete
 if TYPE_CHECKING:
     from vcfbench.page.server import LivePage
 
+_SCREEN: Final = 80  # Characters of a line of the short answer
 _WITHOUT_CURSOR: Final = frozenset({"dumb", "unknown"})
 """Terminals on which nothing can be drawn in place, by the name that they give themselves."""
 
@@ -44,6 +45,7 @@ class RunOptions(Struct, frozen=True, kw_only=True):
     runs: Path
     speed: str | None = None
     quiet: bool = False
+    verbose: bool = False
     plain: bool = False
     page: bool = False
     port: int = 0
@@ -128,7 +130,7 @@ def attended(
                 display=display,
                 observers=() if page is None else (page.view,),
                 person=request.person or at_the_terminal(signals, keys, yes=options.yes),
-                options=structs.asdict(options),
+                options={key: each for key, each in structs.asdict(options).items() if key != "verbose"},
                 warn=warn,
                 trust=options.yes or (lambda words: agreed(words, signals, keys)),
             )
@@ -145,7 +147,7 @@ def _show(run: Run, options: RunOptions) -> None:
     if options.json:
         print_json({**run.as_json(), "not_seen": not_seen(run)})
     elif run.physical_minimum_s is not None:  # the bench did open
-        print_report(run.report())
+        _print_answer(run, options)
         for said in run.asked_again:
             typer.echo(f"\nasked again: {said}")
         if not run.simulated:  # nobody waits for it there: runs show, reports and --json have it
@@ -156,8 +158,21 @@ def _show(run: Run, options: RunOptions) -> None:
         )
         if run.directory is not None:
             typer.echo(f"record: {run.directory}")
+            if not options.verbose:
+                typer.echo("more: -v, vcfbench runs show last (points, budget), vcfbench report last")
         if run.device_entry is not None:
             typer.echo(f"device: {run.device_entry}")
+
+
+def _print_answer(run: Run, options: RunOptions) -> None:
+    """Print the values of a run on one screen; its whole report if asked for, or if it states no values."""
+    from vcfbench.archive.brief import brief  # noqa: PLC0415  # loads what only an answer needs
+
+    short = None if options.verbose or run.error is not None else brief(run)
+    if short is None:
+        print_report(run.report())
+    else:
+        print_report(short, _SCREEN)
 
 
 def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_json: bool) -> None:

@@ -85,7 +85,9 @@ def device(
     withdraw: Annotated[str | None, option("ENTRY", "Withdraw this entry: it stays, and counts no more.")] = None,
     reason: Annotated[str, option("TEXT", "Why it is withdrawn.")] = "",
     by: Annotated[str | None, option("NAME", "Who withdraws it. Default: who is logged in.")] = None,
-    add: Annotated[str | None, option("RUN", "Add what this complete run found, where it could not itself.")] = None,
+    add: Annotated[
+        str | None, option("RUN", "Add the result of a complete run whose entry could not be written.")
+    ] = None,
     runs: Runs_ = Path("runs"),
     plot: Annotated[
         Path | None, option("FILE", "Draw the scale factor against time: .png, .svg, .pdf (Matplotlib).")

@@ -23,28 +23,35 @@ from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.version import installed_version
 
 COMMANDS = {
-    "resume": "Go on with a run that failed, or was stopped or killed.",
-    "report": "Write the report of a run as one file.",
-    "plot": "Draw the figures of a run.",
-    "compare": "Compare runs with the first of them.",
-    "analyze": "Analyse a calibration table.",
-    "device": "Show the calibration history of a gyroscope.",
-    "talk": "Talk to the bench, or to one of its instruments.",
-    "safe": "Stop the table, switch the outputs off, check both.",
     "run": "Run a calibration procedure on a bench.",
+    "resume": "Go on with a run that failed, or was stopped or killed.",
     "batch": "Measure gyroscopes one after another.",
     "panel": "Measure gyroscopes one after another, started in a browser.",
     "study": "Run a procedure many times on simulated benches.",
+    "report": "Write the report of a run as one file.",
+    "compare": "Compare runs with the first of them.",
+    "device": "Show the calibration history of a gyroscope.",
     "runs": "List, show and export records.",
+    "plot": "Draw the figures of a run.",
     "page": "Show runs and devices in a browser.",
+    "analyze": "Analyse a calibration table.",
     "bench": "Make, show and check a bench.",
-    "validate": "Validate the program on this machine.",
+    "talk": "Talk to the bench, or to one of its instruments.",
+    "safe": "Stop the table, switch the outputs off, check both.",
     "sim": "Show the simulated bench, make one, serve it.",
+    "validate": "Validate the program on this machine.",
 }
 """Commands in the order of the help, each in the module of its name, which has an `app` with commands or the one.
 
 What each does stands here in a few words, because the list of all commands would load all of them for it.
 """
+_GROUPS = {
+    "Measure": ("run", "resume", "batch", "panel", "study"),
+    "Results": ("report", "compare", "device", "runs", "plot", "page", "analyze"),
+    "Bench": ("bench", "talk", "safe"),
+    "Program": ("sim", "validate"),
+}
+"""Headings of the help, and the commands below each."""
 
 
 _ELSEWHERE = {"resume": "run"}
@@ -83,9 +90,10 @@ class Commands(TyperGroup):
             raise
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write the names of the commands and their summaries, without importing one."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        """Write the names of the commands and their summaries in groups, without importing one."""
+        for heading, names in _GROUPS.items():
+            with formatter.section(heading):
+                formatter.write_dl([(name, COMMANDS[name]) for name in names])
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line; ``--help`` and ``--version`` are answered here."""

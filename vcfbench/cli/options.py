@@ -68,6 +68,7 @@ Speed_ = Annotated[
     str | None, option("X|max", "Simulated benches only: times real time, or max, the default.", "--speed")
 ]
 Quiet_ = Annotated[bool, flag("Show no progress.", "--quiet")]
+Verbose_ = Annotated[bool, flag("Print the whole report, not one screen.", "--verbose", "-v")]
 Plain_ = Annotated[bool, flag("Show progress as plain lines, as in logs, on a terminal too.", "--plain")]
 Page_ = Annotated[
     bool, flag("Show the run in a browser on this machine, where it can be stopped too (extra page).", "--page")

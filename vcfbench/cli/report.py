@@ -23,16 +23,18 @@ def report(  # noqa: PLR0917  # options of a command
     ] = None,
     runs: Runs_ = Path("runs"),
     words: Annotated[
-        list[str] | None, option("KEY=VALUE", "A field that no measurement gives: customer. Repeatable.", "--set")
+        list[str] | None, option("KEY=VALUE", "Set a field of the certificate, customer=ACME. Repeatable.", "--set")
     ] = None,
     template: Annotated[
         Path | None, option("FILE", "TOML file with such fields, title and logo for all reports.")
     ] = None,
     tag: Annotated[list[str] | None, option("KEY=VALUE", "A report of each run with this tag. Repeatable.")] = None,
-    embed: Annotated[Path | None, option("FILE", "With --dcc: the report as PDF, which it then holds.")] = None,
+    embed: Annotated[Path | None, option("FILE", "With --dcc: embed this PDF in the certificate.")] = None,
     *,
     every: Annotated[bool, flag("A report of each run in the directory of --runs.", "--all")] = False,
-    as_: Annotated[Literal["html", "pdf", "md"], option(None, "What several reports are.", "--as")] = "html",
+    as_: Annotated[
+        Literal["html", "pdf", "md"], option(None, "Format of the reports with --all or --tag.", "--as")
+    ] = "html",
     dcc: Annotated[
         bool, flag("Write a Digital Calibration Certificate (XML, DCC 3.3.0), not signed.", "--dcc")
     ] = False,

@@ -7,7 +7,7 @@ one that a file of one's own defines. A list of them imports none.
 import json as encoder
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 from msgspec import structs
@@ -52,11 +52,31 @@ class Procedures(TyperGroup):
             formatter.write_dl([*rows, ("FILE.py", "The procedure that a file of your own defines.")])
 
 
+_SECTIONS: Final = {
+    "Settings": ("settings",),
+    "Bench": ("bench", "seed", "speed", "trace"),
+    "Before and during the run": ("dry_run", "yes", "quiet", "plain", "page", "port"),
+    "Answer": ("verbose", "json"),
+    "Record": ("runs", "dut", "operator", "note", "tag", "ambient_temperature_c", "humidity_percent"),
+    "Help": ("help",),
+}
+"""Headings of the help of a procedure, and the options below each."""
+
+
 class ProcedureCommand(TyperCommand):
     """The command of one procedure; its help ends with the keys that can be set."""
 
     chosen: AnyProcedure
     keys: tuple[SettableKey, ...] = ()
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the options in groups, those of the procedure first."""
+        rows = {each.name: row for each in self.get_params(ctx) if (row := each.get_help_record(ctx)) is not None}
+        common = {name for names in _SECTIONS.values() for name in names}
+        own = [row for name, row in rows.items() if name not in common]
+        for heading, names in _SECTIONS.items():
+            with formatter.section(heading):
+                formatter.write_dl([*(own if heading == "Settings" else ()), *(rows[name] for name in names)])
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write every key with its default, its range and its meaning."""
@@ -103,6 +123,7 @@ def run(
         bool, flag("Print every step and the estimated bench time. Nothing is opened.", "--dry-run")
     ] = False,
     quiet: options.Quiet_ = False,
+    verbose: options.Verbose_ = False,
     plain: options.Plain_ = False,
     page: options.Page_ = False,
     port: options.Port_ = 0,
@@ -141,7 +162,7 @@ def run(
         how = conduct.RunOptions(
             bench=bench, json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, page=page, port=port, yes=yes
         )
-        how = structs.replace(how, seed=seed, settings=asked.values, metadata=metadata)
+        how = structs.replace(how, verbose=verbose, seed=seed, settings=asked.values, metadata=metadata)
         conduct.carry_out(request, Prepared, how, context.find_object(SignalsWithoutBench))
 
 
@@ -179,6 +200,7 @@ def resume(
     speed: options.Speed_ = None,
     json: options.Json_ = False,
     quiet: options.Quiet_ = False,
+    verbose: options.Verbose_ = False,
     plain: options.Plain_ = False,
     page: options.Page_ = False,
     port: options.Port_ = 0,
@@ -188,6 +210,7 @@ def resume(
     how = conduct.RunOptions(
         bench=bench, json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, page=page, port=port, yes=yes
     )
+    how = structs.replace(how, verbose=verbose)
     with options.tracing(trace):
         broken = broken_off(run, runs)
         if procedure is None:

@@ -54,9 +54,7 @@ def serve(
         int | None, option("PORT", "Also run a port mapper for VXI-11 clients (111).", min=1, max=65535)
     ] = None,
     write_bench: Annotated[Path | None, option("FILE", "Write the bench file that uses what is served here.")] = None,
-    wires: Annotated[
-        str, option("KIND", "Interface that file names, if offered, else tcp: vxi11, hislip, pty.")
-    ] = "tcp",
+    wires: Annotated[str, option("KIND", "Interface to write into the bench file: tcp, vxi11, hislip or pty.")] = "tcp",
     seed: Annotated[int | None, seed_option("Seed of every random stream.")] = None,
     json: Annotated[bool, flag("Print one JSON object on the first line of stdout.", "--json")] = False,
 ) -> None:

@@ -49,7 +49,7 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
     input_axis: Annotated[Axes, said("axis of the case about which the gyroscope senses")] = "z"
     cycles: Annotated[int, ranged(1, 100, "times there and back")] = 2
     turn_s: Annotated[float, ranged(1.0, 3600.0, "time that turning the case takes, for the estimate")] = 60.0
-    samples: Annotated[int, ranged(2, 1000, "readings a mean", option=True)] = 60
+    samples: Annotated[int, ranged(2, 1000, "readings per mean", option=True)] = 60
     tilt_deg: Annotated[float, ranged(0.0, 45.0, "of an axis from the vertical, limit")] = 1.0
     heading_deg: Annotated[float, ranged(0.0, 90.0, "of a level input axis from east, limit")] = 5.0
 

@@ -335,7 +335,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     rate_deadline_s: Annotated[bounds.Seconds, bounds.said("for a rate to settle, beyond twice its ramp")] = 10.0
     settle_s: Annotated[bounds.Settling, bounds.said("wait after each step of rate or V_Vc")] = 2.0
     sample_interval_s: Annotated[bounds.Interval, bounds.said("from reading to reading")] = 1.0
-    samples: Annotated[bounds.Samples, bounds.said("readings a mean", option=True)] = 10
+    samples: Annotated[bounds.Samples, bounds.said("readings per mean", option=True)] = 10
     nplc: Annotated[Literal[1, 10, 100], bounds.said("integration time in power-line cycles")] = 10
     meter_range_v: Annotated[Literal[1, 10, 100], bounds.said("fixed range of the multimeter")] = 10
     rates_deg_s: Annotated[bounds.Rates, bounds.said(_RATES, option="--rates")] = PAPER_RATES_DEG_S

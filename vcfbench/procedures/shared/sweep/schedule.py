@@ -75,7 +75,7 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
     zeros: Annotated[
         Zeros,
         said(
-            "zeros about each series or each rate, their drift off; u grows by ends in the order paper", option="--zero"
+            "measure zeros around each series (ends) or each rate (bracket) and subtract their drift", option="--zero"
         ),
     ] = Zeros.NONE
     repeat: Annotated[int, ranged(1, 100, "times that the series is taken", option=True)] = 1
