@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import pytest
 
+import vcfbench
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.errors import PlanError
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
@@ -211,6 +213,15 @@ def test_every_step_says_what_it_does(name: str) -> None:
     for step in steps_of(name):
         assert step.describe()
         assert step.duration_s >= step.physical_s >= 0.0
+
+
+@pytest.mark.parametrize("name", ["self-calibration", "kvc", "repeatability", "power", "phase"])
+def test_what_is_done_again_and_again_is_counted_from_1(name: str) -> None:
+    settings = {"self-calibration": {"k_vc": "150", "cycles": 3}}.get(name, {})
+    notes = list(map(str, vcfbench.dry_run(name, "lab", settings=settings).steps))
+    counted = [int(found[1]) for each in notes if (found := re.search(r"(?:[Cc]ycle|Switch-on) (-?\d+)", each))]
+    assert sorted(set(counted)) == list(range(1, max(counted) + 1))
+    assert counted[0] == 1
 
 
 def test_an_unknown_procedure_is_answered_with_the_known_ones() -> None:

@@ -14,7 +14,16 @@ import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.shared.known.v_vc import VvcKnown
-from vcfbench.procedures.threshold import _AT_REST, ThresholdResult, ThresholdSettings, results
+from vcfbench.procedures.shared.measurand import measurand
+from vcfbench.procedures.threshold import (
+    _AT_REST,
+    InputLimit,
+    StepShare,
+    ThresholdResult,
+    ThresholdSettings,
+    report,
+    results,
+)
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
 from vcfbench.testing import simulated
@@ -127,6 +136,13 @@ def test_k_vc_is_that_of_the_certificate(tmp_path: Path) -> None:
     assert vcfbench.dry_run("threshold", "lab", settings={**named, "outdated": True}).steps
 
 
+def test_the_report_has_the_shares_either_way_in_percent() -> None:
+    none = InputLimit(measurand(0.0, "deg/s", []), None, seen=False, at_most_deg_s=0.1)
+    found = ThresholdResult(none, none, none, (StepShare(10.0, 0.5, 0.97, 0.91, 0.02),), 2)
+    (table,) = [each for each in report(ThresholdSettings(), (), found).parts if str(each).count("share, up")]
+    assert list(table.rows) == [pytest.approx((10.0, 0.5, 97.0, 91.0, 2.0))]
+
+
 def test_a_dead_band_wider_than_the_steps_is_told() -> None:
     with pytest.raises(MeasurementError, match="a dead band that is as wide"):
         found_of(3.0, "lab")
@@ -140,6 +156,7 @@ def test_a_dead_band_wider_than_the_steps_is_told() -> None:
         ({"by": "table"}, r"at least 0.05 deg/s \(rate_tolerance_deg_s\)"),
         ({"by": "table", "rate_tolerance_deg_s": 0.01, "at_rate_deg_s": 299.0}, "300 deg/s with the largest step"),
         ({"at_rate_deg_s": 250.0}, "a range for 1.68 V"),
+        ({"at_rate_deg_s": 250.0, "k_vc_deg_s_per_v": -150.0}, "a range for 1.68 V"),
         ({"k_vc_deg_s_per_v": 0.0}, "a number that is not 0"),
     ],
 )

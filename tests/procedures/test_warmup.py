@@ -14,6 +14,7 @@ import vcfbench
 from tests.procedures.shared.test_k_vc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
+from vcfbench.procedures import warmup
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.warmup import (
     WARMUP,
@@ -167,6 +168,15 @@ def test_values_scatter_as_their_uncertainties_say() -> None:
     for column in ([row[0] for row in z], [row[1] for row in z], [(row[2][0] - 3.0) / row[2][1] for row in z]):
         assert abs(np.mean(column)) < 0.5
         assert 0.75 < np.std(column) < 1.3
+
+
+def test_a_warm_up_of_one_time_constant_is_as_uncertain_as_its_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tau ln |a / limit| moves by tau / a, where noise has made the time constant no other."""
+    monkeypatch.setattr(warmup, "_TIME_CONSTANTS", 1)
+    monkeypatch.setattr(warmup, "_FIT_S", 250.0)
+    result = synthetic(np.random.default_rng(2), 250.0, -5.0, 0.1)
+    amplitude, u_amplitude = found(result.amplitude)
+    assert found(result.warm_up)[1] == pytest.approx(250.0 * u_amplitude / abs(amplitude))
 
 
 def test_turn_on_is_when_the_output_stays() -> None:
