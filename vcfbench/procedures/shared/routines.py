@@ -16,7 +16,7 @@ S = TypeVar("S", bound=ProcedureSettings)
 T = TypeVar("T")
 
 _SLOW_DEG_S = 10.0
-_SMALL_V = 1.0
+SMALL_V = 1.0
 _LOOKS = 5
 """Rate, V_Vc and readings of a window by which an output at rest is asked whether it answers."""
 _ANSWERS = 10.0
@@ -183,7 +183,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
         moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s, settings.rate_tolerance_deg_s)), steps.OutputSeen)
         what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
     else:
-        v_vc_v = min(_SMALL_V, limits.max_v_vc_v or _SMALL_V)
+        v_vc_v = min(SMALL_V, limits.max_v_vc_v or SMALL_V)
         yield from v_vc_on()
         yield from set_v_vc(settings, v_vc_v)
         moved = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)

@@ -13,16 +13,17 @@ from typing import Annotated, Literal, Self
 from msgspec import Struct
 from msgspec.structs import replace
 
-from vcfbench.errors import ConfigError
+from vcfbench import steps
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.shared.kept import KnownFlickerSettings
-from vcfbench.procedures.shared.routines import set_v_vc, take, v_vc_on, window_of
+from vcfbench.procedures.shared.routines import SMALL_V, set_v_vc, take, v_vc_on, window_of
 from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
 from vcfbench.specifications import AGILENT_33220A, LevelSpecification
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
-from vcfbench.station.settings import ProcedureSettings
+from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Note, VvcMeasured, Window, move_leads
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
@@ -39,6 +40,11 @@ K_VC_UNIT = "(deg/s)/V"
 """Unit of the rate that a volt of V_Vc stands for."""
 _OVER_RANGE = 1.2
 """A meter's range measures so much of itself."""
+_MAINS_S_PER_DIV = 5e-3
+"""Ten divisions show two periods of the mains and more."""
+_SHOWN_V, _SHOWN_SHARE = 0.05, 0.1
+"""How far an oscilloscope may show a level from where it was set: its offset and noise, its gain and the generator's.
+A sine of the mains of 50 mV makes a modulator of 1.5 % a volt off by 20 uV."""
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:
@@ -48,9 +54,27 @@ def has_v_vc_meter(settings: ProcedureSettings) -> bool:
 
 
 def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[None]:
-    """Set up the meter on V_Vc, where there is one."""
+    """Set up the meter on V_Vc, where there is one; see V_Vc arrive, where a channel of the oscilloscope is on it."""
     if has_v_vc_meter(settings):
         yield ConfigureVvcMeter(float(range_v), float(settings.nplc))
+    wiring = settings.station.oscilloscope
+    if wiring is None or (channel := wiring.channel_of("v_vc")) is None:
+        return
+    yield Note("Does V_Vc arrive as it is set?")
+    yield steps.ConfigureScope(_MAINS_S_PER_DIV, channel)
+    yield from v_vc_on()
+    for level_v in (0.0, min(SMALL_V, settings.station.limits.max_v_vc_v or SMALL_V)):
+        set_v = yield from set_v_vc(settings, level_v)
+        look = steps.FindAmplitudes((channel,), V_VC_RANGE_V, set_v)
+        (seen_v,) = answer((yield look), steps.Amplitudes).amplitudes_v
+        if abs(seen_v - set_v) > _SHOWN_V + _SHOWN_SHARE * set_v:
+            raise MeasurementError(
+                f"V_Vc was set to {set_v:+.4g} V and shows up to {seen_v:.3g} V on channel {channel}",
+                instrument="oscilloscope",
+                hint="look at the lead of V_Vc: a terminator or an input of 50 ohm on it halves it, and it may catch "
+                "the mains, which meters average away and the modulator does not",
+            )
+    yield steps.DisableVvc()
 
 
 def take_driven(
