@@ -20,17 +20,22 @@ from vcfbench.archive.results import evaluate
 from vcfbench.cli.main import app
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import settings_of
+from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.records.plain import plain
+from vcfbench.records.stated import values_of
 from vcfbench.station.file import embedded_text
 from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from vcfbench.values.value import Value
+
 ROOT = Path(__file__).parents[3]
 COVERAGE = 1e-6
 """What a coverage factor by convolution is computed to: a sum of one more source is never narrower."""
+OF_FREEDOM = 1e-5
+"""One more source takes so much off the factor of few degrees of freedom, after Welch and Satterthwaite."""
 OF_TRIALS = 0.02
 """What a 95 % quantile of 2000 trials is known to: by them goes U95 of a non-linearity of several like residuals."""
 LATITUDE = ("--set", "site.latitude_deg=48.1")
@@ -118,6 +123,37 @@ def test_no_uncertainty_shrinks_where_a_key_is_taken_away(name: str, kind: str, 
             known_to = OF_TRIALS if each.name.endswith("nonlinearity") else COVERAGE
             assert before is None or each.u95 >= before.u95 * (1.0 - known_to), (key, each.name)
             assert before is None or {*before.missing} <= {*each.missing}, (key, each.name)
+
+
+OTHERS: dict[str, dict[str, Any]] = {
+    "kvc": {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 4},
+    "self-calibration": {"k_vc": "150", "cycles": 1, "samples": 4},
+    "online": {"k_vc": "150"},
+    "temperature": {"temperatures_c": [20.0, 25.0, 30.0]},
+    "g-sensitivity": {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0},
+    **{name: {} for name in ("zero", "warmup", "rate-limits", "threshold", "power", "repeatability", "vibration")},
+    "phase": {},
+}
+
+
+@pytest.mark.parametrize("name", few(OTHERS, "g-sensitivity"))
+def test_nor_does_that_of_any_other_procedure(name: str, tmp_path: Path) -> None:
+    procedure, asked = PROCEDURES[name], asked_in_python(OTHERS[name])
+    measured = vcfbench.run(name, "lab", settings=OTHERS[name], runs=tmp_path, seed=1).measured
+    values = tomllib.loads(embedded_text("lab"))
+    values["uncertainty"] |= OTHER_THAN_0
+
+    def found(bench: dict[str, Any]) -> dict[str, Value]:
+        return values_of(procedure.results(settings_of(procedure, checked_bench(bench, ""), asked), measured))
+
+    full = found(values)
+    for key, fewer in less(values):
+        for value, after in found(fewer).items():
+            before = full.get(value)
+            if before is not None and before.form == after.form:
+                widths = [each.high if each.u95 is None else each.u95 for each in (before, after)]
+                assert widths[0] is None or (widths[1] or 0.0) >= widths[0] * (1.0 - OF_FREEDOM), (key, value)
+                assert {*before.missing} <= {*after.missing}, (key, value)
 
 
 @pytest.mark.parametrize("name", ["paper", "lab", "ideal"])

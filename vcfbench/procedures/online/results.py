@@ -391,12 +391,10 @@ def _disturbance(
     changes = (means_v - rest_v) / scale_factor
     variance_mean = 0.5 * math.fsum(each.variance(1, settings.burst_readings) for each in run.output) / count
     white = variance_mean * (1.0 / count + 1.0 / rest)
-    # Flicker by the differences of successive bursts, and not less than ``[uncertainty]`` says of the gyroscope
+    # Flicker by the differences of successive bursts, and not less than is known of the gyroscope, or assumed
     allan = 0.5 * float(np.mean(np.diff(means_v) ** 2))
     b_squared = max(0.0, allan - variance_mean) / FLICKER_FLOOR / size**2
-    stated_deg_h, assumed = settings.station.sources.bias_instability_deg_h, settings.station.sources.assumed
-    if stated_deg_h is not None and "bias_instability_deg_h" not in assumed:  # what was found here goes before a guess
-        b_squared = max(b_squared, (stated_deg_h / 3600.0) ** 2)
+    b_squared = max(b_squared, ((settings.station.sources.bias_instability_deg_h or 0.0) / 3600.0) ** 2)
     begin_s, burst_s = (
         [each.output_t_s for each in (*run.rest, *run.modulated)],
         settings.burst_readings * settings.aperture_s,
