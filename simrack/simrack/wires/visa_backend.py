@@ -24,6 +24,7 @@ from pyvisa.util import LibraryPath
 from simrack.clock import Clock
 from simrack.device import Device
 from simrack.wires import visa_serial
+from simrack.wires.visa_events import Announcements, look_everywhere, require_kind
 from simrack.wires.visa_session import (
     SUCCESS,
     OpenSession,
@@ -87,8 +88,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     def _init(self) -> None:
         self._sessions: dict[int, OpenSession] = {}
-        self._contexts: set[int] = set()
         self._numbers = count(1)
+        self._announced: dict[int, Announcements] = {}
         self._resolved: VisaBench | None = None
         self._manager: VISARMSession | None = None
 
@@ -160,11 +161,12 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         """Close a session, an event context or the resource manager, whose bench ends unless it was registered."""
         if session == self._manager:
             self._resolved = None
+        if session in self._announced:
+            self._announced.pop(session).disable(constants.EventMechanism.all)
         closed = self._sessions.pop(session, None)
         if closed is not None:
             closed.place.owner = None if closed.place.owner == session else closed.place.owner
             closed.place.sharers.discard(cast("VISASession", session))
-        self._contexts.discard(session)
         self._last_status_in_session.pop(session, None)
         return SUCCESS
 
@@ -180,6 +182,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         opened = self._usable(session)
         with opened.bench.lock:
             opened.write(data, end=opened.sends_end)
+        if opened.bench.announced:
+            look_everywhere(opened.bench)
         self._last_status = self._last_status_in_session[session] = SUCCESS
         return len(data), SUCCESS
 
@@ -196,6 +200,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
                 return data, SUCCESS
             opened.rest, opened.offset, opened.ended = data, 0, end
         data, status = self._collect(opened, count, terminator)
+        if opened.bench.announced:
+            look_everywhere(opened.bench)
         if status is not SUCCESS:
             return data, self._done(session, status)
         self._last_status = self._last_status_in_session[session] = status
@@ -287,6 +293,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         opened = self._addressed(session)
         with opened.bench.lock:
             opened.place.device.trigger()
+        look_everywhere(opened.bench)
         return self._done(session)
 
     def gpib_control_ren(self, session: VISASession, mode: constants.RENLineOperation) -> StatusCode:
@@ -383,40 +390,53 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         mechanism: constants.EventMechanism,
         context: None = None,
     ) -> StatusCode:
-        """Accept service requests on the queue; nothing else is announced."""
-        del mechanism, context
-        if event_type != EventType.service_request:
-            raise errors.VisaIOError(StatusCode.error_invalid_event)
-        self._addressed(session)
+        """Announce service requests, on the queue or to the handlers; nothing else is announced."""
+        del context
+        announcements, opened = self._announcements(session, event_type), self._addressed(session)
+        announcements.enable(mechanism)
+        look_everywhere(opened.bench)
         return self._done(session)
 
     def disable_event(
         self, session: VISASession, event_type: constants.EventType, mechanism: constants.EventMechanism
     ) -> StatusCode:
-        """Accept: nothing is kept between waits."""
-        del event_type, mechanism
+        """Announce no more; what is queued stays."""
+        self._announcements(session, event_type).disable(mechanism)
         return self._done(session)
 
     def discard_events(
         self, session: VISASession, event_type: constants.EventType, mechanism: constants.EventMechanism
     ) -> StatusCode:
-        """Accept: nothing is kept between waits."""
-        del event_type, mechanism
+        """Forget what is queued."""
+        announcements = self._announcements(session, event_type)
+        announcements.queued = 0 if mechanism & constants.EventMechanism.queue else announcements.queued
         return self._done(session)
 
     def wait_on_event(
         self, session: VISASession, in_event_type: constants.EventType, timeout: int
     ) -> tuple[constants.EventType, VISAEventContext, StatusCode]:
         """Wait in bench time until the instrument requests service."""
-        opened = self._addressed(session)
-        clock, device = opened.bench.clock, opened.place.device
-        deadline = math.inf if timeout == constants.VI_TMO_INFINITE else clock.now() + timeout / 1e3
-        while not cast("Any", device).requests_service():
-            wake = device.wake_at()
-            instant = deadline if wake is None else min(wake, deadline)
-            if clock.now() >= deadline or math.isinf(instant):
-                raise errors.VisaIOError(StatusCode.error_timeout)
-            clock.sleep_until(instant)
-        context = VISAEventContext(next(self._numbers))
-        self._contexts.add(context)
-        return in_event_type, context, self._done(session)
+        endless = timeout == constants.VI_TMO_INFINITE
+        self._announcements(session, in_event_type).wait(math.inf if endless else timeout / 1e3)
+        return EventType.service_request, VISAEventContext(next(self._numbers)), self._done(session)
+
+    def install_handler(
+        self, session: VISASession, event_type: constants.EventType, handler: Any, user_handle: Any
+    ) -> tuple[Any, Any, Any, StatusCode]:
+        """Have `handler` called at each service request once that is enabled."""
+        self._announcements(session, event_type).handlers.append((handler, user_handle))
+        return handler, user_handle, handler, self._done(session)
+
+    def uninstall_handler(
+        self, session: VISASession, event_type: constants.EventType, handler: Any, user_handle: Any = None
+    ) -> StatusCode:
+        """Have `handler` called no more."""
+        self._announcements(session, event_type).handlers.remove((handler, user_handle))
+        return self._done(session)
+
+    def _announcements(self, session: VISASession, event_type: constants.EventType) -> Announcements:
+        require_kind(event_type)
+        opened = self._session(session)
+        if session not in self._announced:
+            self._announced[session] = Announcements(session, opened, self._numbers)
+        return self._announced[session]

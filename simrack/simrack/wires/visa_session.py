@@ -78,7 +78,7 @@ class VisaPlace:
 class VisaBench:
     """The instruments behind one handle."""
 
-    __slots__ = ("clock", "lock", "places")
+    __slots__ = ("announced", "clock", "lock", "places")
 
     def __init__(self, instruments: Mapping[str, Device], clock: Clock) -> None:
         places = [VisaPlace(name, device) for name, device in instruments.items()]
@@ -86,6 +86,8 @@ class VisaBench:
         self.clock = clock if isinstance(clock, AttendedClock) else AttendedClock(clock)
         self.clock.attend(*instruments.values())
         self.lock = self.clock.held
+        self.announced: list[Any] = []
+        """The :class:`~simrack.wires.visa_events.Announcements` that are enabled."""
 
 
 class OpenSession:
