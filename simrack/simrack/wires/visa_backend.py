@@ -123,6 +123,8 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         place = opened.place
         if (place.owner is not None or place.sharers) and place.locked_against(session):
             raise errors.VisaIOError(StatusCode.error_resource_locked)
+        if opened.bench.announced:  # before what is done now answers the request
+            look_everywhere(opened.bench)
         return opened
 
     def _done(self, session: int, status: StatusCode = SUCCESS) -> StatusCode:
