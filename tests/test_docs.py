@@ -242,7 +242,7 @@ def test_readme_has_the_two_commands_that_ci_runs() -> None:
         command for block in blocks(ROOT / "README.md") if block.info == "sh ci" for command in block.commands()
     ]
     assert commands == [
-        "python3 -m venv .venv && . .venv/bin/activate && pip install . && vcfbench run virtual-coriolis",
+        "python3 -m venv .venv && . .venv/bin/activate && pip install ./simrack . && vcfbench run virtual-coriolis",
         "pip install '.[test]' && pytest -n auto",
     ]
     script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")

@@ -3,7 +3,10 @@
 import re
 from collections.abc import Mapping
 from functools import cache
-from typing import Any
+from typing import Any, Final
+
+EVALUATION: Final = 1
+"""Version of the evaluation: raised when the same readings give other values or uncertainties."""
 
 
 def installed_version(package: str = "vcfbench") -> str:
@@ -30,8 +33,9 @@ def other_versions(header: Mapping[str, Any]) -> str:
 
 @cache  # what is installed stays as it is, and asking opens a file of each package
 def installed_versions() -> Mapping[str, str]:
-    """Return the versions of Python, this package, simrack and the libraries that readings and results come through."""
+    """Return the versions of Python, this package, its evaluation, simrack, and the libraries of results."""
     import platform  # noqa: PLC0415
 
     packages = ("vcfbench", "simrack", "numpy", "scipy", "pyvisa", "pyvisa-py", "pyserial")
-    return {"python": platform.python_version(), **{package: installed_version(package) for package in packages}}
+    versions = {package: installed_version(package) for package in packages}
+    return {"python": platform.python_version(), "evaluation": str(EVALUATION), **versions}

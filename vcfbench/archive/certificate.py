@@ -89,7 +89,8 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     if unknown:
         raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
     laboratory: Mapping[str, Any] = run.header.get("bench", {}).get("laboratory") or {}
-    edition = run.header.get("versions", {}).get("vcfbench")
+    versions = run.header.get("versions", {})
+    edition = versions.get("vcfbench")
     recorded = {
         "laboratory": laboratory.get("name"),
         "laboratory_address": laboratory.get("address"),
@@ -97,7 +98,9 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
         "country": laboratory.get("country"),
         "responsible": run.metadata.operator or laboratory.get("operator"),
         "serial": run.metadata.dut,
-        "method": f"{run.procedure}, vcfbench {edition}" if edition else None,
+        "method": f"{run.procedure}, vcfbench {edition}, evaluation {versions.get('evaluation', 0)}"
+        if edition
+        else None,
         "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
     }
     tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
