@@ -204,18 +204,18 @@ def test_prose_is_wrapped_at_100_characters() -> None:
         assert long == [], document
 
 
-def _roles(name: str) -> tuple[set[str], set[str]]:
-    """Return the roles that a procedure needs, and those that it only uses."""
-    needs = set(PROCEDURES[name].needs)
-    return needs, set(PROCEDURES[name].uses) - needs
+def _roles(name: str) -> tuple[set[str], ...]:
+    """Return the roles that a procedure needs, those of which it needs one, and those that it only uses."""
+    needs, either = set(PROCEDURES[name].needs), set(PROCEDURES[name].either)
+    return needs, either, set(PROCEDURES[name].uses) - needs
 
 
 def test_table_of_needs_is_that_of_the_procedures() -> None:
     page = (ROOT / "docs" / "procedures" / "index.md").read_text(encoding="utf-8").partition("## What a bench must")[2]
     rows = [
-        [re.findall(r"`([\w-]+)`", cell) for cell in row.split("|")[1:4]] for row in page.splitlines() if "| `" in row
+        [re.findall(r"`([\w-]+)`", cell) for cell in row.split("|")[1:5]] for row in page.splitlines() if "| `" in row
     ]
-    shown = {name: (set(needs), set(uses)) for names, needs, uses in rows for name in names}
+    shown = {name: tuple(map(set, roles)) for names, *roles in rows for name in names}
     real = {name: _roles(name) for name in PROCEDURES}
     shown["characterize"] = real["characterize"]  # "all others"
     assert shown == real

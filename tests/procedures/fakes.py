@@ -29,7 +29,10 @@ def make_settings(*, expected: Expected | None = None, **changes: Any) -> Virtua
         "drive": DriveWindow(frequency_hz=(3480.0, 3498.0), amplitude_v=(0.5, 4.0), phase_deg=(-10.0, 10.0)),
         "k_vc_guess_deg_s_per_v": 36.0,
         "station": Station(
-            instruments={"rate_source": PlacedInstrument(model="33220A", where="FAKE")},
+            instruments={
+                "power": PlacedInstrument(model="E3631A", where="FAKE"),
+                "rate_source": PlacedInstrument(model="33220A", where="FAKE"),
+            },
             meter_resolution_v=1e-5,
             expected=expected or Expected(),
         ),

@@ -22,8 +22,8 @@ def test_the_catalogue_finds_procedures_by_their_names() -> None:
 @pytest.mark.parametrize(
     ("name", "needs", "uses"),
     [
-        ("turntable", ["power", "multimeter", "rate_table"], ["oscilloscope", "rate_source"]),
-        ("virtual-coriolis", ["power", "rate_source", "multimeter", "rate_table"], ["oscilloscope", "v_vc_meter"]),
+        ("turntable", ["multimeter", "rate_table"], ["power", "oscilloscope", "rate_source"]),
+        ("virtual-coriolis", ["rate_source", "multimeter", "rate_table"], ["power", "oscilloscope", "v_vc_meter"]),
     ],
 )
 def test_the_papers_procedures_use_the_papers_instruments_and_can_do_without_some(

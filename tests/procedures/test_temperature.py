@@ -168,7 +168,8 @@ def test_every_temperature_is_told_and_the_record_tells_the_same(run: Any) -> No
 
 
 def planned(*, chamber: bool = True, **changes: Any) -> list[Step]:
-    instruments = {"chamber": PlacedInstrument(model="ATS-545", where="at GPIB0::18::INSTR")} if chamber else {}
+    models = {"power": "E3631A", "rate_source": "33220A", **({"chamber": "ATS-545"} if chamber else {})}
+    instruments = {role: PlacedInstrument(model=model, where="FAKE") for role, model in models.items()}
     limits = Limits(max_rate_deg_s=300.0, max_v_vc_v=10.0, max_acceleration_deg_s2=200.0)
     station = Station(meter_resolution_v=1e-5, instruments=instruments, limits=limits)
     settings = TemperatureSettings(station=station, **changes)

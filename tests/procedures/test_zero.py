@@ -328,7 +328,7 @@ def test_a_bench_of_supply_and_multimeter_will_do() -> None:
     kinds = {type(step).__name__ for step in steps(limits=Limits())}
     assert kinds.isdisjoint({"DisableVvc", "ConfigureGenerator", "EnableTable", "SetRate", "DisableTable"})
     assert {"EnableSupply", "Acquire", "DisableSupply"} <= kinds
-    assert [*ZERO.needs] == ["power", "multimeter"]
+    assert [*ZERO.needs] == ["multimeter"]
 
 
 def test_bursts_hold_whole_intervals_and_count_what_lies_between_them() -> None:

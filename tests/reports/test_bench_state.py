@@ -34,7 +34,7 @@ def followed(procedure: str) -> States:
 
 def test_nothing_is_known_before_anything_was_done() -> None:
     state = BenchState()
-    assert (state.table(), state.supplied(), state.driven()) == ("table -", "rails -", "V_Vc -")
+    assert (state.table(), state.supplied(), state.driven()) == ("table -", "", "V_Vc -")
 
 
 def test_each_window_has_the_state_in_which_it_was_taken() -> None:

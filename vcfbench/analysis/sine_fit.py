@@ -99,7 +99,7 @@ def _no_sine(why: str) -> MeasurementError:
     return MeasurementError(
         f"no sine found: {why}",
         hint="look at the leads of the output, of V_Vc and of the oscilloscope, at the carrier, the demodulator and "
-        "the rails at the PCB",
+        "the PCB's supply",
     )
 
 

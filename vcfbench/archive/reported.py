@@ -172,8 +172,14 @@ def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[
         yield last
 
 
+_OF_RAILS = ("positive_rail_v", "negative_rail_v", "rail_current_limit_a", "rail_tolerance_v")
+
+
 def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
-    settings = {key: value for key, value in header.get("settings", {}).items() if key not in {"station", "dut"}}
+    told = header.get("settings", {})
+    supplied = "power" in told.get("station", {}).get("instruments", {"power": None})  # else no rail is there
+    without = {"station", "dut", *(() if supplied else _OF_RAILS)}
+    settings = {key: value for key, value in told.items() if key not in without}
     rows = []
     for table in results_table(settings, shown=None):
         for key, value, *_ in table.rows:

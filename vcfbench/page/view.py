@@ -82,7 +82,7 @@ class View:
                 self.say(t_s, said, "error")
             case Paused(_, t_s, by):
                 self.doing = None
-                self.say(t_s, f"paused ({by}): table at rest, V_Vc off, rails on", "warning")
+                self.say(t_s, f"paused ({by}): table at rest, V_Vc off, power on", "warning")
             case WentOn():
                 self.began_s = None if self.began_s is None else self.began_s + event.pause_s
                 self.say(event.t_s, event.describe(), "warning")

@@ -22,7 +22,15 @@ from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared import tones as sampling
 from vcfbench.procedures.shared.kept import Keeps, KeptSettings
 from vcfbench.procedures.shared.measurand import as_kept, measurand, printed, quantity_table
-from vcfbench.procedures.shared.routines import drive_seen, energised, framed, held_at_rest, rails_of, set_sine, v_vc_on
+from vcfbench.procedures.shared.routines import (
+    check_rails,
+    drive_seen,
+    energised,
+    framed,
+    held_at_rest,
+    set_sine,
+    v_vc_on,
+)
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
@@ -238,7 +246,7 @@ def _respond(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> Ro
         yield from set_sine(settings, hz, amplitude_v)
         sample = steps.SampleSine(hz, amplitude_v, samples, sampling.sampled_every_s(hz), settings.split_guess_hz)
         found.append((hz, answer((yield sample), steps.SineResponse)))
-        yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
+        yield from check_rails(settings)
     return found
 
 
@@ -386,6 +394,6 @@ BANDWIDTH = Procedure(
     results=results,
     report=report,
     entry=Keeps("bandwidth", lambda _, found: characteristics(found)),
-    needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
-    uses=roles("oscilloscope", "rate_table"),
+    needs=roles(rate_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses=roles("power", "oscilloscope", "rate_table"),
 )

@@ -131,8 +131,7 @@ def _definition(settings: ProcedureSettings, value: Value) -> Definition:
 def _conditions(settings: ProcedureSettings, metadata: RunMetadata) -> Conditions:
     """Return the conditions of a run: the temperature of the device where that was measured, else that of the room."""
     measured_c = getattr(settings, "temperature_c", None)
-    rails_v = settings.positive_rail_v, settings.negative_rail_v
-    return Conditions(rails_v, metadata.ambient_temperature_c if measured_c is None else measured_c)
+    return Conditions(settings.rails_v, metadata.ambient_temperature_c if measured_c is None else measured_c)
 
 
 def _counts_gaps(settings: ProcedureSettings) -> bool:

@@ -101,6 +101,8 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
         yield steps.DisableVvc()
     if "power" in placed:
         yield steps.DisableSupply()
+    else:
+        yield steps.AskOperator("switch the device off, its own supply too: resistance is measured without power")
     seen: dict[str, float] = {}
     for key, (low, high) in settings.windows.items():
         node, words = _LINES[key]

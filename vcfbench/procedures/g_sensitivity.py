@@ -229,6 +229,6 @@ G_SENSITIVITY = Procedure(
     plan=g_sensitivity,
     results=results,
     report=report,
-    needs=roles("power", "multimeter"),
-    uses=roles("oscilloscope", "rate_source"),
+    needs=roles("multimeter"),
+    uses=roles("power", "oscilloscope", "rate_source"),
 )

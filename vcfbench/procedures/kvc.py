@@ -221,7 +221,10 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         bias_deg_s=quotient(bias, scale_factor, "deg/s", "bias_at_rest_deg_s"),
         noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
-        holds_not=(*_HOLDS_NOT, *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps())),
+        holds_not=(
+            *(each if settings.rails else each.replace("the rails", "its own supply") for each in _HOLDS_NOT),
+            *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps()),
+        ),
     )
 
 
@@ -251,13 +254,16 @@ def _characteristics(settings: KVcSettings, points: Measured, curved: Curvature)
     near = (settings.station.sources.temperature_k or 0.0) / math.sqrt(3.0)
     at_c = None if settings.temperature_c is None else Kept(value=settings.temperature_c, u=near)
     u_rail_v = settings.rail_tolerance_v / math.sqrt(3.0)
+    positive, negative = (
+        (Kept(value=each, u=u_rail_v) for each in settings.rails_v) if settings.rails_v else (None, None)
+    )
     known = at_temperature(typed(settings.station.characteristics, Characteristics), at_c)
     return structs.replace(
         beside(health_of(settings, points), known),
         modulator_second_per_v=Kept(value=curved.second_per_v, u=curved.u_second_per_v),
         modulator_third_per_v2=Kept(value=curved.third_per_v2, u=curved.u_third_per_v2),
-        positive_rail_v=Kept(value=settings.positive_rail_v, u=u_rail_v),
-        negative_rail_v=Kept(value=settings.negative_rail_v, u=u_rail_v),
+        positive_rail_v=positive,
+        negative_rail_v=negative,
     )
 
 
@@ -398,5 +404,5 @@ KVC = Procedure(
     results=k_vc_results,
     report=k_vc_report,
     entry=certificate,
-    uses=roles("oscilloscope", "v_vc_meter"),
+    uses=roles("power", "oscilloscope", "v_vc_meter"),
 )

@@ -424,5 +424,6 @@ PHASE = Procedure(
         Phases.__struct_fields__, "it is the scatter of the records, which go on until target_deg"
     ),
     entry=Keeps("phase", phase_characteristics),
-    needs={**roles("power", rate_source=FunctionGenerator), **roles("multimeter", "oscilloscope", "rate_table")},
+    needs={**roles(rate_source=FunctionGenerator), **roles("multimeter", "oscilloscope", "rate_table")},
+    uses=roles("power"),
 )

@@ -312,6 +312,6 @@ POLARITY = Procedure(
     plan=polarity,
     results=results,
     report=report,
-    needs=roles("power", "rate_source", "multimeter"),
-    uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
+    needs=roles("rate_source", "multimeter"),
+    uses=roles("power", "oscilloscope", "v_vc_meter", "rate_table"),
 )

@@ -48,11 +48,11 @@ def roles(*usual: str, **others: type) -> Mapping[str, type]:
     return MappingProxyType({**{role: _USUAL[role] for role in usual}, **others})
 
 
-PAPER_NEEDS = roles("power", "rate_source", "multimeter", "rate_table")
+PAPER_NEEDS = roles("rate_source", "multimeter", "rate_table")
 """Roles that the calibrations of the paper need, each with the necessary capability."""
 
-PAPER_USES = roles("oscilloscope")
-"""Instrument that they look at the drive signal with; without it they say that it was not checked."""
+PAPER_USES = roles("power", "oscilloscope")
+"""The supply, without which the device feeds itself, and what looks at the drive signal; a run says what is missing."""
 
 
 class Watched(Struct, frozen=True):
@@ -80,6 +80,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         report: makes the report from settings, what was measured and results; without it points and fields of the
             results.
         needs: the roles that must be on the bench, and what the instrument in each must be able to do.
+        either: the roles of which one must be on the bench, likewise; none: it asks for no such choice.
         uses: the roles that it makes use of where the bench has them, likewise; what looks at no drive signal uses {}.
         entry: makes what is kept of the device that was measured, None where none was named: it is added to the device
             store when the run is complete, recorded and safe.
@@ -95,6 +96,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     results: Callable[[S, Measured], R]
     report: Callable[[S, Measured, R], Report] = generic_report
     needs: Mapping[str, type] = field(default_factory=lambda: PAPER_NEEDS)
+    either: Mapping[str, type] = field(default_factory=lambda: MappingProxyType({}))
     uses: Mapping[str, type] = field(default_factory=lambda: PAPER_USES)
     entry: Callable[[S, R, Provenance], NewEntry | None] | None = None
     unforeseen: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
@@ -111,7 +113,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             raise ConfigError(f"procedure {self.name!r}: expected a title, one line, came none")
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
-        for asked, what in ((self.needs, "needs"), (self.uses, "uses")):
+        for asked, what in ((self.needs, "needs"), (self.either, "either"), (self.uses, "uses")):
             # Refuse unknown roles and capabilities: else they would fail with the bench
             roles = (*ROLES, "rate_table")
             words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"

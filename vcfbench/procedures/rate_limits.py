@@ -272,7 +272,7 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
     line, of = found.line, "of the table" if settings.by_table else "by the line's slope to V_Vc, whose curve counts,"
     words = [
         f"limit: the rate {of} from which on more than {100.0 * found.short_share:.3g} % lacks of the output",
-        f"of the line through {settings.level_deg_s:g} deg/s of both signs; rails as they were",
+        f"of the line through {settings.level_deg_s:g} deg/s of both signs; supply as it was",
         f"for deg/s {found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}",
     ]
     for each in (found.positive, found.negative):
@@ -297,7 +297,8 @@ RATE_LIMITS = Procedure(
     plan=rate_limits,
     results=results,
     report=report,
-    needs=roles("power", "multimeter", "rate_source"),
-    uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
+    needs=roles("multimeter"),
+    either=roles("rate_source", "rate_table"),
+    uses=roles("power", "oscilloscope", "v_vc_meter"),
     unforeseen=dict.fromkeys(("limit", "clipped", "comes_back"), "it goes with where the output ends"),
 )

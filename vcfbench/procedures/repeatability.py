@@ -204,7 +204,8 @@ REPEATABILITY = Procedure(
     plan=repeatability,
     results=results,
     report=report,
-    needs=roles("power", "multimeter", "rate_source"),
-    uses=roles("oscilloscope", "rate_table"),
+    needs=roles("power", "multimeter"),
+    either=roles("rate_source", "rate_table"),
+    uses=roles("oscilloscope"),
     in_one_piece="its switch-ons are alike only where nothing comes between them",
 )

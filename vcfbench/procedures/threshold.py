@@ -24,7 +24,7 @@ from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import require_valid
 from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
+from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, not_on_bench
 from vcfbench.procedures.shared.measurand import finite, measurand, titled, value_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
 from vcfbench.records.devices import Certificate, last_certificate
@@ -98,13 +98,12 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
         if self.at_rate_deg_s < 2.0 * largest:
             yield InvalidValue("at_rate_deg_s", f"at least twice the largest step, {largest:g}", self.at_rate_deg_s)
         most_deg_s = self.station.limits.max_rate_deg_s
+        yield from not_on_bench(self.by, self.station)
         if self.k_vc_deg_s_per_v == 0.0:
             yield InvalidValue("k_vc_deg_s_per_v", "a number that is not 0", 0.0)
         elif self.by is ScaleFactorBy.V_VC:
             yield from self.beyond_range(self.fastest_deg_s / self.k_vc, self.fastest_deg_s)
-        elif most_deg_s is None:
-            yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
-        elif self.fastest_deg_s > most_deg_s:
+        elif most_deg_s is not None and self.fastest_deg_s > most_deg_s:
             yield InvalidValue("at_rate_deg_s", f"{most_deg_s:g} deg/s with the largest step", self.at_rate_deg_s)
         elif smallest < self.rate_tolerance_deg_s:
             expected = f"at least {self.rate_tolerance_deg_s:g} deg/s (rate_tolerance_deg_s), which is rest"
@@ -344,6 +343,7 @@ THRESHOLD = Procedure(
     plan=threshold,
     results=results,
     report=report,
-    needs=roles("power", "rate_source", "multimeter"),
-    uses=roles("oscilloscope", "v_vc_meter", "rate_table"),
+    needs=roles("multimeter"),
+    either=roles("rate_source", "rate_table"),
+    uses=roles("power", "oscilloscope", "v_vc_meter"),
 )

@@ -149,8 +149,8 @@ TURNTABLE = Procedure(
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=schedule.SweepSettings,
-    needs=roles("power", "multimeter", "rate_table"),
-    uses=roles("oscilloscope", "rate_source"),
+    needs=roles("multimeter", "rate_table"),
+    uses=roles("power", "oscilloscope", "rate_source"),
     watched=Watched(),
     plan=turntable,
     results=turntable_results,

@@ -149,7 +149,7 @@ def vibration(settings: VibrationSettings) -> steps.Plan:
                 table_deg_s=None,
                 tolerance_deg_s=settings.rate_tolerance_deg_s,
             )
-            yield steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)
+            yield from routines.check_rails(settings)
     finally:
         yield steps.DisableVibration()
     yield from _meters(settings, float(settings.nplc))
@@ -336,6 +336,6 @@ VIBRATION = Procedure(
     plan=vibration,
     results=results,
     report=report,
-    needs=roles("power", "rate_source", vibration_source=FunctionGenerator, multimeter=SamplesVoltage),
-    uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
+    needs=roles("rate_source", vibration_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses={**roles("power", "oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )

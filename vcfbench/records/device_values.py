@@ -43,10 +43,16 @@ class Conditions(Frozen, frozen=True, kw_only=True):
     bench: Text  # Name of the station
     run: Text  # Name of the record
     simulated: bool  # True on a simulated bench
-    positive_rail_v: float  # Positive rail of the PCB, V
-    negative_rail_v: float  # Negative rail, V
+    positive_rail_v: float | None = None  # Positive rail of the PCB, V; None where the device feeds itself
+    negative_rail_v: float | None = None  # Negative rail, V
     temperature_c: float | None = None  # Of the device or of the air at it, degC; None where nobody measured it
     instruments: dict[str, str] = {}  # Instruments used: ``*IDN?`` by role
+
+    @property
+    def rails_v(self) -> tuple[float, float] | None:
+        """Positive and negative rail, V; None where the device feeds itself."""
+        positive, negative = self.positive_rail_v, self.negative_rail_v
+        return None if positive is None or negative is None else (positive, negative)
 
 
 class Characteristics(Frozen, frozen=True, kw_only=True):

@@ -49,10 +49,10 @@ class BenchState(Struct, frozen=True):
         return f"table {self.demand_deg_s:+g}{read} deg/s"
 
     def supplied(self) -> str:
-        """Say in words the read-backs of the rails."""
-        if self.supply is False:
-            return "rails off"
-        return f"rails {' '.join(f'{rail.voltage_v:+.3f}' for rail in self.rails)} V" if self.rails else "rails -"
+        """Say in words the read-backs of the rails; nothing while no supply has been heard of."""
+        if not self.rails:
+            return "" if self.supply is None else "rails -" if self.supply else "rails off"
+        return f"rails {' '.join(f'{rail.voltage_v:+.3f}' for rail in self.rails)} V"
 
     def driven(self) -> str:
         """Say in words the setting of V_Vc."""

@@ -266,7 +266,7 @@ class _Block:
     def lines(self, width: int) -> Group:
         """Return the block for a terminal of `width` columns."""
         # `parts` side by side, in as few lines of `width` as they need
-        parts = [self._state.table(), self._state.supplied(), self._state.driven()]
+        parts = [*filter(None, (self._state.table(), self._state.supplied(), self._state.driven()))]
         lines: list[str] = []
         for part in parts:
             if lines and len(lines[-1]) + 3 + len(part) <= width:

@@ -18,7 +18,7 @@ def wanted_words(by: str) -> str:
 
 def paused_words(event: Paused) -> str:
     """Say that the run pauses."""
-    return f"paused after step {event.number} ({event.by}): table at rest, V_Vc off, rails on"
+    return f"paused after step {event.number} ({event.by}): table at rest, V_Vc off, power on"
 
 
 class LineProgress(NoProgress):

@@ -25,11 +25,18 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
     missing = [role for role in procedure.needs if getattr(description, role, None) is None]
     if missing:
         tables = ", ".join(f"[{role}]" for role in missing)
+        coming = ': it measures how the device comes on, which a person may switch (by = "hand")'
         raise ConfigError(
             f"{procedure.name} needs {_listed(missing)}, which bench {description.name} has not",
-            hint=f"its bench file needs {'a table' if len(missing) == 1 else 'the tables'} {tables}",
+            hint=f"its bench file needs {'a table' if len(missing) == 1 else 'the tables'} {tables}"
+            + (coming if "power" in missing else ""),
         )
-    for role, capability in (*procedure.needs.items(), *procedure.uses.items()):
+    if procedure.either and all(getattr(description, role, None) is None for role in procedure.either):
+        raise ConfigError(
+            f"{procedure.name} needs {' or '.join(procedure.either)}, and bench {description.name} has neither",
+            hint=f"its bench file needs a table {' or '.join(f'[{role}]' for role in procedure.either)}",
+        )
+    for role, capability in (*procedure.needs.items(), *procedure.either.items(), *procedure.uses.items()):
         if getattr(description, role, None) is not None:
             part = getattr(description, role)
             model = part.dialect if role == "rate_table" else part.model
@@ -66,7 +73,7 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
 
 def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[str, ...]:
     """Return the roles that a run of `procedure` opens on this bench, beside those that drive something."""
-    there = (role for role in procedure.uses if getattr(description, role, None) is not None)
+    there = (role for role in (*procedure.either, *procedure.uses) if getattr(description, role, None) is not None)
     return (*procedure.needs, *there)
 
 

@@ -73,6 +73,10 @@ class SimulatedBench(Struct, frozen=True):
         """Build the bench on `clock`; the same seed gives the same bench."""
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
+        if description.power is None:  # the device feeds itself, and is on
+            own = description.procedure
+            world.set_rail("positive", own.positive_rail_v)
+            world.set_rail("negative", own.negative_rail_v)
         errors = instrument_errors(description, seed)
         # The World as the instruments see it that have leads, or an input of their own
         wiring, caught = description.wiring, world.mains

@@ -368,12 +368,19 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def rails(self) -> tuple[RailSettings, ...]:
-        """Settings of the rails."""
+        """Settings of the rails; none where the bench has no supply and the device feeds itself."""
+        if self.station.instruments and "power" not in self.station.instruments:
+            return ()
         wiring, limit_a = self.station.rails, self.rail_current_limit_a
         return (
             RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a),
             RailSettings("negative", wiring.negative, self.negative_rail_v, limit_a),
         )
+
+    @property
+    def rails_v(self) -> tuple[float, float] | None:
+        """Levels of the positive and the negative rail, V; None where the bench has no supply."""
+        return (self.positive_rail_v, self.negative_rail_v) if self.rails else None
 
     @property
     def expected(self) -> parts.Expected:

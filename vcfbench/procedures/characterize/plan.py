@@ -441,7 +441,7 @@ CHARACTERIZE = Procedure(
     plan=plan,
     results=results,
     report=report,
-    needs=roles("power", "multimeter"),
-    uses=roles("rate_source", "oscilloscope", "rate_table", "v_vc_meter", "chamber"),
+    needs=roles("multimeter"),
+    uses=roles("power", "rate_source", "oscilloscope", "rate_table", "v_vc_meter", "chamber"),
     entry=entry,
 )

@@ -30,7 +30,7 @@ from vcfbench.procedures.shared.oscilloscope import (
     points_over,
     points_that_show,
 )
-from vcfbench.procedures.shared.routines import rails_of, set_sine, set_v_vc, v_vc_level_again, v_vc_on
+from vcfbench.procedures.shared.routines import check_rails, set_sine, set_v_vc, v_vc_level_again, v_vc_on
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
@@ -221,7 +221,7 @@ def examined(
 
 def _off_again(settings: KnownVvcSettings) -> Routine[None]:
     yield steps.DisableVvc()
-    yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
+    yield from check_rails(settings)
 
 
 def _expected(drive_hz: float) -> Modes:

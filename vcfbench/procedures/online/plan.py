@@ -30,22 +30,21 @@ def online(settings: OnlineSettings) -> steps.Plan:
         yield from routines.go_to_rate(settings, table_deg_s, previous_deg_s=0.0)
     of: Literal["both", "output"] = "both" if settings.v_vc_role == "v_vc_meter" else "output"
     still, moving = (_sample(settings, peak_v, of, table_deg_s) for peak_v in (0.0, settings.amplitude_v))
-    rails = steps.CheckRails(routines.rails_of(settings), settings.rail_tolerance_v)  # no reading knows that they fell
     yield steps.Note("V_Vc at rest: what the true rate reads without modulation")
     yield from routines.v_vc_on(settings.settle_s)
     yield still
-    yield rails
+    yield from routines.check_rails(settings)  # no reading knows that they fell
     yield steps.Note(f"The modulation, {settings.bursts} times {settings.burst_readings * settings.aperture_s:g} s")
     yield steps.SetSine(settings.modulation_hz, settings.amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the sine came on")
     for _ in range(settings.bursts):
         yield moving
-        yield rails
+        yield from routines.check_rails(settings)
     yield steps.Note("V_Vc at rest again")
     yield steps.ConfigureGenerator(0.0)
     yield steps.Settle(settings.settle_s, "gyro settles after the sine went off")
     yield still
-    yield rails
+    yield from routines.check_rails(settings)
     if settings.v_vc_role == "multimeter":
         # Have V_Vc measured by the one meter, whose leads a person moves there and back: at rest and the sine
         yield steps.Note("V_Vc by the one multimeter")
@@ -75,6 +74,6 @@ ONLINE = Procedure(
     results=online_results,
     report=online_report,
     unforeseen={"disturbance": "it is the scatter of a few records"},
-    needs=roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage),
-    uses={**roles("oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
+    needs=roles(rate_source=FunctionGenerator, multimeter=SamplesVoltage),
+    uses={**roles("power", "oscilloscope", v_vc_meter=SamplesVoltage), **roles("rate_table")},
 )

@@ -177,6 +177,7 @@ POWER = Procedure(
     results=results.power_results,
     report=results.power_report,
     entry=Keeps("power", power_characteristics),
-    needs=roles("power", "multimeter", "rate_source"),
-    uses=roles("oscilloscope", "rate_table"),
+    needs=roles("power", "multimeter"),
+    either=roles("rate_source", "rate_table"),
+    uses=roles("oscilloscope"),
 )

@@ -64,6 +64,6 @@ SELF_CALIBRATION = Procedure(
     results=results.self_calibration_results,
     report=results.self_calibration_report,
     entry=results.entry_of,
-    needs=roles("power", "rate_source", "multimeter"),
-    uses=roles("oscilloscope", "v_vc_meter"),
+    needs=roles("rate_source", "multimeter"),
+    uses=roles("power", "oscilloscope", "v_vc_meter"),
 )

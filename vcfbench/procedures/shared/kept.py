@@ -32,12 +32,13 @@ def conditions_of(
     settings: DeviceSettings, made: Provenance, temperature_c: float | None = None
 ) -> device_values.Conditions:
     """Return the conditions of a measurement, for the device store."""
+    positive_v, negative_v = settings.rails_v or (None, None)
     return device_values.Conditions(
         bench=made.bench,
         run=made.run,
         simulated=made.simulated,
-        positive_rail_v=settings.positive_rail_v,
-        negative_rail_v=settings.negative_rail_v,
+        positive_rail_v=positive_v,
+        negative_rail_v=negative_v,
         temperature_c=temperature_c,
         instruments=dict(made.instruments),
     )

@@ -47,13 +47,23 @@ def power_up(settings: ProcedureSettings) -> Routine[None]:
 
 
 def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
-    """Set levels and limits, then switch on, wait, and read the rails back."""
+    """Set levels and limits, then switch on, wait, and read the rails back; say so where the device feeds itself."""
     rails = rails_of(settings)
+    if not rails:
+        yield steps.NotChecked("power and when it came on", "the bench has no supply: the device feeds itself")
+        yield steps.Settle(wait_s, "the device has been on for a time that nobody measured")
+        return
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield steps.EnableSupply()
     yield steps.Settle(wait_s, "rails up, drive loop starts")
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
+
+
+def check_rails(settings: ProcedureSettings) -> Routine[None]:
+    """Read the rails back once more, where the bench has a supply."""
+    if settings.rails:
+        yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 
 
 def rails_of(settings: ProcedureSettings) -> tuple[steps.ConfigureRail, ...]:
@@ -196,7 +206,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
             f"{at_rest.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
             instrument="multimeter",
             step="the end of the record",
-            hint=f"look at the lead of the output, {aside}the rails at the PCB, and the drive signal",
+            hint=f"look at the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
 
 
@@ -246,12 +256,13 @@ def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
 
 
 def power_down(settings: ProcedureSettings) -> Routine[None]:
-    """Switch V_Vc off, where the bench has a generator, then the power."""
+    """Switch V_Vc off, where the bench has a generator, then the power, where it has a supply."""
     try:
         if _has_source(settings):
             yield steps.DisableVvc()
     finally:
-        yield steps.DisableSupply()
+        if settings.rails:
+            yield steps.DisableSupply()
 
 
 def source_off(settings: ProcedureSettings) -> Routine[None]:

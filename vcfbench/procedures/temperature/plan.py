@@ -162,6 +162,7 @@ TEMPERATURE = Procedure(
         ),
     },
     entry=Keeps("temperature", temperature_characteristics),
-    needs=roles("power", "multimeter", "rate_source"),
-    uses=roles("oscilloscope", "rate_table", "chamber"),
+    needs=roles("multimeter"),
+    either=roles("rate_source", "rate_table"),
+    uses=roles("power", "oscilloscope", "chamber"),
 )

@@ -158,5 +158,5 @@ VIRTUAL_CORIOLIS = Procedure(
     plan=virtual_coriolis,
     results=results.virtual_coriolis_results,
     report=results.virtual_coriolis_report,
-    uses=roles("oscilloscope", "v_vc_meter"),
+    uses=roles("power", "oscilloscope", "v_vc_meter"),
 )

@@ -85,6 +85,6 @@ ZERO = Procedure(
     results=results,
     report=zero_report,
     entry=entry,
-    needs=roles("power", "multimeter"),
-    uses=roles("oscilloscope", "rate_source", "rate_table"),
+    needs=roles("multimeter"),
+    uses=roles("power", "oscilloscope", "rate_source", "rate_table"),
 )

@@ -18,7 +18,7 @@ def warm_output(
 
     The rate is that about its own axis, of which a table askew to it gives less.
     V_Vc is the level of the open generator behind `generator_ohm`; 0 ohm means the level at the input.
-    `rails_v` are the rails at the PCB, positive and negative; None means the nominal ones.
+    `rails_v` are the PCB's supply, positive and negative; None means the nominal ones.
     """
     thermal, virtual, stage = bench.thermal, bench.virtual_path, bench.output_stage
     positive_v, negative_v = rails_v or (bench.supply.nominal_v, -bench.supply.nominal_v)

@@ -138,7 +138,8 @@ def statement(
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
     kinds = {result.name.rpartition(".")[2] for result in budget.results}
-    not_in_u = [*(f"MISSING {gap.words}" for gap in known.gaps() if kinds & {*gap.kinds}), *_OUTSIDE]
+    not_in_u = [f"MISSING {gap.words}" for gap in known.gaps() if kinds & {*gap.kinds}]
+    not_in_u += [*_OUTSIDE[:2], _RAILS if settings.rails else _OWN_SUPPLY, *_OUTSIDE[2:]]
     if earth_left_deg_s(settings) is None:
         not_in_u.append("Earth's rate: it is in the bias")
     known_from = [f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"]
@@ -273,10 +274,11 @@ _BY_V_VC = {
     "bias_deg_s": "bias_by_v_vc_deg_s",
     "nonlinearity": "nonlinearity_by_v_vc",
 }
+_RAILS = "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)"
+_OWN_SUPPLY = "what the device's own supply does: nobody measured it"
 _OUTSIDE = (
     "instruments beyond their data sheets and certificates: each is taken to be within",
     "lack of fit: how far the outputs are from a line is in the non-linearity",
-    "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)",
     "turn-on to turn-on and remounting: one power-on, one mounting",
     "acceleration (g), vibration, magnetic fields: those of the run",
     "any change of the gyroscope after the run",

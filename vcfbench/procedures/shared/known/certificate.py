@@ -51,8 +51,7 @@ class Here(Struct, frozen=True):
     def of(cls, settings: KnownDeviceSettings) -> "Here":
         """Return those of a run with these settings."""
         limit_ppm_k = settings.station.sources.scale_factor_ppm_k
-        rails_v = settings.positive_rail_v, settings.negative_rail_v
-        return cls(settings.temperature_c, rails_v, limit_ppm_k or 0.0)
+        return cls(settings.temperature_c, settings.rails_v, limit_ppm_k or 0.0)
 
 
 class Moved(NamedTuple):

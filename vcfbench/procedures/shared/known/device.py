@@ -290,7 +290,7 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
         done=done.isoformat(),
         scale_factor_v_per_deg_s=found,
         temperature_c=under.temperature_c,
-        rails_v=(under.positive_rail_v, under.negative_rail_v),
+        rails_v=under.rails_v,
     )
 
 

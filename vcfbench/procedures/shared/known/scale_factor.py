@@ -10,7 +10,7 @@ from vcfbench.procedures.shared.kept import KeptSettings
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.station.settings import DeviceSettings
+from vcfbench.station.settings import DeviceSettings, Station
 
 
 class ScaleFactorBy(Enum):
@@ -45,6 +45,14 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
             yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
 
 
+def not_on_bench(by: ScaleFactorBy, station: Station) -> Iterator[InvalidValue]:
+    """Yield the setting `by` where the bench has not what it names."""
+    if by is ScaleFactorBy.TABLE and station.limits.max_rate_deg_s is None:
+        yield InvalidValue("by", "v-vc: the bench has no rate table", by.value)
+    if by is ScaleFactorBy.V_VC and station.instruments and "rate_source" not in station.instruments:
+        yield InvalidValue("by", "table: the bench has no generator on V_Vc", by.value)
+
+
 class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of procedures that take the scale factor at a level of both signs, and keep what they find."""
 
@@ -62,9 +70,8 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
+        yield from not_on_bench(self.by, self.station)
         if self.by is ScaleFactorBy.TABLE:
-            if self.station.limits.max_rate_deg_s is None:
-                yield InvalidValue("by", "v-vc: the bench has no rate table", self.by.value)
             yield from self.beyond_table("level_deg_s", self.level_deg_s)
 
 

@@ -291,7 +291,7 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
         f"the output does not {wrong}",
         instrument="multimeter",
         step=str(windows[-1].point.step),
-        hint=f"look at the lead of the output, {lead}the rails at the PCB, and the drive signal",
+        hint=f"look at the lead of the output, {lead}the PCB's supply, and the drive signal",
     )
 
 
@@ -317,7 +317,7 @@ def _require_straight(windows: Sequence[Seen], bound_ppm: float | None) -> None:
         f"(expected.nonlinearity_ppm): the output is {means_v[worst]:+.3g} V off the line at {where.describe()}",
         instrument="multimeter",
         step=str(where.point.step),
-        hint="look at the leads, at the rails at the PCB, and whether this is the gyroscope that is expected",
+        hint="look at the leads, at the PCB's supply, and whether this is the gyroscope that is expected",
     )
 
 
