@@ -124,9 +124,7 @@ class InputLimit(Struct, frozen=True):
     def as_value(self, name: str) -> Value:
         """Return it as a value of a run: below what noise may make, where it is not seen."""
         found = self.deg_s.called(name)
-        if self.seen:
-            return found
-        return replace(found, form="below", high=self.at_most_deg_s, u=None, dof=None, u95=None)
+        return found if self.seen else found.bound("below", self.at_most_deg_s)
 
 
 class StepShare(Struct, frozen=True):

@@ -69,7 +69,8 @@ def _found(of: object, name: str) -> Iterator[Value | Unstated]:
         members = {str(key): of[key] if isinstance(of, Mapping) else getattr(of, key) for key in names}
         if "value" in members:
             # what a run used, or keeps of a device, is no value of it: those are of a type of their own
-            yield from () if type(of).__module__.startswith("vcfbench.") else _quantity(name, members)
+            if isinstance(of, Mapping) or not type(of).__module__.startswith("vcfbench."):
+                yield from _quantity(name, members)
             return
         for key, each in members.items():
             if name or key not in LIMITED or not (each is None or _number(each) is not None):

@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from msgspec import Struct
-from msgspec.structs import force_setattr, replace
+from msgspec import Struct, structs
+from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.definition import Conditions, Definition
@@ -35,6 +35,10 @@ class UncertaintyPart(Struct, frozen=True):
     of: str | None = None
     rectangular: bool = False
     """True if any value within a limit is as likely; else it is normal, or Student's t."""
+
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        return structs.asdict(self)
 
 
 class Value(Struct, frozen=True):
@@ -128,7 +132,7 @@ class Value(Struct, frozen=True):
     def called(self, name: str, kind: str | None = None, words: str = "") -> Self:
         """Return it under a name; of the kind that has its name and unit where none is said."""
         kind = kind_of(name, self.unit) if kind is None else kind
-        return replace(self, name=name, kind=kind, words=words or self.words)
+        return structs.replace(self, name=name, kind=kind, words=words or self.words)
 
     def figure(self, factor: float = 1.0) -> str:
         """Return what is stated, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
@@ -180,6 +184,11 @@ class Measurand(Value, frozen=True):
         u95: float = 0.0
         parts: tuple[UncertaintyPart, ...] = ()
         missing: tuple[str, ...] = ()
+
+    def bound(self, form: Literal["size-below", "below"], high: float, of: str = "") -> Value:
+        """Return what is left of it where it may be noise or errors alone: a bound."""
+        value = Value(self.name, self.value, self.unit, form=form, high=high, kind=self.kind, words=self.words)
+        return structs.replace(value, of=of or self.of, parts=self.parts, missing=self.missing)
 
     def in_results(self) -> dict[str, Any]:
         """Return it as the results in ``result.json`` have it, by the names of ever since."""

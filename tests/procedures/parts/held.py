@@ -12,13 +12,12 @@ from msgspec import structs
 from tests.procedures.parts.simulated import Bench, Change, values_of
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import recorded_settings
+from vcfbench.procedures.shared.budget.statement import StatedContribution
 from vcfbench.steps.measured import Measured
 from vcfbench.values.value import Measurand
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
-
-    from vcfbench.procedures.shared.budget.statement import StatedValue
 
     Floats = np.ndarray[Any, np.dtype[np.float64]]
     Moves = Callable[["Run"], Mapping[str, float]]
@@ -181,25 +180,19 @@ def flicker(run: Run) -> dict[str, float]:
     return found
 
 
-def parts_of(value: Measurand | StatedValue) -> Iterator[tuple[str, float, float | None, str | None, bool]]:
+def parts_of(value: Measurand) -> Iterator[tuple[str, float, float | None, str | None, bool]]:
     """Yield the parts of a budget: source, u with the sign of its sensitivity, degrees of freedom, owner, rectangle."""
-    if isinstance(value, Measurand):
-        for each in value.parts:
-            yield each.source, each.u, each.dof, each.of, each.rectangular
-    else:
-        for each in value.contributions:
-            yield each.source, each.sensitivity * each.u_source, each.dof, None, each.distribution == "rectangular"
+    for each in value.parts:
+        u = each.sensitivity * each.u_source if isinstance(each, StatedContribution) else each.u
+        yield each.source, u, each.dof, each.of, each.rectangular
 
 
-def grouped(value: Measurand | StatedValue) -> dict[str, float]:
+def grouped(value: Measurand) -> dict[str, float]:
     """Return u of a budget by source up to a colon; what is correlated within a source counts as its shares do."""
     found: dict[str, float] = {}
-    if isinstance(value, Measurand):
-        for each in value.parts:
-            found[_cause(each.source)] = math.hypot(found.get(_cause(each.source), 0.0), each.u)
-        return found
-    for part in value.contributions:
-        found[_cause(part.source)] = found.get(_cause(part.source), 0.0) + part.share
+    for part in value.parts:
+        share = part.share if isinstance(part, StatedContribution) else (part.u / value.u) ** 2
+        found[_cause(part.source)] = found.get(_cause(part.source), 0.0) + share
     return {name: value.u * math.sqrt(max(0.0, share)) for name, share in found.items()}
 
 

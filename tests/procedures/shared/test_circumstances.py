@@ -166,8 +166,8 @@ def test_a_statement_has_values_correlation_and_the_difference_over_its_u95() ->
     value, half = made.values
     assert (value.value, value.u, value.dof, value.of) == (3.0, 1.0, 8.0, "of the record")
     assert value.u95 == pytest.approx(2.306, abs=1e-3)
-    (line,) = half.contributions
-    assert (line.source, line.distribution, line.u_source, line.unit, line.dof) == ("readings", "normal", 1.0, "V", 8.0)
+    (line,) = half.parts
+    assert (line.source, line.rectangular, line.u_source, line.unit, line.dof) == ("readings", False, 1.0, "V", 8.0)
     assert (line.sensitivity, line.u, line.share) == (-0.5, 0.5, 1.0)
     assert np.array(made.correlation) == pytest.approx(np.array([[1.0, -1.0], [-1.0, 1.0]]))
     assert made.e_n == pytest.approx(1.5 / half.u95)
@@ -201,6 +201,6 @@ def test_a_limit_that_prevails_has_its_own_factor(share: float, factor: float | 
     made = stated_value(budget.results[0], budget, "V", "")
     student = budget.results[0].coverage_factor
     assert made.coverage_factor == (pytest.approx(factor, rel=1e-3) if factor else made.coverage_factor)
-    assert (made.coverage_factor == student) == (share < 0.05)
+    assert (made.coverage_factor == pytest.approx(student, rel=1e-9)) == (share < 0.05)
     assert made.u95 == pytest.approx(made.coverage_factor)
-    assert len(made.contributions) == (1 if share == 1.0 else 2)  # what moves nothing is not told
+    assert len(made.parts) == (1 if share == 1.0 else 2)  # what moves nothing is not told

@@ -105,7 +105,7 @@ def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_pa
     said = next(each for each in after.results.uncertainty.known_from if each.startswith("flicker"))
     assert said.startswith(f"flicker: B {kept.value:.3g} deg/h (static record 0001 of G-1, ")
     of_bias = [
-        next(each for each in run.results.uncertainty.value("bias").contributions if each.source.startswith("flicker"))
+        next(each for each in run.results.uncertainty.value("bias").parts if each.source.startswith("flicker"))
         for run in (plain, after)
     ]
     assert of_bias[1].u / of_bias[0].u == pytest.approx(kept.value / 5.57)

@@ -220,7 +220,7 @@ def test_a_match_next_to_the_end_of_a_range_has_the_errors_of_the_range_that_it_
     u = []
     for held_v in (0.319, 0.322):  # where 0.333 V would match
         stated = virtual_coriolis_results(settings, Drawn(0, 0.0).points(settings, {50.0: held_v})).uncertainty
-        shares = stated.value("virtual.scale_factor").contributions
+        shares = stated.value("virtual.scale_factor").parts
         u.append(next(each.u for each in shares if each.source == "generator gain, 0.32 V range"))
     assert u[0] > 5.0 * u[1]
 

@@ -125,7 +125,7 @@ def test_the_warm_up_in_the_asymmetry_is_what_a_gyroscope_that_warms_through_the
     cold = K * rate * (1.0 + 50e-6 * away_k)
     shown = nonlinearity_ppm(rate, cold, fit_line(rate, cold))["asym"]
     stated = turntable_statement(asked, points_of(cold)).value("asymmetry")
-    (warm_up,) = (each for each in stated.contributions if each.source == "warm-up")
+    (warm_up,) = (each for each in stated.parts if each.source == "warm-up")
     assert shown is not None
     assert warm_up.u == pytest.approx(abs(shown), rel=1e-3)
 

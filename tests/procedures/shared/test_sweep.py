@@ -179,7 +179,7 @@ def test_which_b_is_in_the_budget_is_said() -> None:
     assert said is not None
     assert any(each.startswith("flicker: B ") and "this run's zeros" in each for each in said.known_from)
     assert not any("flicker" in each for each in said.not_in_u)
-    (flicker,) = [each for each in said.value("bias").contributions if each.source.startswith("flicker")]
+    (flicker,) = [each for each in said.value("bias").parts if each.source.startswith("flicker")]
     assert flicker.dof is not None
 
 
@@ -279,7 +279,7 @@ def test_the_earth_s_rate_leaves_the_bias_where_it_is_added_to_the_table_s(tmp_p
     stated = added.results.uncertainty
     assert "without Earth's rate" in stated.value("bias").of
     assert not any("Earth" in each for each in stated.not_in_u)
-    tilt = next(each for each in stated.value("bias").contributions if "tilt" in each.source)
+    tilt = next(each for each in stated.value("bias").parts if "tilt" in each.source)
     left = EARTH_DEG_S * math.cos(math.radians(52.0)) * math.sin(math.radians(0.5))
     assert tilt.u_source == pytest.approx(abs(measured.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
 
@@ -296,9 +296,9 @@ def test_the_scale_factor_of_an_axis_askew_is_held_by_the_budget(tmp_path: Path)
     away = tilted.scale_factor.value - straight.scale_factor.value
     assert away / straight.scale_factor.value == pytest.approx(math.cos(math.radians(angle_deg)) - 1.0, rel=1e-3)
     stated = tilted.uncertainty.value("scale_factor")
-    limit = next(each for each in stated.contributions if each.source == "misalignment").u * math.sqrt(3.0)
+    limit = next(each for each in stated.parts if each.source == "misalignment").u * math.sqrt(3.0)
     assert abs(away) <= limit * 1.001
-    others = math.sqrt(sum(each.u**2 for each in stated.contributions if each.source != "misalignment"))
+    others = math.sqrt(sum(each.u**2 for each in stated.parts if each.source != "misalignment"))
     assert abs(away) > 3.0 * others
 
 

@@ -40,7 +40,7 @@ def test_the_methods_are_seen_to_disagree(run: Run[Any]) -> None:
     assert error.value == pytest.approx(1.9, abs=0.3)
     assert error.u95 < 0.1
     assert run.results.uncertainty.e_n > 10.0
-    known_by = {each.source for each in error.contributions}
+    known_by = {each.source for each in error.parts}
     assert not any("generator" in each for each in known_by)
     assert "V_Vc meter readings: match" in known_by
 

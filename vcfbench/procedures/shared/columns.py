@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.column import CalibrationColumn, Quantity
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
-from vcfbench.procedures.shared.budget.statement import StatedValue, Statement
+from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.measurand import stated_cells
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
@@ -36,7 +36,7 @@ def with_statement(column: CalibrationColumn, statement: Statement, before: str 
     )
 
 
-def combined(of_fit: Quantity, stated: StatedValue | Measurand) -> Quantity:
+def combined(of_fit: Quantity, stated: Measurand) -> Quantity:
     """Return a value with the combined uncertainty that is stated of it."""
     return replace(of_fit, u=stated.u, complete=not stated.missing, missing=stated.missing)
 
@@ -132,7 +132,7 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
         if f"{each.name}_deg_s" in names:  # a bias has its contributions once, as a rate
             continue
         causes: dict[str, float] = {}
-        for part in each.contributions:
+        for part in each.parts:
             cause = part.source.partition(": ")[0]
             causes[cause] = causes.get(cause, 0.0) + part.share
         shown = sorted((item for item in causes.items() if item[1] >= _LEAST_SHARE), key=lambda item: -item[1])

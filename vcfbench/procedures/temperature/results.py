@@ -122,9 +122,8 @@ class TemperatureResult(Struct, frozen=True):
             if found is None:
                 continue
             value = found.called(name, "", words)  # at one level and one temperature: of no kind that limits are for
-            if name.endswith("hysteresis") and abs(found.value) <= found.u95:
-                value = replace(value, form="size-below", high=_bound(found), u=None, dof=None, u95=None)
-            yield value
+            seen = not name.endswith("hysteresis") or abs(found.value) > found.u95
+            yield value if seen else value.bound("size-below", _bound(found))
 
 
 class _Seen(Struct, frozen=True):

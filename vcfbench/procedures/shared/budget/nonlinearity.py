@@ -215,9 +215,8 @@ def line_statement(
         by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
         why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
         if why:  # no truth is further from what is found than the largest error of a residual
-            found = value.as_value(value.name, _BY_V_VC[value.name.startswith("virtual.")])
-            most, of = value.value + by_errors, f"{found.of}; {why}"
-            bounds.append(structs.replace(found, form="below", high=most, u=None, dof=None, u95=None, of=of))
+            most, of = value.value + by_errors, f"{value.of}; {why}"
+            bounds.append(value.bound("below", most, of))
         else:
             values.append(value)
             kept.append(number)
@@ -245,7 +244,6 @@ def warming_v(settings: ProcedureSettings, points: Sequence[Point], line: Line) 
     return by_factor, (known.bias_deg_h_k or 0.0) / 3600.0 * line.scale_factor * left
 
 
-_BY_V_VC = "nonlinearity", "nonlinearity_by_v_vc"
 _LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
 
 
@@ -301,4 +299,4 @@ class WorstResidual(Struct, frozen=True):
         u, u95 = self.by_trials.u, self.by_trials.u95
         at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
         of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
-        return structs.replace(value, u=u, u95=u95, coverage_factor=u95 / u, of=of)
+        return structs.replace(value, u=u, u95=u95, of=of)

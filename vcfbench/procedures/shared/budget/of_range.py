@@ -47,14 +47,14 @@ def scale_factor_of_range(
     if len(set(rates)) < _LEAST_LEVELS:
         return ()
     over = Definition.of([range_deg_s * each for each in (1.0, 0.5, 0.0, -0.5, -1.0)])
-    found = slopes_over([rate for rate, _ in over.levels_deg_s], [windows_of(settings, points, step)])
-    stated = line.as_value("scale_factor_of_range", "scale_factor_of_range")
-    ratio, own = float(found.values[0]), abs(line.value) * math.sqrt(float(found.covariance[0, 0]))
-    noise = [part for part in stated.parts if part.source.startswith(("readings", "flicker"))]
+    slopes = slopes_over([rate for rate, _ in over.levels_deg_s], [windows_of(settings, points, step)])
+    ratio, own = float(slopes.values[0]), abs(line.value) * math.sqrt(float(slopes.covariance[0, 0]))
+    noise = [part for part in line.parts if part.source.startswith(("readings", "flicker"))]
     dof = min((part.dof or math.inf for part in noise), default=math.inf)
-    parts = [replace(part, u=ratio * part.u) for part in stated.parts if part not in noise]
+    parts = [UncertaintyPart(part.source, ratio * part.u, part.dof) for part in line.parts if part not in noise]
     parts.append(UncertaintyPart("readings, flicker and the curve", own, dof if math.isfinite(dof) else None))
     u = math.hypot(*(part.u for part in parts))
     of = f"slope of the least-squares line over {over.levels_words}, the declared range, by the curve of this run"
-    freedom = u**4 / own**4 * dof if own and math.isfinite(dof) else None
-    return (replace(stated, value=ratio * line.value, u=u, dof=freedom, u95=None, of=of, parts=parts, definition=over),)
+    freedom, name = u**4 / own**4 * dof if own and math.isfinite(dof) else None, "scale_factor_of_range"
+    found = Value(name, ratio * line.value, line.unit, u, freedom, kind=name, of=of, parts=parts, definition=over)
+    return (replace(found, missing=line.missing),)

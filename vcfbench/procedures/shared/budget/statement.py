@@ -7,7 +7,7 @@ the rest is a model for :mod:`~vcfbench.analysis.budget`.
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from msgspec import Struct, structs
 
@@ -19,52 +19,38 @@ from vcfbench.procedures.shared.sweep.schedule import earth_left_deg_s
 from vcfbench.procedures.shared.sweep.windows import Flicker
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.values.kinds import kind_of
-from vcfbench.values.value import UncertaintyPart, Value
+from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 
-class StatedContribution(Struct, frozen=True):
-    """Contribution of one source to one value."""
+class StatedContribution(UncertaintyPart, frozen=True):
+    """Contribution of one source to one value: `sensitivity` times `u_source`, which is in `unit`.
 
-    source: str
-    distribution: str
-    u_source: float
-    unit: str
-    dof: float | None
-    """None: infinite, for sources known beforehand."""
-    sensitivity: float
-    u: float
-    """Sensitivity times `u_source`, in the unit of the value."""
-    share: float
-    """Share of the variance."""
+    `share` is that of the variance.
+    """
+
+    u_source: float = 0.0
+    unit: str = ""
+    sensitivity: float = 0.0
+    share: float = 0.0
+
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        of_source = {"distribution": _KINDS[self.rectangular], "u_source": self.u_source, "unit": self.unit}
+        effect = {"sensitivity": self.sensitivity, "u": self.u, "share": self.share}
+        return {"source": self.source, **of_source, "dof": self.dof, **effect}
 
 
-class StatedValue(Struct, frozen=True):
-    """A value with its combined standard uncertainty and the contributions to it; `of` names the value."""
+class StatedValue(Measurand, frozen=True):
+    """A value of a statement, with its contributions."""
 
-    name: str
-    value: float
-    unit: str
-    u: float
-    dof: float | None
-    """Effective degrees of freedom; None: infinite."""
-    coverage_factor: float
-    u95: float
-    """Half width of the interval that holds the true value with 95 %."""
-    of: str
-    contributions: tuple[StatedContribution, ...]
-    complete: bool = True
-    missing: tuple[str, ...] = ()
-    """Contributions that `u` lacks because the bench file does not tell them; none where it is complete."""
+    if TYPE_CHECKING:
+        parts: tuple[StatedContribution, ...] = ()
 
-    def as_value(self, name: str, kind: str = "") -> Value:
-        """Return it as a value of a run."""
-        return Value(
-            *(name, self.value, self.unit, self.u, self.dof, self.u95),
-            kind=kind or kind_of(name, self.unit),
-            of=self.of,
-            parts=[UncertaintyPart(each.source, each.u, each.dof) for each in self.contributions],
-            missing=self.missing,
-        )
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        found = {"name": self.name, "value": self.value, "unit": self.unit, "u": self.u, "dof": self.dof}
+        covers = {"coverage_factor": self.coverage_factor, "u95": self.u95, "of": self.of}
+        return {**found, **covers, "contributions": self.parts, "complete": not self.missing, "missing": self.missing}
 
 
 class Statement(Struct, frozen=True):
@@ -88,9 +74,7 @@ class Statement(Struct, frozen=True):
     def stated(self) -> Iterator[Value]:
         """Yield the values, of a declared range first, bounds last; those that V_Vc gave are of a kind of their own."""
         yield from (each for each in self.bounds if each.kind == "scale_factor_of_range")
-        for each in self.values:
-            column, _, last = each.name.rpartition(".")
-            yield each.as_value(each.name, _BY_V_VC.get(last, "") if column == "virtual" else "")
+        yield from self.values
         yield from (each for each in self.bounds if each.kind != "scale_factor_of_range")
         if self.e_n is not None:
             yield Value("e_n", self.e_n, kind="e_n", missing=self.missing)
@@ -256,15 +240,19 @@ def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tu
     factor = convolved_coverage_factor(result, sources.values())
     lines = tuple(
         StatedContribution(
-            *(line.source, _KINDS[sources[line.source].rectangular], line.u_source, sources[line.source].unit),
-            *(finite(line.dof), line.sensitivity, abs(line.u), line.share),
+            *(line.source, abs(line.u), finite(line.dof), None, sources[line.source].rectangular),
+            *(line.u_source, sources[line.source].unit, line.sensitivity, line.share),
         )
         for line in result.contributions
         if line.u
     )
+    column, _, last = result.name.rpartition(".")
     return StatedValue(
-        *(result.name, result.value, unit, result.u, finite(result.dof), factor, factor * result.u),
-        *(of, lines, not missing, missing),
+        *(result.name, result.value, unit, result.u, finite(result.dof), factor * result.u),
+        kind=(_BY_V_VC.get(last, "") if column == "virtual" else "") or kind_of(result.name, unit),
+        of=of,
+        parts=lines,
+        missing=missing,
     )
 
 
