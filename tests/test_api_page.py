@@ -31,7 +31,7 @@ def test_api_page_has_signatures_fields_and_words(page: str) -> None:
     words = " ".join(page.split())
     assert "run( procedure: str |" in words
     assert "- `samples: bounds.Samples = 10`: readings per mean" in words
-    assert "- `k_vc: Quantity`: Rate that one volt of V_Vc stands for." in words
+    assert "- `k_vc: FittedValue`: Rate that one volt of V_Vc stands for." in words
     assert "`Run.readings: tuple[RawReading, ...]` Every raw reading, in the order of time" in words
     assert "- [`LimitError`](#class-limiterror): a step would leave a limit of the bench" in words
     assert "The arguments are those of [`run`](#run)." in words

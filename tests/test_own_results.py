@@ -29,7 +29,7 @@ QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0
 class Swing:
     """What it came to."""
 
-    width: vcfbench.Quantity
+    width: vcfbench.Value
     outputs_v: Any
     bias_v: float
     count: int = 3
@@ -43,7 +43,7 @@ class Lean(msgspec.Struct, frozen=True):
 
 def swing(_settings: object, points: Sequence[Point]) -> Swing:
     outputs = np.array([point.output_v for point in points])
-    width = vcfbench.Quantity(np.ptp(outputs), np.float64(1e-5), "V")
+    width = vcfbench.Value("width", np.ptp(outputs), "V", np.float64(1e-5))
     return Swing(width, outputs, outputs.mean())
 
 
@@ -73,8 +73,8 @@ def test_any_frozen_value_is_a_result_and_is_written_by_its_fields(own: Run) -> 
     assert own.directory is not None
     written = json.loads((own.directory / "result.json").read_text())["results"]
     assert list(written) == ["width", "outputs_v", "bias_v", "count"]
-    width = {"value": own.results.width.value, "u": 1e-5, "unit": "V", "u_fit": None, "complete": True, "missing": []}
-    assert written["width"] == width
+    width = {"name": "width", "value": own.results.width.value, "u": 1e-5, "unit": "V", "form": "plus-minus"}
+    assert written["width"].items() >= width.items()
     assert written["outputs_v"] == [point.output_v for point in own.points]
     assert own.as_json()["results"] == written
 

@@ -4,7 +4,6 @@ from vcfbench.analysis.allan import AllanPoint as AllanPoint
 from vcfbench.analysis.allan import allan_deviation as allan_deviation
 from vcfbench.analysis.column import CalibrationColumn as CalibrationColumn
 from vcfbench.analysis.column import Nonlinearity as Nonlinearity
-from vcfbench.analysis.column import Quantity as Quantity
 from vcfbench.analysis.csv_table import Layout as Layout
 from vcfbench.analysis.scale_factor import Comparison as Comparison
 from vcfbench.analysis.scale_factor import ScaleFactorResult as ScaleFactorResult

@@ -41,7 +41,7 @@ def test_angle_random_walk_is_the_one_that_was_put_in(
 ) -> None:
     file = written(tmp_path / "zero.csv", head, factor * NOISE)
     found = analyze_record(file, 100.0, scale_factor_per_deg_s=scale)
-    walk = {each.name: each for each in found.noise}["angle random walk"]
+    walk = {each.words: each for each in found.noise}["angle random walk"]
     assert walk.unit == "deg/sqrt(h)"
     assert walk.u is not None
     assert walk.value == pytest.approx(0.12, abs=4.0 * walk.u)

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import vcfbench
 from tests import warm
 from tests.archive.test_written import QUICK
-from vcfbench import Point, Quantity, Run, Status
+from vcfbench import Point, Run, Status
 from vcfbench.archive.compared import compare_runs
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
@@ -30,14 +30,14 @@ POINTS = (Point(1, 10.0, 0.0, 0.5, 3e-3, 9), Point(1, 0.0, 0.0, 0.25, 3e-3, 9))
 
 @dataclass(frozen=True)
 class Found:
-    gain: Quantity
+    gain: Value
     offset_v: float
     name: str = "x"
     list_of_them: tuple[float, ...] = (1.0,)
 
 
 def made(gain: float, u: float, *, procedure: str = "own", unit: str = "V", points: tuple[Point, ...] = POINTS) -> Run:
-    return Run(procedure, Status.COMPLETE, points, Found(Quantity(gain, u, unit), 0.5))
+    return Run(procedure, Status.COMPLETE, points, Found(Value("gain", gain, unit, u), 0.5))
 
 
 @pytest.fixture(scope="module")

@@ -426,7 +426,9 @@ def test_of_what_was_not_seen_the_bound_is_told_and_not_zero() -> None:
     class Found:
         walk: NoiseCoefficient
 
-    (only,) = sheet_rows("zero", Found(NoiseCoefficient("rate random walk", 0.0, None, 22.5, "(deg/h)/sqrt(h)")), "")
+    (only,) = sheet_rows(
+        "zero", Found(NoiseCoefficient.stating("rate random walk", 0.0, None, 22.5, "(deg/h)/sqrt(h)")), ""
+    )
     assert (only.quantity, only.value, only.u) == ("rate random walk, below (95 %)", 22.5, None)
 
 

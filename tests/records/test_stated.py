@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vcfbench.analysis.column import Quantity
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.stated import stated, values_of
@@ -27,7 +26,7 @@ class Own:
 
 
 def test_values_are_found_in_fields_mappings_and_tuples_with_names_by_where_they_are() -> None:
-    per_axis = {"x": measurand(0.01, "V", [UncertaintyPart("readings", 1e-3, 9.0)]), "y": Quantity(1.0, 0.1, "V")}
+    per_axis = {"x": measurand(0.01, "V", [UncertaintyPart("readings", 1e-3, 9.0)]), "y": Value("", 1.0, "V", 0.1)}
     several = (Value("drift", 3.0, "ppm", u=1.0, dof=3.0), 7.0)
     found = values_of(Own(Value("gain", np.float64(2.0), "V", u95=0.1), per_axis, several, 0.25))
     assert list(found) == ["gain", "by_axis.x", "by_axis.y", "drift", "bias_v"]

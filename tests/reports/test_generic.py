@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from vcfbench.analysis.column import Quantity
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report
 from vcfbench.reports.generic import generic_report, points_table, results_table, verdict_table
@@ -24,7 +23,7 @@ class Branch:
 
 @dataclass(frozen=True, slots=True)
 class Hysteresis:
-    width: Quantity
+    width: Value
     closed: bool
     loops: int
     branches: tuple[Branch, ...]
@@ -32,7 +31,7 @@ class Hysteresis:
 
 
 RESULTS = Hysteresis(
-    Quantity(0.123456789, 0.001234, "deg/s"),
+    Value("width", 0.123456789, "deg/s", 0.001234),
     closed=True,
     loops=3,
     branches=(Branch("up", (0.5, 0.25)), Branch("down", tuple(range(10)))),

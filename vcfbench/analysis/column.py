@@ -1,28 +1,24 @@
 """One column of a calibration as it is reported: plain numbers, which compare, hash and pickle."""
 
+from typing import TYPE_CHECKING, Any
+
 from msgspec import Struct
 
-from vcfbench.values.kinds import kind_of
 from vcfbench.values.value import Value
 
 
-class Quantity(Struct, frozen=True):
-    """A measured value with its combined standard uncertainty `u`, both in `unit`."""
+class FittedValue(Value, frozen=True):
+    """A value of a line through points; of points alone it has no `u`, and is incomplete."""
 
-    value: float
-    u: float | None
-    """None where only the points are known: then `u_fit` is all there is."""
-    unit: str
+    if TYPE_CHECKING:
+        value: float
     u_fit: float | None = None
-    """Standard uncertainty by the fit and the readings alone, if worked out."""
-    complete: bool = True
-    missing: tuple[str, ...] = ()
-    """Contributions that `u` lacks because their size is unknown; empty if it is complete."""
+    """Standard uncertainty by the fit and the readings alone."""
 
-    def as_value(self, name: str) -> Value:
-        """Return it as a value of a run."""
-        unit = self.unit
-        return Value(name, self.value, unit, self.u, kind=kind_of(name, unit), missing=self.missing)
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        found = {"value": self.value, "u": self.u, "unit": self.unit, "u_fit": self.u_fit}
+        return {**found, "complete": not self.missing, "missing": self.missing}
 
 
 class TypeA(Struct, frozen=True):
@@ -84,9 +80,9 @@ class Pair(Struct, frozen=True):
 class CalibrationColumn(Struct, frozen=True, kw_only=True):
     """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and its residuals."""
 
-    scale_factor: Quantity
+    scale_factor: FittedValue
     """Slope; its `u_fit` is from the scatter about the line, never less than the noise alone."""
-    bias: Quantity
+    bias: FittedValue
     """Intercept, likewise."""
     nonlinearity_ppm: Nonlinearity
     asymmetry_ppm: float | None

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from vcfbench.analysis import regression
 from vcfbench.analysis.arrays import Floats, plain_numbers
-from vcfbench.analysis.column import CalibrationColumn, CubicFit, Nonlinearity, Pair, Quantity, TypeA
+from vcfbench.analysis.column import CalibrationColumn, CubicFit, FittedValue, Nonlinearity, Pair, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.errors import ConfigError
 
@@ -55,8 +55,8 @@ class ScaleFactorResult(Struct, frozen=True):
         """Return everything that the column is reported with, as plain numbers."""
         line, zero_v, cubic = self.line, self.zero_v, self.polynomial
 
-        def fitted(value: float, unit: str, u_fit: float) -> Quantity:  # nothing but the points is known
-            return Quantity(value, None, unit, u_fit, complete=False, missing=("combined uncertainty",))
+        def fitted(value: float, unit: str, u_fit: float) -> FittedValue:  # nothing but the points is known
+            return FittedValue("", value, unit, missing=("combined uncertainty",), u_fit=u_fit)
 
         polynomial = None
         if cubic is not None:
@@ -87,7 +87,9 @@ class ScaleFactorResult(Struct, frozen=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
-        found: dict[str, Any] = json.decode(json.encode(self.column(), enc_hook=float))
+        column = self.column()
+        line = {"scale_factor": column.scale_factor.in_results(), "bias": column.bias.in_results()}
+        found: dict[str, Any] = json.decode(json.encode({**asdict(column), **line}, enc_hook=float))
         return found
 
 

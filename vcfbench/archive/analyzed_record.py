@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import Any, Final
 
-from msgspec import Struct, to_builtins
+from msgspec import Struct
 
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
@@ -25,6 +25,7 @@ from vcfbench.procedures.zero.noise import (
     record_noise,
     stability_table,
 )
+from vcfbench.records.plain import plain
 from vcfbench.reports.document import Heading, Notice, Report, Text, facts
 
 _FEWEST: Final = 64
@@ -61,8 +62,8 @@ class RecordAnalysis(Struct, frozen=True):
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``vcfbench analyze --json`` prints it."""
-        plain: dict[str, Any] = to_builtins(self)
-        return plain
+        found: dict[str, Any] = plain(self)
+        return found
 
     def report(self) -> Report:
         """Return tables and figure."""
@@ -148,7 +149,7 @@ def analyze_record(
 
 def _densities(found: RecordNoise) -> dict[str, float | None]:
     """Return N and K as densities; None where they are not stated."""
-    named = {each.name: each.value if each.u is not None else None for each in found.coefficients}
+    named = {each.words: each.value if each.u is not None else None for each in found.coefficients}
     densities = dict[str, float | None]()
     for name, term, in_data_sheets, unit in (
         ("N", Term.ANGLE_RANDOM_WALK, 60.0, "s"),

@@ -97,7 +97,8 @@ def defined(values: Iterable[Value], settings: ProcedureSettings, metadata: RunM
     conditions = _conditions(settings, metadata)
     for each in values:
         of = each.definition if each.definition != Definition() else _definition(settings, each)
-        yield replace(each, definition=of, conditions=conditions)
+        members = {name: getattr(each, name) for name in Value.__struct_fields__}  # of whatever kind of value it is
+        yield Value(**{**members, "definition": of, "conditions": conditions})
 
 
 def _definition(settings: ProcedureSettings, value: Value) -> Definition:

@@ -72,7 +72,7 @@ class Spread(Struct, frozen=True):
     by_noise: float
     unit: str
 
-    def as_value(self, name: str) -> Value:
+    def called(self, name: str) -> Value:
         """Return it as a value of a run."""
         of = f"standard deviation from switch-on to switch-on; noise alone makes {self.by_noise:.2g} {self.unit}"
         return Value(name, self.value, self.unit, form="interval", low=self.low, high=self.high, kind=name, of=of)
@@ -91,8 +91,8 @@ class RepeatabilityResult(Struct, frozen=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values."""
-        yield self.bias.as_value("bias_repeatability")
-        yield self.scale_factor.as_value("scale_factor_repeatability")
+        yield self.bias.called("bias_repeatability")
+        yield self.scale_factor.called("scale_factor_repeatability")
         yield titled("turn-on transient", self.turn_on_transient)
 
 

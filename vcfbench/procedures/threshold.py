@@ -121,9 +121,9 @@ class InputLimit(Struct, frozen=True):
     seen: bool
     at_most_deg_s: float
 
-    def as_value(self, name: str) -> Value:
-        """Return it as a value of a run: below what noise may make, where it is not seen."""
-        found = self.deg_s.called(name)
+    def value(self, name: str, words: str = "") -> Value:
+        """Return what is stated: below what noise may make, where it is not seen."""
+        found = self.deg_s.called(name, words=words)
         return found if self.seen else found.bound("below", self.at_most_deg_s)
 
 
@@ -149,9 +149,9 @@ class ThresholdResult(Struct, frozen=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values."""
-        yield replace(self.dead_band.as_value("dead_band"), words="dead band, half width")
-        yield self.threshold.as_value("threshold")
-        yield self.resolution.as_value("resolution")
+        yield self.dead_band.value("dead_band", "dead band, half width")
+        yield self.threshold.value("threshold")
+        yield self.resolution.value("resolution")
 
 
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)

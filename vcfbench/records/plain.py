@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import Any
 
 from vcfbench.errors import ConfigError
-from vcfbench.values.value import Measurand, UncertaintyPart
+from vcfbench.values.value import UncertaintyPart, Value
 
 _WHOLE = 1 << 63
 
@@ -31,7 +31,7 @@ def plain(value: object, name: str = "results") -> Any:
         return value  # what nearly all are
     if isinstance(value, Enum):
         value = value.value
-    if isinstance(value, Measurand | UncertaintyPart):
+    if isinstance(value, Value | UncertaintyPart):
         value = value.in_results()
     if isinstance(value, Mapping):
         return {_key(key, name): plain(each, f"{name}.{key}") for key, each in value.items()}

@@ -18,15 +18,6 @@ class StatesValues(Protocol):
         ...
 
 
-@runtime_checkable
-class BecomesValue(Protocol):
-    """A quantity that is a value once it has a name."""
-
-    def as_value(self, name: str) -> Value:
-        """Return it as a value."""
-        ...
-
-
 def values_of(results: object) -> dict[str, Value]:
     """Return the values that the results of a run state, by name, in their order.
 
@@ -60,8 +51,6 @@ def _found(of: object, name: str) -> Iterator[Value | Unstated]:
         yield from of.stated()
     elif isinstance(of, Value):
         yield of if of.name else of.called(name, of.kind or None)
-    elif isinstance(of, BecomesValue):
-        yield of.as_value(name)
     elif isinstance(of, tuple | list):
         yield from (each for each in of if isinstance(each, Value) and each.name)
     else:

@@ -9,8 +9,9 @@ from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.values.kinds import limit_words
 from vcfbench.values.printing import incomplete
+from vcfbench.values.value import Value as Quantity
 
-_QUANTITY = {"value", "u", "unit", "u_fit", "complete", "missing"}
+_QUANTITY = {*Quantity.__struct_fields__, "u_fit", "complete"}
 _SHOWN = 4  # So many numbers of a list are printed; its length is said where there are more
 
 
@@ -64,7 +65,7 @@ def _rows(value: Any, name: str, shown: int | None) -> Iterator[tuple[Value | Ce
 
 
 def _is_named(value: Any) -> bool:
-    """Tell whether it holds values by name, and is no number with its uncertainty as `vcfbench.Quantity` writes it."""
+    """Tell whether it holds values by name, and is no value with its uncertainty."""
     if not isinstance(value, dict):
         return False
     number = value.get("value", "")

@@ -163,6 +163,10 @@ class Value(Struct, frozen=True):
         u95 = f", U95 {grouped(abs(of.factor) * self.u95)}" if self.u95 else ""
         return f"{self.figure(of.factor)} {of.unit}".rstrip() + u95
 
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it, by the names of ever since."""
+        return structs.asdict(self)
+
     def as_json(self) -> dict[str, Any]:
         """Return it as ``values`` of ``result.json`` have it: without the parts of its uncertainty, which results have.
 
@@ -187,11 +191,12 @@ class Measurand(Value, frozen=True):
 
     def bound(self, form: Literal["size-below", "below"], high: float, of: str = "") -> Value:
         """Return what is left of it where it may be noise or errors alone: a bound."""
+        parts = [UncertaintyPart(each.source, each.u, each.dof, each.of, each.rectangular) for each in self.parts]
         value = Value(self.name, self.value, self.unit, form=form, high=high, kind=self.kind, words=self.words)
-        return structs.replace(value, of=of or self.of, parts=self.parts, missing=self.missing)
+        return structs.replace(value, of=of or self.of, parts=parts, missing=self.missing)
 
     def in_results(self) -> dict[str, Any]:
-        """Return it as the results in ``result.json`` have it, by the names of ever since."""
+        """Return it as the results in ``result.json`` have it."""
         whole = {"complete": not self.missing, "missing": self.missing}
         factor = {"coverage_factor": self.coverage_factor, "expanded_u": self.u95, "parts": self.parts}
         return {"value": self.value, "u": self.u, "unit": self.unit, "dof": self.dof, **factor, **whole}

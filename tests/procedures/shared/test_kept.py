@@ -94,7 +94,7 @@ def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_pa
     assert zero.device_entry == entry.path
     assert isinstance(entry.record, StaticNoise)
     kept = entry.record.bias_instability_deg_h
-    (found,) = [each for each in zero.results.noise if each.name == "bias instability"]
+    (found,) = [each for each in zero.results.noise if each.words == "bias instability"]
     assert (kept.value, kept.u) == (found.value, found.u)
     assert kept.dof == pytest.approx(0.5 * (found.value / found.u) ** 2)
     assert entry.record.valid_until == entry.record.done + timedelta(days=365)

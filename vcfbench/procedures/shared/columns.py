@@ -6,7 +6,7 @@ from typing import TypeGuard
 
 from msgspec.structs import replace
 
-from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.analysis.column import CalibrationColumn, FittedValue
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.procedures.shared.budget.statement import Statement
 from vcfbench.procedures.shared.measurand import stated_cells
@@ -36,9 +36,9 @@ def with_statement(column: CalibrationColumn, statement: Statement, before: str 
     )
 
 
-def combined(of_fit: Quantity, stated: Measurand) -> Quantity:
+def combined(of_fit: FittedValue, stated: Measurand) -> FittedValue:
     """Return a value with the combined uncertainty that is stated of it."""
-    return replace(of_fit, u=stated.u, complete=not stated.missing, missing=stated.missing)
+    return replace(of_fit, u=stated.u, dof=stated.dof, u95=stated.u95, missing=stated.missing)
 
 
 def is_swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import Struct
 
-from vcfbench.analysis.column import CalibrationColumn, Quantity
+from vcfbench.analysis.column import CalibrationColumn, FittedValue
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, compare
 from vcfbench.procedures.shared import columns
 from vcfbench.procedures.shared.budget.statement import Statement
@@ -36,7 +36,7 @@ class VirtualCoriolisResult(Struct, frozen=True, kw_only=True):
     level of step 4 differently.
     """
 
-    k_vc: Quantity
+    k_vc: FittedValue
     """Rate that one volt of V_Vc stands for."""
     k_vc_u_generator: float
     """Standard uncertainty of K_Vc by the generator's accuracy alone, (deg/s)/V; 0 where V_Vc was measured."""
@@ -153,7 +153,7 @@ def _four_steps(
     # Of a level that is known by its setting alone: relative, rectangular limits
     u_generator = 0.0 if measured else (generator.setting + generator.offset_v / abs(set_v)) / math.sqrt(3.0)
     return {
-        "k_vc": columns.combined(Quantity(matching.k_vc, None, K_VC_UNIT, u_k_vc), stated.value("k_vc")),
+        "k_vc": columns.combined(FittedValue("", matching.k_vc, K_VC_UNIT, u_fit=u_k_vc), stated.value("k_vc")),
         "k_vc_u_generator": u_generator * abs(matching.k_vc),
         "v_vc10_v": matching.v_vc_equal_v,
         "turntable": columns.with_statement(turntable.column(), stated, "turntable."),

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any
+from typing import Any, Final, Self
 
 import numpy as np
 from msgspec import Struct
@@ -16,7 +16,7 @@ from vcfbench.analysis.noise_model import NoiseModel, noise_model
 from vcfbench.analysis.phase_noise import PhaseNoise
 from vcfbench.errors import ConfigError
 from vcfbench.reports.document import Axis, Figure, Series, Table, Text, heads
-from vcfbench.values.value import Value
+from vcfbench.values.value import Form, Value
 
 _DEG_H = 3600.0
 """deg/h in a deg/s."""
@@ -47,25 +47,27 @@ _UNITS = {
 """From the units of the fit, seconds and degrees, to those that data sheets have."""
 
 
-class NoiseCoefficient(Struct, frozen=True):
-    """A coefficient of the Allan curve; `u` None where it comes out as 0, and `upper_95` is all that can be said.
+_FORMS: Final[tuple[Form, Form]] = ("plus-minus", "below")
+
+
+class NoiseCoefficient(Value, frozen=True):
+    """A coefficient of the Allan curve, below `upper_95` with 95 %, which is all that can be said where it has no `u`.
 
     `value` is None as well where it may be anything below: of N where it is not known how much white noise a reading
     lets through, of all where no sum of these noises describes the curve.
     """
 
-    name: str
-    value: float | None
-    u: float | None
-    upper_95: float
-    unit: str
+    upper_95: float = 0.0
 
-    def as_value(self, name: str = "") -> Value:
-        """Return it as a value of a run: below its bound where no `u` is known."""
-        name = name or self.name.replace(" ", "_")
-        if self.u is None:
-            return Value(name, self.value, self.unit, form="below", high=self.upper_95, words=self.name)
-        return Value(name, self.value, self.unit, self.u, words=self.name)
+    @classmethod
+    def stating(cls, words: str, value: float | None, u: float | None, upper_95: float, unit: str) -> Self:
+        """Return the coefficient that is called by these words."""
+        stated, form = (words.replace(" ", "_"), value, unit, u), _FORMS[u is None]
+        return cls(*stated, form=form, high=upper_95 if u is None else None, words=words, upper_95=upper_95)
+
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        return {"name": self.words, "value": self.value, "u": self.u, "upper_95": self.upper_95, "unit": self.unit}
 
 
 class AllanRow(Struct, frozen=True):
@@ -147,7 +149,7 @@ def record_noise(
         factor, unit = _UNITS[term]
         known = (passed or term is not Term.ANGLE_RANDOM_WALK) and (each.u is not None or described)
         value, u = (factor * each.value if known else None), (factor * each.u if known and each.u is not None else None)
-        coefficients.append(NoiseCoefficient(term.value, value, u, factor * each.upper_95, unit))
+        coefficients.append(NoiseCoefficient.stating(term.value, value, u, factor * each.upper_95, unit))
     rows = []
     for point in curve:
         observed, low, high = (_DEG_H * each for each in (point.deviation, point.low, point.high))
@@ -200,7 +202,7 @@ def _remarks(
             "stated, below their bounds they are with 95 %."
         )
         return
-    slow = [each for each in coefficients if each.name != Term.ANGLE_RANDOM_WALK.value and each.u is not None]
+    slow = [each for each in coefficients if each.words != Term.ANGLE_RANDOM_WALK.value and each.u is not None]
     if not slow and model.white_alone < _SLOW:
         yield (
             "Slow noise is there, but this record does not tell flicker from a random walk: four times its length "
@@ -289,7 +291,7 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
         return Text("no noise: the readings scatter by less than the meter resolves")
     columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
     # Of one that does not stand out 0 is no finding: its bound is
-    rows = [(each.name, each.value if each.u else None, each.u, each.upper_95, each.unit) for each in noise]
+    rows = [(each.words, each.value if each.u else None, each.u, each.upper_95, each.unit) for each in noise]
     return Table(columns, rows)
 
 

@@ -186,7 +186,7 @@ class ZeroResult(Struct, frozen=True):
             return
         yield self.output_v.called("output_v", "bias_at_rest")
         yield self.bias.called("bias", "bias_at_rest_deg_s")
-        yield from (each.as_value() for each in self.noise)
+        yield from self.noise
         yield self.trend.called("trend")
         if self.noise_bandwidth_hz is not None:
             yield self.noise_bandwidth_hz.called("noise_bandwidth_hz")
@@ -194,12 +194,12 @@ class ZeroResult(Struct, frozen=True):
     @property
     def flicker(self) -> tuple[float, float] | None:
         """The coefficient B with its standard uncertainty, deg/h; None where none was found."""
-        found = next((each for each in self.noise if each.name == "bias instability"), None)
+        found = next((each for each in self.noise if each.words == "bias instability"), None)
         return (found.value, found.u) if found is not None and found.value and found.u else None
 
     def coefficient(self, name: str) -> noises.NoiseCoefficient:
         """Return the coefficient of that name, ``"angle random walk"``; KeyError where it was not found."""
-        return {each.name: each for each in self.noise}[name]
+        return {each.words: each for each in self.noise}[name]
 
 
 class ForeseenZero(Struct, frozen=True):
