@@ -6,7 +6,7 @@
 
     [instruments.source]
     model = "33522B"              # or a class in `file`
-    wires = ["hislip", "tcp"]     # without it those of the real box
+    wires = ["hislip", "tcp"]     # without it those of the real box; ["gpib22"] is behind an adapter
     output_1 = "drive"            # each terminal by its node; "-drive" is the wrong way round
     output_2 = "clock"
 
@@ -38,9 +38,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import replace
+
 from simrack.faults import FaultScript, script_of
 from simrack.models import SimulatedModel, model_named
-from simrack.plan import Place, Plan, circuit_in, own_models, plan_of, wires_of
+from simrack.plan import Place, Plan, circuit_in, own_models, plan_of, with_adapter
 from simrack.wired import Through
 
 _NAME, _NODE = re.compile(r"[\w-]+"), re.compile(r"[\w.][\w.-]*")
@@ -80,7 +82,7 @@ def plan_in(file: Path) -> Plan:
         if seed is not None and (type(seed) is not int or seed < 0):
             raise ValueError(f"seed: expected a whole number from 0 on, came {seed!r}")  # noqa: TRY301
         script = FaultScript(script_of({"fault": said.get("fault", [])}).faults, seed or 0)
-        return Plan(places, links, loads, script, seed)
+        return Plan(with_adapter(places), links, loads, script, seed)
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from error
 
@@ -125,7 +127,7 @@ def _place(name: str, said: Any, folder: Path) -> Place:
         wires = known.get("wires", [])
         if not isinstance(wires, list) or not all(isinstance(each, str) for each in wires):
             raise ValueError(f"wires: expected a list of texts, came {wires!r}")  # noqa: TRY301
-        asked = wires_of(model, wires)
+        placed = Place(name, model).on(wires)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
     terminals = (*model.outputs, *model.inputs)
@@ -136,7 +138,7 @@ def _place(name: str, said: Any, folder: Path) -> Place:
         turns = model.kind == "supply" or each in model.inputs
         if not _NODE.fullmatch(node.removeprefix("-") if turns else node):
             raise ValueError(f"{where}.{each}: expected the name of a node, came {node!r}")
-    return Place(name, model, asked, nodes)
+    return replace(placed, terminals=nodes)
 
 
 def _link(name: str, said: Any, folder: Path) -> tuple[str, Through]:

@@ -15,6 +15,7 @@ import typer
 from simrack import card as cards
 from simrack.bench_file import planned
 from simrack.models import RACK, model_named
+from simrack.plan import ADAPTER, Plan
 from simrack.rack import served
 from simrack.serve import BenchServer, Control, ControlError, Offer, ServedClock, ServerSettings
 
@@ -41,8 +42,8 @@ def serve(
         typer.Argument(
             metavar="[FILE.py] [[NAME=]MODEL[:WIRE+WIRE]]...",
             help="CIRCUIT of a file is your device under test. Models are those of `simrack models`, on the wires of "
-            "the real box or on those named, of tcp, vxi11, hislip, pty; without, a supply, a generator, a meter and "
-            "an oscilloscope.",
+            "the real box or on those named, of tcp, vxi11, hislip, pty, or gpib22 behind an adapter; without, a "
+            "supply, a generator, a meter and an oscilloscope.",
         ),
     ] = None,
     *,
@@ -75,17 +76,19 @@ def serve(
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: server.stop())
         signal.set_wakeup_fd(server.loop.wake_fd, warn_on_full_buffer=False)
-        typer.echo(json.dumps(server.as_json()) if json_ else _places(server, plan.circuits or "no circuit"))
+        typer.echo(json.dumps(server.as_json()) if json_ else _places(server, plan))
         sys.stdout.flush()
         gc.freeze()  # what is here now stays: collections in between the answers are short
         server.run()
 
 
-def _places(server: BenchServer, circuits: str) -> str:
-    lines = [f"{circuits}, served until Ctrl-C"]
+def _places(server: BenchServer, plan: Plan) -> str:
+    lines = [f"{plan.circuits or 'no circuit'}, served until Ctrl-C"]
+    gpib = {place.name: place.gpib for place in plan.places if place.gpib is not None}
     wide = max(map(len, (*server.wires, "control"))) + 1
     for role, wires in server.wires.items():
-        lines.append(f"{role:<{wide}} {wires.model:<9} {'  '.join(wires.places)}")
+        where = "  ".join(wires.places) if role not in gpib else f"++addr {gpib[role]} of {ADAPTER}"
+        lines.append(f"{role:<{wide}} {wires.model:<9} {where}")
     return "\n".join([*lines, f"{'control':<{wide}} {server.control.port}"])
 
 

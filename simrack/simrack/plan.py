@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,8 +23,11 @@ from simrack.world import World
 OFFERS: Mapping[str, Offer] = {"TCP": "tcp", "VXI-11": "vxi11", "HiSLIP": "hislip", "serial line": "pty"}
 UPSIDE_DOWN = {("E36312A", "output_3")}
 """Outputs whose class gives the sign of the rail that they are meant for, not that of their terminals."""
-_LAN_PORT = 5025
+_LAN_PORT, _ADAPTER_PORT = 5025, 1234
 _WORD = re.compile(r"(?:(?P<name>[\w-]+)=)?(?P<model>[\w-]+)(?::(?P<wires>[\w+]+))?")
+_GPIB = re.compile(r"gpib([12]?\d|30)")
+ADAPTER = "gpib"
+"""What the adapter is called that has the instruments on GPIB behind it."""
 
 
 class Place(Struct, frozen=True):
@@ -37,6 +40,7 @@ class Place(Struct, frozen=True):
         terminals: the node that each terminal goes to, `-NODE` the wrong way round, None nowhere.
         resource: its VISA resource name in this process; empty for one that is made up.
         resources: instead of it, what makes a device of its own for each of several names.
+        gpib: its address behind the adapter; it is on no wire of its own then.
     """
 
     name: str
@@ -45,15 +49,31 @@ class Place(Struct, frozen=True):
     terminals: Mapping[str, str | None] = field(default_factory=dict)
     resource: str = ""
     resources: Mapping[str, Callable[[World], Device]] = field(default_factory=dict)
+    gpib: int | None = None
 
     @property
     def box(self) -> frozenset[Offer]:
         """The wires of the real box."""
         return frozenset(OFFERS[each] for each in self.model.wires)
 
+    def on(self, words: Iterable[str]) -> Place:
+        """Return it on the interfaces that somebody named; ValueError says on which it cannot be."""
+        model, wires = self.model, [word for word in words if word]
+        if model.kind != "rate table" and len(wires) == 1 and (found := _GPIB.fullmatch(wires[0])):
+            return replace(self, gpib=int(found[1]))
+        known = {offer: offer for offer in OFFERS.values() if model.kind != "rate table" or offer in {"tcp", "pty"}}
+        if wrong := [word for word in wires if word not in known]:
+            alone = "" if model.kind == "rate table" else ", or gpib0 to gpib30 alone"
+            raise ValueError(f"{model.name} can be on {', '.join(known)}{alone}, not on {wrong[0]!r}")
+        return replace(self, wires=frozenset(known[word] for word in wires))  # type: ignore[index]  # it is one of them
+
     def made_up(self, number: int) -> str:
         """Return a VISA resource name for the instrument of this number: on LAN if it has that, else on GPIB."""
         wires = self.wires or self.box
+        if self.gpib is not None:
+            return f"GPIB0::{self.gpib}::INSTR"
+        if self.model.kind == "adapter":
+            return f"TCPIP0::{self.name}::{_ADAPTER_PORT}::SOCKET"
         if "vxi11" in wires:
             return f"TCPIP0::{self.name}::inst0::INSTR"
         if "hislip" in wires:
@@ -90,7 +110,7 @@ class Plan(Struct, frozen=True):
 
     def wires_asked_for(self) -> dict[str, frozenset[Offer]]:
         """Return the wires of the instruments of which they were said."""
-        return {place.name: place.wires for place in self.places if place.wires}
+        return {place.name: place.wires for place in self.places if place.wires or place.gpib is not None}
 
 
 class OwnModel(SimulatedModel, frozen=True):
@@ -142,7 +162,7 @@ def plan_of(words: Iterable[str]) -> Plan:
         places.append(_placed(word, own, {each.name for each in places}))
     named = {place.model.name for place in places}
     places += [_placed(name, own, {each.name for each in places}) for name in own if name not in named]
-    return Plan(_wired(places or DESK), {"output": Through("input", circuit)})
+    return Plan(with_adapter(_wired(places or DESK)), {"output": Through("input", circuit)})
 
 
 def _dialogues(file: Path) -> list[Place]:
@@ -170,16 +190,18 @@ def _placed(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Pl
     name = found["name"] or next(each for each in usual if each not in taken)
     if name in taken:
         raise ValueError(f"two instruments are called {name!r}")
-    return Place(name, model, wires_of(model, (found["wires"] or "").split("+")))
+    return Place(name, model).on((found["wires"] or "").split("+"))
 
 
-def wires_of(model: SimulatedModel, words: Iterable[str]) -> frozenset[Offer]:
-    """Return the interfaces that somebody named for a model; ValueError says which it cannot be on."""
-    known = {offer: offer for offer in OFFERS.values() if model.kind != "rate table" or offer in {"tcp", "pty"}}
-    wires = [word for word in words if word]
-    if wrong := [word for word in wires if word not in known]:
-        raise ValueError(f"{model.name} can be on {', '.join(known)}, not on {wrong[0]!r}")
-    return frozenset(known[word] for word in wires)  # type: ignore[index]  # it is one of them
+def with_adapter(places: Sequence[Place]) -> tuple[Place, ...]:
+    """Return places with the adapter, if one of them is behind it; ValueError where two are at one address."""
+    addresses = [place.gpib for place in places if place.gpib is not None]
+    if twice := [each for each in addresses if addresses.count(each) > 1]:
+        raise ValueError(f"two instruments are at GPIB address {twice[0]}")
+    if addresses and any(place.name == ADAPTER for place in places):
+        raise ValueError(f"{ADAPTER!r} is what the adapter is called that has those on GPIB behind it")
+    model = SimulatedModel("GPIB-ETHERNET", "adapter", "gpib_adapter:GpibAdapter", ("TCP", "serial line"))
+    return (*places, Place(ADAPTER, model)) if addresses else tuple(places)
 
 
 def _wired(places: Iterable[Place]) -> tuple[Place, ...]:

@@ -14,6 +14,7 @@ from simrack.attendance import AttendedClock
 from simrack.clock import Clock
 from simrack.device import Device
 from simrack.faulty_device import FaultInjector
+from simrack.gpib_adapter import GpibAdapter
 from simrack.leads import Leads
 from simrack.motion import TableMotion
 from simrack.plan import UPSIDE_DOWN, Place, Plan, plan_of
@@ -72,7 +73,11 @@ class Rack(Struct, frozen=True):
             raise ValueError(f"a supply feeds {min(both)!r}, and a circuit or a generator too")
         tables = [place for place in plan.places if place.model.kind == "rate table"]
         devices: dict[str, Device] = {}
+        on_gpib = {place.gpib: place.name for place in plan.places if place.gpib is not None}
         for place in plan.places:
+            if place.model.kind == "adapter":  # the last
+                devices[place.name] = GpibAdapter({at: devices[name] for at, name in on_gpib.items()}, attended)
+                continue
             apart = place in tables[1:]
             seen = _Shaft(attended, TableMotion(attended, Mechanics(), lambda: None)) if apart else world
             devices[place.name] = _built(place, seen, seed)

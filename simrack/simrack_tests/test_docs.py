@@ -78,7 +78,7 @@ def test_a_page_does_what_it_says(
 def test_what_serve_prints_is_on_the_page() -> None:
     clock = ServedClock(1.0)
     with BenchServer(served_rack(clock), clock, ServerSettings(base_port=free_port())) as server:
-        printed = [re.sub(r"\d+(?=::|$)", "N", line) for line in _places(server, plan_of(()).circuits).splitlines()]
+        printed = [re.sub(r"\d+(?=::|$)", "N", line) for line in _places(server, plan_of(())).splitlines()]
     (shown,) = [block for block in blocks(RACK / "docs" / "wires.md", "") if "control" in block]
     assert [re.sub(r"\d+(?=::|$)", "N", line) for line in shown.splitlines()] == printed
 
