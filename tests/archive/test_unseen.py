@@ -96,6 +96,7 @@ def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
         ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
         ("g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}),
         ("repeatability", {"power_cycles": 3, "samples": 3}),
+        ("threshold", {"at_most_s": 60.0, "samples": 3}),
         *(
             pytest.param(name, {}, marks=pytest.mark.exhaustive)
             for name in ("power", "vibration", "virtual-coriolis", "kvc")
@@ -113,6 +114,16 @@ def test_the_windows_held_against_each_other_are_those_that_the_run_held(
     assert found is not None
     windows = [each.windows for each, _ in found.course.walks if each.windows]
     assert [[each.point for each in own] for own in windows] == [[each.point for each in own.windows] for own in seen]
+
+
+def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_path: Path) -> None:
+    case = Tried(taken(tmp_path, "threshold", at_most_s=60.0, samples=3))
+    step = next(each for each in case.rows if (each.kind, each.unit) == ("step", OFFSET))
+    assert step.size is not None
+    assert step.size < 1e-3
+    for begin in case.gaps[8::8]:
+        line = case.with_fault("step", 1.5 * step.size, begin, 1.0)
+        assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
 
 
 def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> None:

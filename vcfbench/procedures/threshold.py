@@ -20,13 +20,14 @@ from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
 from vcfbench.clock import utc_now
 from vcfbench.errors import MeasurementError
 from vcfbench.files import shown
-from vcfbench.procedures.procedure import Procedure, roles
+from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import require_valid
 from vcfbench.procedures.shared.known import v_vc
 from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, not_on_bench
 from vcfbench.procedures.shared.measurand import finite, measurand, titled, value_table
 from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
+from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.records.devices import Certificate, last_certificate
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -64,6 +65,7 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
     ] = None
 
     of_device: ClassVar[tuple[str, ...]] = ("k_vc_deg_s_per_v", "k_vc_u_deg_s_per_v")
+    smooth: ClassVar[bool] = False
 
     def recalled(self) -> Self:
         """Return these settings with flicker and K_Vc of the device; ConfigError: its certificate is out of date."""
@@ -154,7 +156,7 @@ class ThresholdResult(Struct, frozen=True):
         yield self.resolution.value("resolution")
 
 
-@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
+@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest, watched)
 def threshold(settings: ThresholdSettings) -> steps.Plan:
     """Find the level of rest, then step about it and about a rate."""
     by_v_vc, sizes = settings.by is ScaleFactorBy.V_VC, settings.sizes_deg_s
@@ -344,4 +346,5 @@ THRESHOLD = Procedure(
     needs=roles("multimeter"),
     either=roles("rate_source", "rate_table"),
     uses=roles("power", "oscilloscope", "v_vc_meter"),
+    watched=Watched(),
 )

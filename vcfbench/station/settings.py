@@ -345,6 +345,9 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     of_device: ClassVar[tuple[str, ...]] = ()
     """Keys to which :meth:`recalled` gives values where nobody did."""
+    smooth: ClassVar[bool] = True
+    """Tells whether the outputs lie along a curve, by which windows are held against each other; else each level has
+    an output of its own."""
 
     @property
     def start_up_s(self) -> float:

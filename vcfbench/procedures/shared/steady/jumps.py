@@ -43,6 +43,8 @@ _ONE_SIDED = 1.645
 """Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
+_ROUNDING_V = 1e-12
+"""Readings that are all the same scatter by less."""
 _NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
 _NO_LOOK = (MemoryError, np.linalg.LinAlgError)
 _CURVED = 0.2
@@ -67,7 +69,7 @@ def require_no_jump(walk: Walk) -> None:
     MeasurementError: it stepped, read too much for a while, walked away, or does not answer to what is set.
     """
     for windows in groups(walk):
-        if len({each.setting for each in windows}) > 1:
+        if len({each.setting for each in windows}) > 1 and walk.settings.smooth:
             _require_answer(walk, windows)
         if found := _significant(walk, windows):
             raise MeasurementError(
@@ -139,6 +141,8 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
     by_v_vc = _by_v_vc(windows)
     # The terms that the output may have of any size, a column each
     terms = [x**order for order in range(_free_orders(windows) + 1)]
+    if not walk.settings.smooth:  # what each level gives
+        terms = [np.array([float(each.setting == own) for each in windows]) for own in {e.setting: 0 for e in windows}]
     if ups := sorted({each.up for each in windows if each.up}):  # what gravity does in each position
         terms = [np.array([float(each.up == up) for each in windows]) for up in ups]
     at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
@@ -359,7 +363,7 @@ def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
                 step = work.send(result)
     except StopIteration as ended:
         done: T = ended.value
-    if any(each.point.std_v for each in walk.windows):  # a plan that is only looked at has no scatter at all
+    if any(each.point.std_v > _ROUNDING_V for each in walk.windows):  # a plan that is only looked at has no scatter
         try:
             require_no_jump(walk)
         except _NO_LOOK as error:  # everything is measured
