@@ -183,18 +183,7 @@ def test_in_ones_own_process_they_are_on_gpib_and_behind_the_adapter() -> None:
 
 @pytest.fixture(scope="module")
 def places() -> Iterator[dict[str, str]]:
-    command = [
-        sys.executable,
-        "-m",
-        "simrack",
-        "serve",
-        "34401A:gpib22",
-        "E3631A:gpib5",
-        "--speed",
-        "max",
-        "--port",
-        "0",
-    ]
+    command = [sys.executable, "-m", "simrack", "serve", "34401A:gpib22", "E3631A:gpib5", "--speed", "max"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
         assert server.stdout is not None
         printed = [server.stdout.readline().split() for _ in range(5)]

@@ -201,7 +201,7 @@ def test_tables_are_served_by_their_language() -> None:
     ("words", "said"),
     [
         (("34402A",), "there is no model '34402A', only E3631A"),
-        (("34461A:gpib",), "34461A can be on tcp, vxi11, hislip, pty, not on 'gpib'"),
+        (("34461A:gpib",), "34461A can be on tcp, vxi11, hislip, pty, or gpib0 to gpib30 alone, not on 'gpib'"),
         (("ACL:vxi11",), "ACL can be on tcp, pty, not on 'vxi11'"),
         (("a=34461A", "a=2000"), "two instruments are called 'a'"),
         (("34461A:",), "came '34461A:'"),
