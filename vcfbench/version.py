@@ -6,7 +6,10 @@ from functools import cache
 from typing import Any, Final
 
 EVALUATION: Final = 1
-"""Version of the evaluation: raised when the same readings give other values or uncertainties."""
+"""Version of the evaluation: raised when the same readings give other values or uncertainties.
+
+Records name it, so that they are held to their own. The tools that keep results for the tests ask for it.
+"""
 
 
 def installed_version(package: str = "vcfbench") -> str:

@@ -238,3 +238,36 @@ def test_a_verdict_by_earlier_rules_and_results_without_newer_keys_are_no_fault(
     found = verify_run(record)
     assert (found.verdict, found.wrong) == ("PASS", None)
     assert "the verdict, marginal, is by the rules of its day; by those of now it is pass" in found.notes
+
+
+@pytest.mark.parametrize(
+    ("of", "by", "evaluation", "words"),
+    [
+        ("value", 0.008, None, "computed again to what is printed, and no further"),  # in units of u
+        ("u", 0.004, None, "computed again to what is printed, and no further"),
+        ("value", 0.3, None, ""),
+        ("u", 0.3, None, ""),
+        ("value", 0.3, "0", "computed again with other versions (evaluation 0, here"),
+    ],
+)
+def test_a_record_is_held_to_what_is_printed_or_to_the_evaluation_that_it_names(
+    of: str, by: float, evaluation: str | None, words: str, tmp_path: Path
+) -> None:
+    run = vcfbench.run("turntable", "paper", seed=1, settings=QUICK, runs=tmp_path)
+    record = run.directory
+    assert record is not None
+    answer = json.loads((record / "result.json").read_text(encoding="utf-8"))
+    moved = by * run.results.bias.u
+    answer["results"]["bias"][of] += moved
+    for stated in (*answer["values"], *answer["results"]["uncertainty"]["values"]):
+        if stated["name"] == "bias":
+            stated[of] += moved
+    text = json.dumps(answer).encode()
+    (record / "result.json").write_bytes(text)
+    lines = [json.loads(line) for line in (record / "journal.jsonl").read_bytes().splitlines()]
+    lines[0]["versions"] |= {} if evaluation is None else {"evaluation": evaluation}
+    lines[-1]["files"]["result.json"] = sha256(text).hexdigest()
+    (record / "journal.jsonl").write_bytes(sealed(b"".join(json.dumps(line).encode() + b"\n" for line in lines)))
+    found = verify_run(record)
+    assert found.verdict == ("PASS" if words else "FAIL"), (found.wrong, found.notes)
+    assert any(words in note for note in found.notes) if words else "bias" in (found.wrong or "")

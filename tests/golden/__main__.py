@@ -9,7 +9,9 @@ from __future__ import annotations
 import argparse
 import json
 
+from tests.evaluation import require_raised
 from tests.golden.cases import HASHES, arithmetic, jobs
+from vcfbench.version import EVALUATION
 
 
 def main() -> None:
@@ -23,20 +25,23 @@ def main() -> None:
     if kept["changes"] and asked.words and not same:
         parser.error(f"the others were made with {kept['made_with']}; make all of them anew, without words")
     sections = {section: {key: kept.get(section, {}).get(key) for key in parts} for section, parts in jobs().items()}
+    head = {"changes": kept["changes"], "made_with": arithmetic(), "evaluation": EVALUATION}
     changed = set()
     for section, parts in jobs().items():
         old = sections[section]
         for key, make in parts.items():
             wanted = not asked.words or any(word in f"{section} {key}" for word in asked.words)
             found = make() if wanted or old[key] is None else old[key]
+            if section != "replies" and old[key] is not None and found["results"] != old[key]["results"]:
+                require_raised(kept.get("evaluation", 0), [key])
             if found != old[key]:
                 changed.add(f"{section} {key}")
                 print(section, key, _differing(old[key], found), flush=True)  # noqa: T201
                 old[key] = found
-                HASHES.write_text(_text({"changes": kept["changes"], "made_with": arithmetic(), **sections}))
+                HASHES.write_text(_text({**head, **sections}))
     if changed:
         kept["changes"].append(f"{asked.because} ({len(changed)} of {sum(map(len, sections.values()))} changed)")
-    HASHES.write_text(_text({"changes": kept["changes"], "made_with": arithmetic(), **sections}))
+    HASHES.write_text(_text({**head, **sections}))
 
 
 def _differing(old: object, new: object) -> str:
@@ -52,6 +57,8 @@ def _text(whole: dict[str, object]) -> str:
 
 
 def _part(value: object) -> str:
+    if isinstance(value, int):
+        return str(value)
     if isinstance(value, list):
         return "[\n" + ",\n".join(f"  {json.dumps(each)}" for each in value) + "\n ]"
     assert isinstance(value, dict)

@@ -12,6 +12,7 @@ import pytest
 from simrack_tests.cells import few
 
 from tests.cli.test_run_served import everywhere, needs_ptys, require_wires, serving
+from tests.evaluation import require_raised
 from tests.golden.cases import (
     HASHES,
     MODELS,
@@ -25,6 +26,8 @@ from tests.golden.cases import (
     wired_bench,
     wired_hashes,
 )
+from tests.procedures.parts import values
+from vcfbench.version import EVALUATION
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -52,6 +55,15 @@ def test_every_procedure_model_and_seed_has_a_hash() -> None:
     assert {section: set(parts) for section, parts in jobs().items()} == {
         section: set(GOLDEN[section]) for section in jobs()
     }
+
+
+def test_results_are_kept_by_the_evaluation_that_records_name() -> None:
+    """Neither is changed without the other."""
+    assert GOLDEN["evaluation"] == values.evaluation() == EVALUATION
+    require_raised(EVALUATION - 1, ["turntable"])
+    require_raised(EVALUATION, [])
+    with pytest.raises(SystemExit, match=f"raise EVALUATION .* to {EVALUATION + 1}"):
+        require_raised(EVALUATION, ["turntable"])
 
 
 @pytest.mark.parametrize(

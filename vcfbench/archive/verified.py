@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
@@ -29,9 +30,12 @@ from vcfbench.records.signing import is_signed
 from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.typed import typed
+from vcfbench.values.printing import second_digit
+from vcfbench.values.value import Value
 from vcfbench.version import other_versions
 
 _MOST: Final = 1 << 30
+_PRINTED: Final = 5e-3  # Of uncertainties two digits are printed: so they are the same
 
 
 class Verification(Struct, frozen=True, kw_only=True):
@@ -255,7 +259,13 @@ class _Check(Struct):
         if differing is not None and others:
             self.notes.append(f"computed again with other versions ({others}): {differing}")
         elif differing is not None:
-            yield f"result.json: {differing}"
+            values = typed(stored.get("values") or [], tuple[Value, ...])
+            as_printed = chain(
+                _differences(_numbers_of(of_record), _numbers_of(again), close=_PRINTED),
+                _not_as_printed(values, {each.name: each for each in evaluation.values}),
+            )
+            yield from (f"result.json: {each}" for each in as_printed)
+            self.notes.append(f"computed again to what is printed, and no further: {differing}")
         elif others:
             self.notes.append(f"computed again with other versions, to the same: {others}")
 
@@ -325,16 +335,38 @@ def _by_earlier_rules(of_record: dict[str, Any], again: dict[str, Any]) -> Itera
             yield f"the verdict, {was}, is by the rules of its day; by those of now it is {now}"
 
 
-def _differences(stored: Any, again: Any, name: str = "") -> Iterator[str]:
+def _not_as_printed(stored: Sequence[Value], again: Mapping[str, Value]) -> Iterator[str]:
+    """Yield the values that would be printed otherwise now, by more than one of their last digit."""
+    for was in stored:
+        now = again.get(was.name)
+        u = was.u or was.u95
+        last = 10.0 ** second_digit(u) if u else 1e-6 * abs(was.value or 0.0)
+        numbers = (was.value, was.u95, *was.ends), (now.value, now.u95, *now.ends) if now else (None,) * 4
+        apart = any(a != b and (a is None or b is None or abs(a - b) > last) for a, b in zip(*numbers, strict=True))
+        if now is None or apart or (was.form, was.missing) != (now.form, now.missing):
+            yield f"{was.name} is {was.with_u95}, the points give {'none' if now is None else now.with_u95}"
+
+
+def _numbers_of(value: Any) -> Any:
+    """Return results without their texts, which say in words what they are, and without what has digits by its u."""
+    if isinstance(value, dict):
+        by_u = {"value", "low", "high"} if "u" in value else set()
+        return {key: _numbers_of(each) for key, each in value.items() if key not in by_u}
+    if isinstance(value, list):
+        return [_numbers_of(each) for each in value]
+    return "" if isinstance(value, str) else value
+
+
+def _differences(stored: Any, again: Any, name: str = "", *, close: float = 1e-6) -> Iterator[str]:
     """Yield in words where stored results are not those that were computed again, up to rounding."""
     if isinstance(stored, dict) and isinstance(again, dict):
         for key in stored:  # one that is new since is none of the record
-            yield from _differences(stored.get(key), again.get(key), f"{name}.{key}".removeprefix("."))
+            yield from _differences(stored.get(key), again.get(key), f"{name}.{key}".removeprefix("."), close=close)
     elif isinstance(stored, list) and isinstance(again, list) and len(stored) == len(again):
         for place, (one, other) in enumerate(zip(stored, again, strict=True)):
-            yield from _differences(one, other, f"{name}[{place}]")
+            yield from _differences(one, other, f"{name}[{place}]", close=close)
     elif isinstance(stored, int | float) and isinstance(again, int | float):
-        if not math.isclose(stored, again, rel_tol=1e-6, abs_tol=1e-12):
+        if not math.isclose(stored, again, rel_tol=close, abs_tol=1e-12):
             yield f"{name} is {stored!r}, the points give {again!r}"
     elif stored != again:
         yield f"{name} is {str(stored)[:60]!r}, the points give {str(again)[:60]!r}"

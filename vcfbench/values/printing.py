@@ -15,16 +15,16 @@ def shorthand(value: float, u: float | None) -> str:
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return in_threes(format(value, ".6g"))
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
-    if power and int(power) < _second_digit(u):  # less than half a unit of the last digit of u
-        figure, power = "0", f"{_second_digit(u):03d}"
-    digits = format(u, ".1f") if _second_digit(u) == -1 else f"{u * 10.0 ** -min(0, _second_digit(u)):.0f}"
+    if power and int(power) < second_digit(u):  # less than half a unit of the last digit of u
+        figure, power = "0", f"{second_digit(u):03d}"
+    digits = format(u, ".1f") if second_digit(u) == -1 else f"{u * 10.0 ** -min(0, second_digit(u)):.0f}"
     return f"{in_threes(figure)}({digits})" + (f"e{power}" if power else "")
 
 
 def grouped(u: float) -> str:
     """Return an uncertainty in two digits, those in threes: ``0.000 59``."""
     fixed = _SMALLEST_GROUPED <= u < _SMALLEST_FIXED
-    return in_threes(f"{u:.{-_second_digit(u)}f}" if fixed else format(u, digits_of_u(u)))
+    return in_threes(f"{u:.{-second_digit(u)}f}" if fixed else format(u, digits_of_u(u)))
 
 
 def in_threes(figure: str) -> str:
@@ -46,19 +46,19 @@ def digits_of_u(u: float) -> str:
     """Return the format of an uncertainty that has two digits, zeros too; of 100 and more all before the point."""
     if not u:
         return ".2g"
-    return ".0f" if _second_digit(u) >= 0 else "#.2g"
+    return ".0f" if second_digit(u) >= 0 else "#.2g"
 
 
 def digits_of_value(value: float, u: float) -> str:
     """Return the format of a value whose uncertainty is `u`; eight digits of one that has none."""
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return ".8g"
-    place = min(0, _second_digit(u))
+    place = min(0, second_digit(u))
     if value and max(abs(value), u) < _SMALLEST_FIXED:
         return f".{max(0, math.floor(math.log10(abs(value))) - place)}e"
     return f"z.{-place}f"
 
 
-def _second_digit(u: float) -> int:
+def second_digit(u: float) -> int:
     """Return the power of ten of the second digit of `u`, as it is after rounding."""
     return int(f"{u:.1e}".partition("e")[2]) - 1 if u and math.isfinite(u) else 0

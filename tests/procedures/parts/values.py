@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
 import vcfbench
+from tests.evaluation import require_raised
 from tests.procedures.parts.procedures import PROCEDURES
 from tests.procedures.parts.simulated import Bench, Change, quiet
 from vcfbench.records.plain import plain
+from vcfbench.version import EVALUATION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
     from tests.procedures.parts.held import Run
 
 FILE = Path(__file__).with_name("values.json")
+_EVALUATION = "evaluation"
 _NOTHING, _MANY = 1e-9, 1e6
 """What rounding leaves of none, and degrees of freedom from which on there are as many as one likes."""
 
@@ -116,8 +119,13 @@ NOISY: Mapping[str, tuple[tuple[str, str, Mapping[str, Any]], ...]] = MappingPro
 
 def kept() -> dict[str, Figures]:
     """Return the figures that are kept, by the names of their runs."""
-    found: dict[str, Figures] = json.loads(FILE.read_text(encoding="utf-8")) if FILE.exists() else {}
-    return found
+    found: dict[str, Figures] = json.loads(FILE.read_text(encoding="utf-8"))
+    return {key: each for key, each in found.items() if key != _EVALUATION}
+
+
+def evaluation() -> int:
+    """Return the version of the evaluation that gave them."""
+    return int(json.loads(FILE.read_text(encoding="utf-8"))[_EVALUATION])
 
 
 def of_run(run: Run) -> Figures:
@@ -153,5 +161,8 @@ def jobs() -> dict[str, Callable[[], Figures]]:
 if __name__ == "__main__":
     every, wanted = jobs(), sys.argv[1:]
     made = {key: make() for key, make in every.items() if not wanted or any(word in key for word in wanted)}
-    whole = {**kept(), **made}
-    FILE.write_text("{\n" + ",\n".join(f"{json.dumps(key)}: {json.dumps(whole[key])}" for key in every) + "\n}\n")
+    moved = [key for key, figures in made.items() if key in kept() and differing(figures, kept()[key])]
+    require_raised(evaluation(), moved)
+    whole = {_EVALUATION: EVALUATION, **kept(), **made}
+    lines = (f"{json.dumps(key)}: {json.dumps(whole[key])}" for key in (_EVALUATION, *every))
+    FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
