@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 
 from msgspec import Struct, field
 
-Kind = Literal["supply", "generator", "multimeter", "oscilloscope", "chamber", "rate table", "own", "adapter"]
+Kind = Literal["supply", "generator", "multimeter", "oscilloscope", "chamber", "rate table", "own", "box", "adapter"]
 
 _SERIAL = ("TCP", "serial line")
 _LXI = ("TCP", "VXI-11", "HiSLIP")

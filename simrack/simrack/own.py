@@ -7,6 +7,7 @@ By itself it has ``*IDN?``, the error queue, status registers, ``*RST``, ``*SAV`
 from __future__ import annotations
 
 import inspect
+import math
 import re
 import traceback
 from collections.abc import Callable, Mapping
@@ -15,6 +16,7 @@ from typing import Any, ClassVar, TypeVar
 
 from simrack import scpi
 from simrack.leads import Leads
+from simrack.rate_tables.line import LineDevice, SerialTiming
 from simrack.scpi import (
     COMMON_COMMANDS,
     GPIB,
@@ -41,6 +43,7 @@ from simrack.world import World
 
 _Function = TypeVar("_Function", bound="Callable[..., Any]")
 _SUFFIX = re.compile(r"<(\d+)-(\d+)>")
+_LONGEST = 1 << 16
 _MEMORY = Integer(limits=Limits(0, 9), named=False)
 
 
@@ -200,8 +203,8 @@ def _usual(value: Any) -> Any:
     return str(value) if isinstance(value, int) else value
 
 
-class OwnInstrument(ScpiTwin):
-    """Base of an instrument of one's own.
+class Terminals:
+    """What is of one's own on a bench: a clock, inputs, outputs.
 
     Args:
         world: what it looks at.
@@ -209,14 +212,101 @@ class OwnInstrument(ScpiTwin):
         leads: the leads of its `inputs`.
     """
 
-    idn: ClassVar[str] = "OWN,INSTRUMENT,0,1.0"
-    """The answer to ``*IDN?``."""
-    wires: ClassVar[tuple[str, ...]] = ("TCP", "VXI-11", "HiSLIP", "serial line")
-    """What it is served on."""
     inputs: ClassVar[tuple[str, ...]] = ()
     """Names of terminals at which it looks."""
     outputs: ClassVar[tuple[str, ...]] = ()
     """Names of terminals that it feeds."""
+
+    def __init__(self, world: World, *, nodes: Mapping[str, str] | None = None, leads: Leads | None = None) -> None:
+        self.world = world
+        self.clock = world.clock
+        self.nodes = {} if nodes is None else dict(nodes)
+        self.leads = leads
+
+    def volts(self, terminal: str) -> float:
+        """Return the voltage at an input now, V: 0 where it is on no bench."""
+        return 0.0 if self.leads is None else self.leads.value_v(terminal)
+
+    def put(self, terminal: str, volts: float, source_ohm: float = 0.0) -> None:
+        """Put a voltage on an output from now on, V, behind a resistance, where that leads anywhere."""
+        if terminal in self.nodes:
+            self.world.drive(self.nodes[terminal], Drive(volts, source_ohm=source_ohm))
+
+
+class OwnBox(Terminals, LineDevice):
+    """Base of a box of one's own that speaks no SCPI: lines, binary frames, or what it says by itself.
+
+    A subclass overrides :meth:`answer`, :meth:`says`, or both; one with frames :meth:`frame_size` too.
+    """
+
+    wires: ClassVar[tuple[str, ...]] = ("TCP", "serial line")
+    """What it is served on."""
+    by_visa = True
+    ends: ClassVar[bytes] = b"\r\n"
+    """Bytes each of which ends a message; none where messages are frames."""
+    takes_s: ClassVar[float] = 0.0
+    """Its own time from the end of a message to the answer, s."""
+    every_s: ClassVar[float] = math.inf
+    """How often it says something by itself, s."""
+
+    def __init__(self, world: World, **around: Any) -> None:
+        Terminals.__init__(self, world, **around)
+        timing = SerialTiming(baud=9600.0, processing_s=self.takes_s)
+        LineDevice.__init__(self, world, timing, terminators=self.ends, longest=_LONGEST)
+        self._due_s = self.clock.now() + self.every_s
+
+    def answer(self, message: bytes) -> bytes | None:
+        """Return the answer to a message without its end, as it is sent; None for none."""
+        del message
+        return None
+
+    def says(self) -> bytes | None:
+        """Return what it says by itself now, every `every_s`."""
+        return None
+
+    def frame_size(self, begun: bytes) -> int:
+        """Return the length of the frame that `begun` begins with, 0 while it cannot be told, 1 for a stray byte."""
+        raise NotImplementedError
+
+    def message_size(self, data: bytes | bytearray) -> int:
+        """Return the length of the first message in `data` with its end, 0 while that is incomplete."""
+        if self.ends:
+            found = self._message_end.search(data)
+            return 0 if found is None else found.end()
+        size = self.frame_size(bytes(data)) if data else 0
+        return size if size <= len(data) else 0
+
+    def _take(self, part: bytes) -> None:
+        super()._take(part)
+        while not self.ends and (size := self.message_size(self._input)):
+            frame = bytes(self._input[:size])
+            del self._input[:size]
+            self._send(self.answer(frame))
+
+    def _answer(self, message: bytes) -> bytes | None:
+        return self.answer(message)
+
+    def _finish_message(self) -> None:
+        if self.ends:
+            super()._finish_message()
+
+    def _advance(self) -> None:
+        now = self.clock.now()
+        if now >= self._due_s:  # of what it would have said while nobody looked only the last
+            self._due_s = (math.floor(now / self.every_s + 1e-9) + 1) * self.every_s
+            self._send(self.says())
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return (self._due_s,)
+
+
+class OwnInstrument(Terminals, ScpiTwin):
+    """Base of an instrument of one's own that speaks SCPI; arguments are those of :class:`Terminals`."""
+
+    idn: ClassVar[str] = "OWN,INSTRUMENT,0,1.0"
+    """The answer to ``*IDN?``."""
+    wires: ClassVar[tuple[str, ...]] = ("TCP", "VXI-11", "HiSLIP", "serial line")
+    """What it is served on."""
     table: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
@@ -227,11 +317,8 @@ class OwnInstrument(ScpiTwin):
         patterns = {row.pattern for row in own}
         cls.table = CommandTable(*own, *(row for row in _BY_ITSELF if row.pattern not in patterns))
 
-    def __init__(self, world: World, *, nodes: Mapping[str, str] | None = None, leads: Leads | None = None) -> None:
-        self.world = world
-        self.clock = world.clock
-        self.nodes = {} if nodes is None else dict(nodes)
-        self.leads = leads
+    def __init__(self, world: World, **around: Any) -> None:
+        super().__init__(world, **around)
         self.operation, self.questionable = Register(), Register()
         status = Status({3: self.questionable, 7: self.operation})
         self.engine = ScpiEngine(self, self.table, world.clock, dialect=Dialect(), interface=GPIB, status=status)
@@ -247,15 +334,6 @@ class OwnInstrument(ScpiTwin):
         """Take the ``*RST`` state: the defaults of all settings. What else there is goes into an override."""
         known = (getattr(type(self), name) for name in dir(type(self)))
         self.settings = {each.name: deepcopy(each.first()) for each in known if isinstance(each, Setting)}
-
-    def volts(self, terminal: str) -> float:
-        """Return the voltage at an input now, V: 0 where it is on no bench."""
-        return 0.0 if self.leads is None else self.leads.value_v(terminal)
-
-    def put(self, terminal: str, volts: float, source_ohm: float = 0.0) -> None:
-        """Put a voltage on an output from now on, V, behind a resistance, where that leads anywhere."""
-        if terminal in self.nodes:
-            self.world.drive(self.nodes[terminal], Drive(volts, source_ohm=source_ohm))
 
 
 def _declares(each: object) -> bool:

@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from simrack.device import Device
 from simrack.faults import FaultScript
-from simrack.models import SimulatedModel, model_named
-from simrack.own import OwnInstrument
+from simrack.models import Kind, SimulatedModel, model_named
+from simrack.own import OwnBox, OwnInstrument
 from simrack.serve import Offer
 from simrack.wired import Circuit, Through
 from simrack.world import World
@@ -23,6 +23,8 @@ from simrack.world import World
 OFFERS: Mapping[str, Offer] = {"TCP": "tcp", "VXI-11": "vxi11", "HiSLIP": "hislip", "serial line": "pty"}
 UPSIDE_DOWN = {("E36312A", "output_3")}
 """Outputs whose class gives the sign of the rail that they are meant for, not that of their terminals."""
+_STREAMS = {"rate table", "box"}
+"""Kinds that are on byte streams alone."""
 _LAN_PORT, _ADAPTER_PORT = 5025, 1234
 _WORD = re.compile(r"(?:(?P<name>[\w-]+)=)?(?P<model>[\w-]+)(?::(?P<wires>[\w+]+))?")
 _GPIB = re.compile(r"gpib([12]?\d|30)")
@@ -59,11 +61,12 @@ class Place(Struct, frozen=True):
     def on(self, words: Iterable[str]) -> Place:
         """Return it on the interfaces that somebody named; ValueError says on which it cannot be."""
         model, wires = self.model, [word for word in words if word]
-        if model.kind != "rate table" and len(wires) == 1 and (found := _GPIB.fullmatch(wires[0])):
+        stream = model.kind in _STREAMS
+        if not stream and len(wires) == 1 and (found := _GPIB.fullmatch(wires[0])):
             return replace(self, gpib=int(found[1]))
-        known = {offer: offer for offer in OFFERS.values() if model.kind != "rate table" or offer in {"tcp", "pty"}}
+        known = {offer: offer for offer in OFFERS.values() if not stream or offer in {"tcp", "pty"}}
         if wrong := [word for word in wires if word not in known]:
-            alone = "" if model.kind == "rate table" else ", or gpib0 to gpib30 alone"
+            alone = "" if stream else ", or gpib0 to gpib30 alone"
             raise ValueError(f"{model.name} can be on {', '.join(known)}{alone}, not on {wrong[0]!r}")
         return replace(self, wires=frozenset(known[word] for word in wires))  # type: ignore[index]  # it is one of them
 
@@ -80,7 +83,7 @@ class Place(Struct, frozen=True):
             return f"TCPIP0::{self.name}::hislip0::INSTR"
         if self.wires == {"tcp"}:
             return f"TCPIP0::{self.name}::{_LAN_PORT}::SOCKET"
-        return f"ASRL{number}::INSTR" if self.wires or self.model.kind == "rate table" else f"GPIB0::{number}::INSTR"
+        return f"ASRL{number}::INSTR" if self.wires or self.model.kind in _STREAMS else f"GPIB0::{number}::INSTR"
 
 
 class Plan(Struct, frozen=True):
@@ -176,9 +179,13 @@ def _dialogues(file: Path) -> list[Place]:
 
 def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
     """Return the instruments that a module defines, by the names of their classes."""
-    classes = [each for each in module.values() if isinstance(each, type) and issubclass(each, OwnInstrument)]
-    own = [each for each in classes if each.__module__ == module["__name__"]]
-    return {made.__name__: OwnModel(made.__name__, "own", "", made.wires, made=made) for made in own}
+    kinds: dict[type, Kind] = {OwnInstrument: "own", OwnBox: "box"}
+    found: dict[str, SimulatedModel] = {}
+    for made in module.values():
+        kind = next((kinds[each] for each in getattr(made, "__mro__", ()) if each in kinds), None)
+        if kind is not None and made.__module__ == module["__name__"]:
+            found[made.__name__] = OwnModel(made.__name__, kind, "", made.wires, made=made)
+    return found
 
 
 def _placed(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Place:

@@ -17,7 +17,7 @@ from simrack.faulty_device import FaultInjector
 from simrack.gpib_adapter import GpibAdapter
 from simrack.leads import Leads
 from simrack.motion import TableMotion
-from simrack.plan import UPSIDE_DOWN, Place, Plan, plan_of
+from simrack.plan import UPSIDE_DOWN, OwnModel, Place, Plan, plan_of
 from simrack.serve import ServedBench, ServedClock
 from simrack.sources import Approach
 from simrack.wired import Mechanics, WiredWorld
@@ -67,7 +67,7 @@ class Rack(Struct, frozen=True):
         plan = plan_of(()) if plan is None else plan
         seed = plan.seed if seed is None else seed
         attended = AttendedClock(clock)
-        fed, rails = _fed(plan, {"generator", "own"}), _fed(plan, {"supply"})
+        fed, rails = _fed(plan, {"generator", "own", "box"}), _fed(plan, {"supply"})
         world = WiredWorld(attended, links=plan.links, inputs=fed, rails=rails)
         if both := {*rails} & {*world.nodes}:
             raise ValueError(f"a supply feeds {min(both)!r}, and a circuit or a generator too")
@@ -122,7 +122,7 @@ def _built(place: Place, world: Any, seed: int | None) -> Device:
     nodes = {each: node.removeprefix("-") for each, node in place.terminals.items() if node is not None}
     turned = {each for each, node in place.terminals.items() if (node or "").startswith("-")}
     around: dict[str, Any] = {"nodes": {each: node for each, node in nodes.items() if each in place.model.outputs}}
-    if place.model.kind != "own":
+    if not isinstance(place.model, OwnModel):
         around["errors"] = twin.errors_class.none() if random is None else twin.errors_class.drawn(random)
         around["noise_seed"] = 0 if random is None else int(random.integers(1 << 32))
     seen: Any = world
@@ -132,13 +132,13 @@ def _built(place: Place, world: Any, seed: int | None) -> Device:
         around["rails"] = {_SUPPLY_OUTPUTS[each]: rail for each, rail in nodes.items()}
     elif place.model.kind == "generator":
         around |= {"node": nodes.get("output_1"), "second_node": nodes.get("output_2")}
-    elif place.model.kind == "own" and place.model.inputs:
+    elif isinstance(place.model, OwnModel) and place.model.inputs:
         around["leads"] = _leads(place, world, nodes, turned)
     elif place.model.inputs:
         seen = _leads(place, world, nodes, turned)
         around |= {"node": "input", "channels": {n: f"channel_{n}" for n in range(1, len(place.model.inputs) + 1)}}
     takes = inspect.signature(twin).parameters
-    device: Device = twin(seen, **{each: value for each, value in around.items() if each in takes})
+    device: Device = twin(seen, **{each: value for each, value in around.items() if each in takes or "around" in takes})
     return device
 
 

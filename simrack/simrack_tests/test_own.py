@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -179,3 +180,46 @@ def test_the_instrument_of_the_page_is_the_example() -> None:
     shown = page[page.index("class Magnet") : page.index("```\n\n```sh")]
     assert example[example.index("class Magnet") :] == shown
     assert len(page[page.index("from simrack.own") : page.index("```\n\n```sh")].splitlines()) <= 30
+
+
+def frame(*body: int) -> bytes:
+    begun = bytes((0xAA, len(body), *body))
+    return begun + bytes((sum(begun) & 0xFF,))
+
+
+BOXES = {
+    "balance": [(b"S\r\n", b"S D     120.00 g\r\n"), (b"T\n", b"T S     120.00 g\r\n"), (b"\r\nX\r", b"ES\r\n")],
+    "pump": [
+        (b"\x00\x11" + frame(2, 1, 44), frame(1, 1, 44)),
+        (frame(1)[:-1] + b"\x00" + frame(1), frame(1, 1, 44)),
+        (frame(2, 13, 10), frame(1, 13, 10)),
+    ],
+    "barometer": [(b"", b"P=1013.25 hPa T=23.0 C\r\n"), (b"hello\r\n", b"P=1013.26 hPa T=23.0 C\r\n")],
+}
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_a_box_of_ones_own_speaks_as_it_is_written_whatever_cuts_its_bytes(name: str) -> None:
+    rack = Rack.build(VirtualClock(), plan_of([str(RACK / "examples" / f"{name}.py")]))
+    box, clock = rack.devices[name.title()], rack.world.clock
+    for said, answer in BOXES[name]:
+        for byte in said:
+            box.write(bytes((byte,)))
+        while not (heard := box.read(100)[0]):
+            clock.sleep_until(box.wake_at() or 0.0)
+        assert heard == answer
+
+
+@pytest.mark.parametrize("name", BOXES)
+def test_a_box_of_ones_own_is_served_on_a_socket(name: str) -> None:
+    with serving(str(RACK / "examples" / f"{name}.py")) as server:
+        place = server.wires[name.title()].tcp or ""
+        with socket.create_connection(("127.0.0.1", int(place.split("::")[2])), timeout=10) as connection:
+            for said, answer in BOXES[name][: 1 if name == "barometer" else None]:
+                connection.sendall(said)
+                assert connection.recv(100)[-len(answer) :][:2] == answer[:2]
+
+
+def test_a_box_is_on_byte_streams_alone() -> None:
+    with pytest.raises(ValueError, match="Balance can be on tcp, pty, not on 'gpib3'"):
+        plan_of([str(RACK / "examples" / "balance.py"), "Balance:gpib3"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from simrack.device import Device
 from simrack.rate_tables.line import LineDevice
-from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import Interface, ScpiError, ScpiTwin
 from simrack.serve.clock import ServedClock
 from simrack.serve.framing import answer_of, empty_messages, message_sizes, no_answer
@@ -39,7 +38,7 @@ class EmbodiedDevice:
         limit = _LONGEST_LINE if self.engine is None else self.engine.dialect.input_limit
         self.longest = limit + 8
         self.message_size, self.line_size = message_sizes(device)
-        self.binary = isinstance(device, FrameDevice)
+        self.binary = isinstance(device, LineDevice) and not device.terminators
         """Whether every byte may be part of a message: none means a break."""
         self.blank = empty_messages(device)
         """Finds the ends of messages without anything before them, which mean nothing."""

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from simrack.device import Device
+from simrack.own import OwnBox
 from simrack.rate_tables.line import LineDevice
 from simrack.rate_tables.stream import FrameDevice
 from simrack.scpi import ScpiTwin
@@ -36,7 +37,7 @@ def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Byt
         if device.engine.dialect.takes_blocks:
             return lambda data: find_message_end(data) + 1, _newline_size
         return _newline_size, _newline_size
-    if isinstance(device, FrameDevice):
+    if isinstance(device, FrameDevice | OwnBox):
         return device.message_size, device.message_size
     return (_line_size, _line_size) if isinstance(device, LineDevice) else (len, len)
 
@@ -45,7 +46,7 @@ def empty_messages(device: Device) -> re.Pattern[bytes]:
     """Return the pattern of empty messages for `device`, which it need not be told of."""
     if isinstance(device, ScpiTwin):
         return _BLANK
-    if isinstance(device, LineDevice) and not isinstance(device, FrameDevice):
+    if isinstance(device, LineDevice) and device.terminators:
         return re.compile(b"[%b]*" % re.escape(device.terminators))
     return NOTHING_EMPTY
 
