@@ -153,7 +153,7 @@ MEASURED = {
 }
 SPEAKING = [name for name, model in RACK.items() if model.kind != "rate table"]
 WIRES = ("tcp", "vxi11", "hislip", *(["pty"] if has_ptys() else []))
-_COMMAND_ERROR = 32
+_COMMAND_ERROR, _REQUESTED = 32, 64
 
 
 @contextmanager
@@ -169,23 +169,64 @@ def serving(*words: str) -> Iterator[BenchServer]:
             thread.join(30)
 
 
+def ask_all(name: str, ask: Callable[[str], str], clear: Callable[[], None], poll: Callable[[], int]) -> None:
+    """Ask a model what each must answer: who it is, a measured value, an error, a device clear, a service request."""
+    kind = RACK[name].kind
+    assert re.findall(r"\d{3,}", name)[0] in ask("*IDN?")
+    assert math.isfinite(float(ask(MEASURED[kind])))
+    clear()
+    assert ask("*CLS;*ESE 32;*SRE 32;*OPC?").strip().lstrip("+") == "1"
+    assert not poll() & _REQUESTED
+    ask("NOSUCH:WORD 1")
+    assert poll() & (_REQUESTED | _COMMAND_ERROR) == _REQUESTED | _COMMAND_ERROR
+    assert int(ask("*ESR?")) & _COMMAND_ERROR
+    assert kind == "chamber" or "-113" in ask("SYST:ERR?")  # the chamber has no queue
+
+
 @pytest.mark.parametrize("wire", few(WIRES, "tcp"))
-def test_every_model_measures_errs_and_is_cleared_on_every_wire(wire: str) -> None:
+def test_every_model_measures_errs_requests_service_and_is_cleared_on_every_wire(wire: str) -> None:
     manager = pyvisa.ResourceManager("@py")
     with serving(*(f"{name}:{wire}" for name in SPEAKING)) as server:
         for name, wires in server.wires.items():
             (place,) = wires.places
             resource: Any = manager.open_resource(place, timeout=30_000)
             resource.read_termination = resource.write_termination = "\n"
-            assert re.findall(r"\d{3,}", name)[0] in resource.query("*IDN?")
-            assert math.isfinite(float(resource.query(MEASURED[RACK[name].kind])))
-            resource.write("NOSUCH:WORD 1")
-            assert int(resource.query("*ESR?")) & _COMMAND_ERROR
-            assert RACK[name].kind == "chamber" or "-113" in resource.query("SYST:ERR?")  # the chamber has no queue
-            if wire in {"vxi11", "hislip"}:
-                resource.clear()
-            assert resource.query("*STB?").strip()
+            by_poll = wire == "vxi11"  # on HiSLIP PyVISA-py takes a request for the answer to what it sends next
+
+            def ask(said: str, resource: Any = resource) -> str:
+                return str(resource.query(said)) if "?" in said else str(resource.write(said))
+
+            def poll(resource: Any = resource, by_poll: bool = by_poll) -> int:  # noqa: FBT001
+                return int(resource.read_stb() if by_poll else resource.query("*STB?"))
+
+            ask_all(name, ask, resource.clear if wire in {"vxi11", "hislip"} else lambda: None, poll)
             resource.close()
+    manager.close()
+
+
+@pytest.mark.exhaustive
+def test_every_model_does_so_behind_an_adapter_and_in_ones_own_process() -> None:
+    words = [f"{name}:gpib{address}" for address, name in enumerate(SPEAKING[:31])]
+    with serving(*words) as server:
+        wire = socket.create_connection(("127.0.0.1", int((server.wires["gpib"].tcp or "").split("::")[2])), timeout=30)
+        lines = wire.makefile("rw", newline="\n")
+
+        def ask(said: str) -> str:
+            lines.write(f"{said}\n" + "++read eoi\n" * ("?" in said))
+            lines.flush()
+            return lines.readline() if "?" in said or said.startswith("++spoll") else ""
+
+        ask("++read_tmo_ms 3000")
+        for address, name in enumerate(SPEAKING[:31]):
+            ask(f"++addr {address}")
+            ask_all(name, ask, lambda: ask("++clr") and None, lambda: int(ask("++spoll")))
+        lines.close()
+        wire.close()
+    manager = pyvisa.ResourceManager(f"?speed=max&models={','.join(words)}@simrack")
+    for address, name in enumerate(SPEAKING[:31]):
+        resource: Any = manager.open_resource(f"GPIB0::{address}::INSTR", timeout=30_000)
+        said = lambda words, resource=resource: resource.query(words) if "?" in words else resource.write(words)  # noqa: E731
+        ask_all(name, said, resource.clear, resource.read_stb)
     manager.close()
 
 
