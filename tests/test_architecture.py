@@ -208,7 +208,8 @@ def test_no_function_is_longer_than_a_screen() -> None:
     assert {name: lines for name, lines in body_lengths() if lines > 60} == {}
 
 
-CLAUSES = {"What", "Who", "Whose", "Whence", "Which", "Where", "Whether", "When", "How"}
+CLAUSE = re.compile(r"\b(what|who|whoever|whom|whether|how|why|whence|in which way|way in which)\b", re.IGNORECASE)
+"""Words that begin a clause in the place of a noun."""
 PASS_NAMES_ON = {"clock", "errors", "specifications"}
 """Modules from which others take names that are defined elsewhere."""
 
@@ -217,12 +218,25 @@ def of_vcfbench() -> list[str]:
     return [name for name in modules() if name.startswith("vcfbench.")]
 
 
-def test_first_lines_of_docstrings_name_their_subject() -> None:
-    """A clause in the place of a noun, "What is known of a gyroscope", is rare."""
+@pytest.mark.parametrize("distribution", ["vcfbench", "simrack"])
+def test_first_lines_of_docstrings_hold_few_clauses(distribution: str) -> None:
+    """The whole line counts: "Return what is known" names nothing, "Return the known sources" does."""
     kinds = (*FUNCTIONS, ast.ClassDef, ast.Module)
-    found = [node for name in of_vcfbench() for node in nodes(name) if isinstance(node, kinds)]
-    words = [said.split()[0] for node in found if (said := ast.get_docstring(node))]
-    assert sum(word in CLAUSES for word in words) <= 0.01 * len(words)
+    ours = [name for name in modules() if ("simrack" in name.partition(".")[0]) == (distribution == "simrack")]
+    lines = [
+        said.splitlines()[0]
+        for name in ours
+        for node in nodes(name)
+        if isinstance(node, kinds) and (said := ast.get_docstring(node))
+    ]
+    assert sum(CLAUSE.search(line) is not None for line in lines) <= 0.03 * len(lines)
+
+
+def test_few_names_of_tests_are_sentences() -> None:
+    """`test_<unit>_<condition>_<result>`, at most ten words; the share may only fall."""
+    paths = [*(ROOT / "tests").rglob("test_*.py"), *(ROOT / "simrack" / "simrack_tests").rglob("test_*.py")]
+    found = [name for path in paths for name in re.findall(r"^ *def test_(\w+)", path.read_text("utf-8"), re.MULTILINE)]
+    assert sum(len(name.split("_")) > 10 for name in found) <= 0.235 * len(found)
 
 
 def test_few_private_functions_are_called_once() -> None:

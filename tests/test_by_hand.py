@@ -300,7 +300,7 @@ def test_a_person_types_a_calibration_at_the_terminal(bench: Path) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
-def test_a_terminal_at_which_nobody_answers_in_the_end_is_not_waited_for_for_ever(bench: Path) -> None:
+def test_terminal_without_a_person_is_not_waited_for(bench: Path) -> None:
     bench.write_text(BENCH.replace('by = "hand"', 'by = "hand"\ntimeout_s = 0.2'), encoding="utf-8")
     code, said, _ = typed_at_a_terminal(bench, silent="once it is stopped")
     assert code == 5, said

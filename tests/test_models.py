@@ -223,7 +223,7 @@ def test_a_meter_without_a_data_sheet_is_no_meter_for_a_calibration() -> None:
     assert "names a data sheet" in str(caught.value)
 
 
-def test_an_integration_time_that_the_data_sheet_has_not_is_a_mistake_of_the_bench_file(
+def test_unknown_integration_time_is_a_mistake_of_the_file(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     row = Model(

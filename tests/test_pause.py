@@ -163,7 +163,7 @@ def test_a_record_with_a_pause_is_resumed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("left", [0, 1, 9])
-def test_a_run_broken_off_after_a_pause_counts_neither_its_time_nor_from_before_it(left: int, tmp_path: Path) -> None:
+def test_broken_pause_counts_neither_time_nor_shift(left: int, tmp_path: Path) -> None:
     """Also where nothing was measured between the pause and the break: its lines alone tell how the output moved."""
     presser = Presser(20)
     whole = presser.run("turntable", bench="lab", settings=QUICK, runs=tmp_path / "a")
@@ -181,9 +181,7 @@ def test_a_run_broken_off_after_a_pause_counts_neither_its_time_nor_from_before_
 
 
 @pytest.mark.parametrize("samples", few([30, 31, 200], 30, 31))
-def test_the_drift_that_a_pause_allows_goes_by_its_time_however_long_the_windows_are(
-    samples: int, tmp_path: Path
-) -> None:
+def test_allowed_drift_of_a_pause_goes_by_its_time(samples: int, tmp_path: Path) -> None:
     """The two windows of a pause are twice as long as the run's: more than 60 s from 31 readings of 1 s on."""
     settings = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": samples, "sample_interval_s": 1.0}
     presser = Presser(36)
@@ -230,7 +228,7 @@ def test_every_procedure_pauses(procedure: str, number: int) -> None:
     assert len(presser.went_on()) == 2
 
 
-def test_bench_time_of_a_simulated_bench_goes_on_as_the_wall_does_or_stands_still(tmp_path: Path) -> None:
+def test_simulated_time_in_a_pause_follows_the_wall(tmp_path: Path) -> None:
     def wait() -> None:
         sleep(WallClock(), 0.15)
 

@@ -287,7 +287,7 @@ def test_an_error_of_the_bench_is_raised_with_the_run_that_it_ended(kind: type, 
 
 
 @pytest.mark.parametrize("kind", [OSError, ImportError])
-def test_what_the_computer_refuses_in_mid_run_is_an_error_of_the_bench_and_the_record_is_closed(
+def test_refusal_of_the_computer_closes_the_record(
     kind: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No file descriptor is left, or the package was changed: a module that is loaded late cannot be."""

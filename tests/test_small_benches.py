@@ -327,7 +327,7 @@ def test_the_instruments_themselves_can_be_asked_for() -> None:
     assert "set_dc" in lacking(Hp34401A, FunctionGenerator)
 
 
-def test_a_step_on_what_is_missing_ends_the_run_and_says_what_the_bench_file_needs(tmp_path: Path) -> None:
+def test_step_on_a_missing_instrument_names_the_key(tmp_path: Path) -> None:
     def careless(settings: ProcedureSettings) -> Plan:
         return (yield from energised(settings, turned(settings)))
 

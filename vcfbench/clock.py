@@ -42,7 +42,7 @@ def today() -> date:
 
 
 def uptime_s() -> float:
-    """Return for how long the computer is up, s, the time that it slept included where the system tells that."""
+    """Return the time for which the computer is up, s, the time that it slept included where the system tells that."""
     clock = getattr(time, "CLOCK_BOOTTIME", None)
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 
@@ -122,5 +122,5 @@ class Deadline(Struct, frozen=True):
         return self.clock.now() - self.started_s
 
     def expired(self) -> bool:
-        """Tell whether the time is up."""
+        """Return True if the time is up."""
         return self.clock.now() >= self.expires_s

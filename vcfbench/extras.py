@@ -22,7 +22,7 @@ def need(module: str, extra: str, what: str) -> Any:
 
 
 def _libraries(extra: str) -> list[str]:
-    """Return what an extra adds, as pip takes it; nothing of a source tree that was only put on the path.
+    """Return the libraries of an extra, as pip takes them; none of a source tree that was only put on the path.
 
     By its own name an extra would bring simrack along anew, from the clone that vcfbench was installed from.
     """

@@ -150,7 +150,7 @@ if sys.platform == "win32":
         msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
 
     def holder_of(descriptor: int) -> int | None:
-        """Raise OSError: this system does not tell who holds a lock."""
+        """Raise OSError: this system reports no holder of a lock."""
         raise OSError(errno.ENOSYS, "who holds a lock", descriptor)
 else:
     import fcntl
@@ -243,7 +243,7 @@ def shown(path: Path | str) -> str:
 
 
 def is_utf8(text: str) -> bool:
-    """Tell whether a text can be written down; bytes of another encoding on a command line cannot."""
+    """Return True if a text can be written down; bytes of another encoding on a command line cannot."""
     try:
         text.encode()
     except UnicodeEncodeError:

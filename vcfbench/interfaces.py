@@ -155,7 +155,7 @@ class PowersRails(Protocol):
         """Switch all outputs off."""
 
     def outputs_enabled(self) -> bool:
-        """Tell whether the outputs are on."""
+        """Return True if the outputs are on."""
 
     def measure_voltage_v(self, output: str) -> float:
         """Read back the voltage at the terminals, V."""
@@ -164,7 +164,7 @@ class PowersRails(Protocol):
         """Read back the current, A."""
 
     def regulation(self, output: str) -> Regulation:
-        """Tell how `output` is regulated now."""
+        """Return the regulation of `output`."""
 
 
 @runtime_checkable
@@ -178,7 +178,7 @@ class SwitchesOutput(Protocol):
         """Open the output relay."""
 
     def output_enabled(self) -> bool:
-        """Tell whether the output relay is closed."""
+        """Return True if the output relay is closed."""
 
 
 @runtime_checkable
@@ -242,7 +242,7 @@ class SamplesVoltage(ReadsVoltage, Protocol):
         """Return the integration time of one reading as configured, s."""
 
     def start_sampling(self, samples: int, interval_s: float) -> float:
-        """Begin to take `samples` readings, one every `interval_s`; return how long they take, s.
+        """Begin to take `samples` readings, one every `interval_s`; return their duration, s.
 
         Range and integration time are those configured; a zero is taken once, before the first. An interval of one
         integration time leaves no gap between the readings. Nothing may be asked of it until they are taken.
@@ -311,7 +311,7 @@ class Rotates(Protocol):
         """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; returns at once."""
 
     def at_rate(self) -> bool:
-        """Tell whether the table says that the demanded rate is reached."""
+        """Return True if the table says that the demanded rate is reached."""
 
     def rate_deg_s(self) -> float:
         """Read back the rate."""
@@ -337,7 +337,7 @@ class ForcesTemperature(Protocol):
         """Say when it counts as at temperature: for `soak_s` within `window_k` of the setting."""
 
     def at_temperature(self) -> bool:
-        """Tell whether the temperature is reached and has been held."""
+        """Return True if the temperature is reached and has been held."""
 
     def air_temperature_c(self) -> float:
         """Read the temperature of the air, degC."""
@@ -352,7 +352,7 @@ class ForcesTemperature(Protocol):
         """Stop the air."""
 
     def flow_enabled(self) -> bool:
-        """Tell whether air flows."""
+        """Return True if air flows."""
 
     def fault(self) -> str | None:
         """Return the fault in words, None when there is none."""

@@ -87,7 +87,7 @@ class Model(Struct, frozen=True):
         return (*self.roles, *also)
 
     def recognises(self, maker: str, model: str) -> bool:
-        """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
+        """Return True if `maker` and `model`, the first fields of ``*IDN?``, are those of this model."""
         return maker.upper().startswith(self.makers) and bare_model(model).startswith(self.name.upper())
 
 
@@ -114,7 +114,7 @@ class TableLanguage(Struct, frozen=True):
     own_watchdog: str = NO_WATCHDOG
 
     def recognises(self, maker: str, model: str) -> bool:
-        """Tell whether `maker` and `model`, the first fields of ``*IDN?``, are those of a table of this language."""
+        """Return True if `maker` and `model`, the first fields of ``*IDN?``, are those of a table of this language."""
         named = bool(self.makers) and maker.upper().startswith(self.makers)
         return named and model.upper().startswith(self.model_prefix)
 
@@ -303,7 +303,7 @@ def driver_of(row: Model) -> Any:
 
 
 def own_watchdog(name: str, like: str | None = None) -> str:
-    """Return what is known of a watchdog in the model or table language `name`, which may speak as the model `like`."""
+    """Return the notes on a watchdog in the model or table language `name`, which may speak as the model `like`."""
     row = find_model(name) or find_language(name) or (find_model(like) if like else None)
     return NO_WATCHDOG if row is None else row.own_watchdog
 

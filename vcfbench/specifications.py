@@ -1,4 +1,4 @@
-"""Data sheets by model: those that the simulated instruments are drawn from, and what else budgets need."""
+"""Data sheets by model: the accuracies of the simulated instruments, and the further limits of budgets."""
 
 from collections.abc import Mapping
 from types import MappingProxyType

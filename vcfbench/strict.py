@@ -49,7 +49,7 @@ def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:
 
 
 def one_of(name: str, known: Sequence[str], what: str) -> str:
-    """Say what was expected for a `name` that is none of `known`: those near to it, else all of a few, else some."""
+    """Raise an error with the names that were expected for `name`: near ones, else a few of `known`."""
     parts = {part for part in name.split("_") if len(part) > 3}
     alike = [each for each in known if parts & {*each.split("_")}]
     if close := difflib.get_close_matches(name, known, n=1) or alike[:3]:

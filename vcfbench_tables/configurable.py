@@ -84,7 +84,7 @@ class ConfigurableDialect(TableDialect):
         line.drain(deadline)
 
     def may_come_unasked(self, data: bytes) -> bool:
-        """Frames may, and whole lines: prompts, echoes, what came late; half a line would become half an answer."""
+        """Accept frames and whole lines: prompts, echoes, late replies; half a line would become half an answer."""
         return self.profile.binary or self.profile.stream is not None or data.endswith((b"\n", b"\r"))
 
     @property
@@ -104,7 +104,7 @@ class ConfigurableDialect(TableDialect):
 
     @property
     def _span_s(self) -> float:
-        """Over how long the angle is watched for a rate."""
+        """Time over which the angle is watched for a rate."""
         rate = self.profile.fields.get("rate")
         if rate is None:
             return _SPAN_S
@@ -210,7 +210,7 @@ class ConfigurableDialect(TableDialect):
             self.perform(line, name, generous)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell whether the servo is closed; a table that does not say is taken to be as it was last told."""
+        """Return True if the servo is closed; a table that does not say is taken to be as it was last told."""
         return self.flag(line, "enabled", deadline) if "enabled" in self.profile.status else self._servo
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:

@@ -141,7 +141,7 @@ class EspDialect(TableDialect):
         return decimal(degrees / self._unit_deg)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Ask whether the motor is on."""
+        """Query if the motor is on."""
         return replies.boolean(self._ask(line, f"{self.axis}MO?", deadline))
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:

@@ -1,4 +1,4 @@
-"""What a profile, a table language told in TOML, can say: frozen strict structs.
+"""Keys of a profile, a table language told in TOML: frozen strict structs.
 
 :mod:`~vcfbench_tables.profile` reads and checks one,
 :class:`~vcfbench_tables.configurable.ConfigurableDialect` does what it says.
@@ -214,7 +214,7 @@ class Profile(_Part, frozen=True, kw_only=True):
 
     @property
     def binary(self) -> bool:
-        """Tell whether messages are bytes and not lines."""
+        """Return True if messages are bytes and not lines."""
         return self.frame.kind != "line"
 
     @property

@@ -196,7 +196,7 @@ _SUMS: Mapping[str, tuple[int, Callable[[bytes], int]]] = MappingProxyType(
 
 
 def checksum_length(name: str | None) -> int:
-    """Return how many bytes the checksum `name` takes as sent; None takes none."""
+    """Return the number of bytes that the checksum `name` takes as sent; None takes none."""
     return 0 if name is None else _SUMS[name][0]
 
 
@@ -324,7 +324,7 @@ def take_frame(frame: Frame, line: TableLine, deadline: Deadline) -> bytes:
 
 
 def _rest(frame: Frame, begun: bytes, line: TableLine, deadline: Deadline) -> tuple[bytes, bool]:
-    """Take the rest of a frame whose header has come; return what came, and whether its length can be one."""
+    """Take the rest of a frame whose header has come; return it, and True if its length is possible."""
     if frame.kind == "delimited":
         trailer = bytes.fromhex(frame.trailer)
         return begun + line.take_through(trailer, deadline) + trailer, True

@@ -1,4 +1,4 @@
-"""Reading of table languages told in TOML: every mistake is one line with file, key and what was expected.
+"""Reading of table languages told in TOML: every mistake is one line with file, key and expectation.
 
 What a profile can say is in :mod:`vcfbench_tables.language`.
 """
@@ -160,7 +160,7 @@ def _step(path: str, name: str, step: Step, profile: Profile) -> Iterator[Row]:
 
 
 def _untold(template: str, profile: Profile, values: Mapping[str, Value]) -> ValueError | None:
-    """Return why a template cannot be filled with `values`; None if it can."""
+    """Return the reason that a template cannot be filled with `values`; None if it can."""
     try:
         profile.message(template, values)
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Replies of a table whose language a profile tells: which comes, which may come late, which refuses, what it says."""
+"""Replies of a table whose language a profile describes: expected, late and refusing ones, and their fields."""
 
 import re
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ class Received(Struct, frozen=True):
 
 
 class ProfileReplies:
-    """Takes the replies of the language of `profile` from a line, and reads in them what is said of one axis."""
+    """Takes the replies of the language of `profile` from a line, and reads the fields of one axis."""
 
     def __init__(self, profile: Profile, axis: int) -> None:
         self._profile = profile
@@ -127,7 +127,7 @@ class ProfileReplies:
         return pieces[spec.item]
 
     def holds(self, spec: Flag, received: Received) -> bool:
-        """Tell whether a flag is raised, before its `negate`."""
+        """Return True if a flag is raised, before its `negate`."""
         if spec.contains is not None:
             text = received.data.decode("latin-1") if self._profile.binary else self._piece(spec, received)
             return spec.contains in text

@@ -23,7 +23,7 @@ class SteadyRate(Struct):
         self.demanded_deg_s, self._good = rate_deg_s, 0
 
     def reached(self, rate_deg_s: float) -> bool:
-        """Take a reading; tell whether enough of the latest are good."""
+        """Take a reading; return True if enough of the latest are good."""
         allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
         self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
         return self._good >= self.polls

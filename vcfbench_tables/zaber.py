@@ -183,7 +183,7 @@ class ZaberDialect(TableDialect):
         return rate_deg_s * self.steps_per_deg * _VELOCITY
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Ask whether the driver is enabled."""
+        """Query if the driver is enabled."""
         return replies.boolean(self._setting(line, "driver.enabled", deadline))
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:

@@ -1,4 +1,4 @@
-"""Faults of the bench, not of a wire: each begins at once at an instrument and returns what ends it."""
+"""Faults of the bench, not of a wire: each begins at once at an instrument and returns a function that ends it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _POWER_ON = 128
 
 
 def _replaced(device: Any, part: str, stand_in: Any) -> Callable[[], None]:
-    """Put something in the place of a part of an instrument; return how it comes back."""
+    """Put something in the place of a part of an instrument; return a function that puts it back."""
     kept = getattr(device, part)
     setattr(device, part, stand_in)
     return lambda: setattr(device, part, kept)

@@ -44,7 +44,7 @@ class Index(Struct, frozen=True):
     """Headers of the list that are of other models, and of which."""
 
     def __str__(self) -> str:
-        """Return how many are known."""
+        """Return the number of known ones."""
         return f"{len(self.known)} of {len(self.known) + len(self.unknown)}"
 
 
@@ -60,7 +60,7 @@ def spellings(header: str) -> Iterator[str]:
 
 
 def knows(table: CommandTable, header: str) -> bool:
-    """Tell whether a table has a header in every spelling: as a query if it ends with ?, else in either form."""
+    """Return True if a table has a header in every spelling: as a query if it ends with ?, else in either form."""
 
     def found(text: str) -> bool:
         error = table.compile(text)[0].error
@@ -124,7 +124,7 @@ def _with_drivers(manual: Index, header: str) -> str:
 
 
 def overview() -> str:
-    """Return a row for each model: how many headers, and how many of those that standards and manual list."""
+    """Return a row for each model: the number of headers, and the numbers that standards and manual list."""
     rows = ["| model | served on | headers | IEEE 488.2 | SCPI-99 | its list |", "|---|---|---:|---:|---:|---:|"]
     for name, model in MODELS.items():
         table, manual = model.load().table, of_manual(model)

@@ -118,7 +118,7 @@ def card(
         str | None, typer.Argument(metavar="[MODEL]", help="As on the box; without, all in a table.")
     ] = None,
 ) -> None:
-    """Show which commands of its manual and of the standards a model knows, the sources, and what is unverified."""
+    """Show the commands of its manual and of the standards that a model knows, the sources, and unverified points."""
     try:
         typer.echo(cards.overview() if model is None else cards.card(model_named(model).name))
     except ValueError as error:
@@ -127,7 +127,7 @@ def card(
 
 @app.command()
 def models() -> None:
-    """List the models, what they are, and the wires of the real box."""
+    """List the models, their kinds, and the wires of the real box."""
     for each in RACK.values():
         typer.echo(f"{each.name:<10} {each.kind:<13} {', '.join(each.wires)}")
 

@@ -62,7 +62,7 @@ class Component(Protocol):
         """A time within which it does nothing that its mean does not tell."""
 
     def preparing(self, path: Path) -> Iterator[None]:
-        """Work out, slice by slice, what all stretches behind a path have in common."""
+        """Work out, slice by slice, the common parts of all stretches behind a path."""
 
     def means(self, edges_s: Values) -> Values:
         """Return its mean volts between each two of the edges, bench times."""
@@ -71,7 +71,7 @@ class Component(Protocol):
         """Return its means, and the means of its square behind a path that lets direct voltage through, V^2."""
 
     def peak_v(self, path: Path) -> float:
-        """Return how far behind a path it goes from its mean at most."""
+        """Return the largest deviation from its mean behind a path."""
 
 
 class Simple(Struct, frozen=True):
@@ -166,7 +166,7 @@ class Scaled(Struct, frozen=True):
         return self.component.finest_s
 
     def preparing(self, path: Path) -> Iterator[None]:
-        """Work out what the component wants."""
+        """Work out the needs of the component."""
         return self.component.preparing(path)
 
     def means(self, edges_s: Values) -> Values:
@@ -179,7 +179,7 @@ class Scaled(Struct, frozen=True):
         return np.asarray(self.factor * means), np.asarray(self.factor**2 * squares)
 
     def peak_v(self, path: Path) -> float:
-        """Return how far it goes from its mean."""
+        """Return the amount by which it goes from its mean."""
         return abs(self.factor) * self.component.peak_v(path)
 
 
@@ -228,7 +228,7 @@ class Sampled(Simple, frozen=True):
 
 
 def ended(labour: Generator[Any, None, _Ended]) -> _Ended:
-    """Return what slices of work come to, all done at once."""
+    """Return the results of slices of work, all done at once."""
     while True:
         try:
             next(labour)

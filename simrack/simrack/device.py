@@ -15,7 +15,7 @@ class Device(Protocol):
         """Take bytes from the controller; `end` is the END message (EOI) with the last of them."""
 
     def read(self, limit: int) -> tuple[bytes, bool]:
-        """Return at most `limit` output bytes that are ready now, and whether END comes with the last of them."""
+        """Return at most `limit` output bytes that are ready now, and True if END comes with the last of them."""
 
     def wake_at(self) -> float | None:
         """Return the bench time of the next thing that happens by itself, None when nothing is under way.

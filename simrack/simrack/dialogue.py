@@ -94,7 +94,7 @@ class _Part:
         return self._values.get((name, channel), self._first[name])
 
     def queried(self, query: str, channel: Any, named: Callable[[str], str]) -> str | None:
-        """Return what a dialogue or a getter says; `named` puts the channel into what is listened for."""
+        """Return the reply of a dialogue or a getter; `named` puts the channel into the pattern."""
         for listened, answer in self._dialogues.items():
             if named(listened) == query:
                 return _shown(answer, "") if "RANDOM" in answer else answer
@@ -104,7 +104,7 @@ class _Part:
         return None
 
     def commanded(self, query: str, channel: Any, refused: str | None) -> str | None:
-        """Return what a setter says; `refused` if a value is wrong and the setter has no word for that."""
+        """Return the reply of a setter; `refused` if a value is wrong and the setter has no word for that."""
         for name, setter, (pattern, fields) in self._setters:
             if (found := pattern.search(query)) is None:
                 continue
@@ -222,7 +222,7 @@ class DialogueFile:
             raise ValueError(f'{file}: expected a file of pyvisa-sim with spec: "1.1"')
 
     def by_device(self) -> dict[str, Callable[[World], DialogueDevice]]:
-        """Return what makes each of its devices, to be served, by name."""
+        """Return a factory of each of its devices, to be served, by name."""
         found: dict[str, Callable[[World], DialogueDevice]] = {}
         for name, said in self.said.get("devices", {}).items():
             kind = next((each for each in _SERVED_AS if each in said.get("eom", {})), _SERVED_AS[0])
@@ -230,7 +230,7 @@ class DialogueFile:
         return found
 
     def by_resource(self, device: str) -> dict[str, Callable[[World], DialogueDevice]]:
-        """Return what makes a device of its own for each resource that is the device of this name."""
+        """Return a factory of a device for each resource that is the device of this name."""
         found: dict[str, Callable[[World], DialogueDevice]] = {}
         for name, where in self.said.get("resources", {}).items():
             if "bundled" in where or _name(where["device"]) != device:

@@ -145,7 +145,7 @@ class Fault(Struct, frozen=True):
             raise ValueError("a fault begins at 0 s or later, and lasts")
 
     def describe(self) -> str:
-        """Return in words the fault, its beginning and how long it lasts."""
+        """Return in words the fault, its beginning and the time for which it lasts."""
         own = {name: getattr(self, name) for name in self.__struct_fields__ if name in _OF_KIND.get(self.kind, ())}
         what = "".join(f", {name} {value}" for name, value in own.items())
         if self.kind in AT_ONCE:
@@ -195,7 +195,7 @@ def fault_from(values: Mapping[str, Any]) -> Fault:
 
 
 class Ongoing(Struct, eq=False):
-    """A fault under way: its end, when that is, and how many more answers it spoils (None: all)."""
+    """A fault under way: its end, its instant, and the number of answers that it will spoil (None: all)."""
 
     fault: Fault
     undo: Callable[[], None]
@@ -204,7 +204,7 @@ class Ongoing(Struct, eq=False):
 
     @property
     def over(self) -> bool:
-        """Whether it has spoiled as many answers as it was to."""
+        """True if it has spoiled as many answers as it was to."""
         return self.left == 0
 
 
@@ -228,12 +228,12 @@ _UNENDED = frozenset({"silent", "truncated"})
 
 
 def spoils(fault: Fault) -> bool:
-    """Tell whether `fault` changes answers or their time."""
+    """Return True if `fault` changes answers or their time."""
     return fault.kind in _SPOILERS
 
 
 def spoiled(faults: Iterable[Ongoing], noise: random.Random, data: bytes, *, end: bool) -> tuple[bytes, bool, float]:
-    """Return (a part of) an answer after `faults`, all of which spoil answers, its end, and how late that is, s."""
+    """Return (a part of) an answer after `faults`, all of which spoil answers, its end, and its delay, s."""
     late_s, whole = 0.0, end
     for each in faults:
         if each.fault.kind == "late":

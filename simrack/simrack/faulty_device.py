@@ -1,4 +1,4 @@
-"""Devices with faults: what stands around the instruments of a bench in one process."""
+"""Devices with faults, around the instruments of a bench in one process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handlers that say themselves what they handle: a verb, a header, the number of a procedure."""
+"""Handlers with the key that they handle: a verb, a header, the number of a procedure."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _Method = TypeVar("_Method", bound="Callable[..., Any]")
 
 
 class Handlers(dict[Any, str]):
-    """Names of a class's methods, by what they handle: ``@COMMANDS.of("JOG")`` stands on a method."""
+    """Names of a class's methods by key: ``@COMMANDS.of("JOG")`` stands on a method."""
 
     def of(self, *keys: Any) -> Callable[[_Method], _Method]:
         """Have the method below handle `keys`."""

@@ -85,12 +85,12 @@ class _LeadCapture:
         return math.inf if lead.node is None else self._capture.finest_s(lead.node)
 
     def fed(self, node: str) -> bool:
-        """Tell whether the voltage at input `node` is put on the PCB from outside."""
+        """Return True if the voltage at input `node` is put on the PCB from outside."""
         lead = self._leads[node]
         return lead.node is not None and self._capture.fed(lead.node)
 
     def whole(self, start_s: float, stop_s: float) -> bool:
-        """Tell whether nothing happened between two times that could make an input jump."""
+        """Return True if nothing happened between two times that could make an input jump."""
         return self._capture.whole(start_s, stop_s)
 
     def pieces(self, node: str) -> list[Piece]:

@@ -66,7 +66,7 @@ class NodeLoads:
 
 
 class Loaded(Observed):
-    """An observed World whose nodes and rails carry loads; whoever supplies them is told of each change.
+    """An observed World whose nodes and rails carry loads; their supplies are notified of each change.
 
     Args:
         clock: bench time.

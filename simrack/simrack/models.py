@@ -1,4 +1,4 @@
-"""The simulated instruments by the name on the box: class, wires, terminals, and what is known of their manual."""
+"""The simulated instruments by the name on the box: class, wires, terminals, and the list of their manual."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class SimulatedModel(Struct, frozen=True):
         return ("input",) if self.kind == "multimeter" else ()
 
     def description(self) -> str:
-        """Return what its module says of sources and of what is not simulated."""
+        """Return the module's notes on sources and on missing functions."""
         return import_module(f"simrack.{self.text or self.twin.partition(':')[0] + '.instrument'}").__doc__ or ""
 
 

@@ -71,7 +71,7 @@ class RateSegment(Struct, frozen=True):
         return angle + self.shaking_deg_s * (self.flutter.angle_at(instant_s) - self.begun_s)
 
     def fluttered_deg(self, instant_s: float, back_per_s: float) -> float:
-        """Return by how much flutter has the angle off at bench time `instant_s`, deg."""
+        """Return the amount by which flutter has the angle off at bench time `instant_s`, deg."""
         left = self.astray_deg * math.exp(-back_per_s * (instant_s - self.start_s)) if self.astray_deg else 0.0
         return left if self.flutter is None else left + self.shaking_deg_s * self.flutter.angle_at(instant_s)
 
@@ -95,7 +95,7 @@ class RateRipple(Struct, frozen=True):
 
 
 class Swing(Struct, frozen=True):
-    """A sinusoid of the angle: amplitude now, amplitude in the end, how fast it changes; frequency; phase now."""
+    """A sinusoid of the angle: amplitude now, amplitude in the end, its slew; frequency; phase now."""
 
     from_deg: float
     to_deg: float
@@ -147,7 +147,7 @@ class _Profile(Struct, frozen=True):
         return self.rate_deg_s + self.slope_deg_s2 * t + sum([(a * cmath.exp(s * t)).real for a, s in self.terms])
 
     def acceleration_at(self, instant_s: float) -> float:
-        """Return by how much the commanded rate changes, deg/s2."""
+        """Return the amount by which the commanded rate changes, deg/s2."""
         t = instant_s - self.start_s
         return self.slope_deg_s2 + sum((a * s * cmath.exp(s * t)).real for a, s in self.terms)
 
@@ -193,7 +193,7 @@ class TableMotion:
 
     @property
     def servo_closed(self) -> bool:
-        """Whether the servo holds the table to the profile."""
+        """True if the servo holds the table to the profile."""
         return self._servo_closed
 
     def add_ripple(self, *ripples: RateRipple) -> None:
@@ -289,7 +289,7 @@ class TableMotion:
         return self.rate_deg_s() if profile is None else profile.rate_at(now)
 
     def profile_acceleration_deg_s2(self) -> float:
-        """Return by how much the profile's rate changes now, deg/s2; 0 with the servo open."""
+        """Return the amount by which the profile's rate changes now, deg/s2; 0 with the servo open."""
         now = self._clock.now()
         profile = self._profile_at(now)
         return 0.0 if profile is None else profile.acceleration_at(now)
@@ -325,7 +325,7 @@ class TableMotion:
 
     @property
     def oscillating(self) -> bool:
-        """Whether the profile is an oscillation."""
+        """True if the profile is an oscillation."""
         return self._swings
 
     @property
@@ -334,7 +334,7 @@ class TableMotion:
         return self._complete_s
 
     def profile_complete(self) -> bool:
-        """Tell whether the ramp has reached the demand, the oscillation its amplitude."""
+        """Return True if the ramp has reached the demand, the oscillation its amplitude."""
         return self._clock.now() >= self._complete_s
 
     def _remember(self, now_s: float) -> None:
@@ -412,7 +412,7 @@ class TableMotion:
         self._segments.append(segment if self._flutter is None else self._fluttering(segment, self._flutter, off_deg))
 
     def _fluttering(self, segment: RateSegment, flutter: Flutter, off_deg: float) -> RateSegment:
-        """Return a segment with its flutter, if it turns at one rate; the loop takes back what the angle was off."""
+        """Return a segment with its flutter, if it turns at one rate; the loop takes back the error of the angle."""
         steady = segment.stop_s == math.inf and not self._swings
         shaking = self._mechanics.flutter_per_sqrt_hz * abs(segment.rate_deg_s) if steady else 0.0
         begun_s = flutter.angle_at(segment.start_s) if shaking else 0.0
@@ -423,7 +423,7 @@ class TableMotion:
         return replace(segment, terms=terms, flutter=shaken, shaking_deg_s=shaking, astray_deg=astray, begun_s=begun_s)
 
     def _fluttered_deg(self, instant_s: float) -> float:
-        """Return by how much flutter has the angle off, deg."""
+        """Return the amount by which flutter has the angle off, deg."""
         if self._flutter is None:
             return 0.0
         return self.segment(instant_s).fluttered_deg(instant_s, abs(self._pole))

@@ -78,11 +78,11 @@ class Capture:
         return min((each.finest_s(node) for each in self._stretches), default=math.inf)
 
     def fed(self, node: str) -> bool:
-        """Tell whether a node's voltage is put on it from outside the PCB."""
+        """Return True if a node's voltage is put on it from outside the PCB."""
         return all(each.fed(node) for each in self._stretches)
 
     def whole(self, start_s: float, stop_s: float) -> bool:
-        """Tell whether nothing happened between two times that could make a node jump."""
+        """Return True if nothing happened between two times that could make a node jump."""
         return sum(each.start_s < stop_s and each.stop_s > start_s for each in self._stretches) <= 1
 
     def pieces(self, node: str) -> list[Piece]:
@@ -147,7 +147,7 @@ class Observed(ABC):
         return math.inf
 
     def reach(self, instant_s: float) -> bool:
-        """Take it to an instant if it has not been there; return whether that lies in the past."""
+        """Take it to an instant if it has not been there; return True if that lies in the past."""
         if instant_s > self.clock.now():
             return False
         while self.reached_s < instant_s:

@@ -1,4 +1,4 @@
-"""A voltage as a line and sines: what a World knows of a node in closed form."""
+"""A voltage as a line and sines: the closed form of a node in a World."""
 
 from __future__ import annotations
 

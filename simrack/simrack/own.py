@@ -1,4 +1,4 @@
-"""An instrument of one's own: settings and functions of a class, and what every instrument has by itself.
+"""An instrument of one's own: settings and functions of a class, and the common commands of every instrument.
 
 By itself it has ``*IDN?``, the error queue, status registers, ``*RST``, ``*SAV`` and ``*RCL`` of ten memories,
 ``*OPC``, ``MIN``, ``MAX`` and ``DEF`` of numbers, units with their prefixes, and all wires. See `docs/own.md`.
@@ -102,7 +102,7 @@ class Setting:
         instrument.settings[self.name] = value
 
     def first(self) -> Any:
-        """Return what the attribute is after ``*RST``."""
+        """Return the value of the attribute after ``*RST``."""
         return self.default if self.numbers is None else dict.fromkeys(self.numbers, self.default)
 
     def row(self) -> Command:
@@ -166,7 +166,7 @@ def _marked(method: _Function, row: Command) -> _Function:
 def _guarded(
     method: Any, header: str = "", parameters: tuple[Parameter, ...] = (), formed: Callable[[Any], Any] | None = None
 ) -> Callable[..., Any]:
-    """Return `method` with its mistakes as error -310, beside a traceback for who has written it.
+    """Return `method` with its mistakes as error -310, and a traceback for its author.
 
     Raises:
         TypeError: it does not take what the header and the parameters say.
@@ -310,7 +310,7 @@ class OwnInstrument(Terminals, ScpiTwin):
     table: ClassVar[CommandTable]
 
     def __init_subclass__(cls) -> None:
-        """Make the command table of what the class and its bases declare."""
+        """Make the command table from the declarations of the class and its bases."""
         super().__init_subclass__()
         declared = {name: each for base in reversed(cls.__mro__) for name, each in vars(base).items()}
         own = [each.row() if isinstance(each, Setting) else each.row for each in declared.values() if _declares(each)]
@@ -331,7 +331,7 @@ class OwnInstrument(Terminals, ScpiTwin):
         return self.idn
 
     def reset(self) -> None:
-        """Take the ``*RST`` state: the defaults of all settings. What else there is goes into an override."""
+        """Take the ``*RST`` state: the defaults of all settings. Further state goes into an override."""
         known = (getattr(type(self), name) for name in dir(type(self)))
         self.settings = {each.name: deepcopy(each.first()) for each in known if isinstance(each, Setting)}
 

@@ -1,4 +1,4 @@
-"""Plans of a rack: which instruments, on which wires, wired to what; of a command's words or of a bench file."""
+"""Plans of a rack: instruments, wires and wiring; of a command's words or of a bench file."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class Place(Struct, frozen=True):
 
 
 class Plan(Struct, frozen=True):
-    """What is on a bench.
+    """Plan of a bench.
 
     Args:
         places: the instruments.
@@ -105,7 +105,7 @@ class Plan(Struct, frozen=True):
 
     @property
     def circuits(self) -> str:
-        """What is between the nodes, for people."""
+        """Circuits between the nodes, for people."""
         return ", ".join(
             f"{'wire' if link.circuit is None else link.circuit.name} from {link.node} to {node}"
             for node, link in self.links.items()
@@ -169,7 +169,7 @@ def plan_of(words: Iterable[str]) -> Plan:
 
 
 def _dialogues(file: Path) -> list[Place]:
-    """Return the devices of a file of pyvisa-sim's; what reads it is imported only where there is one."""
+    """Return the devices of a file of pyvisa-sim's; its reader is imported only if there is one."""
     said = import_module("simrack.dialogue").DialogueFile(file)
     return [
         Place(name, OwnModel(name, "own", "", ("TCP", "serial line"), made=made), resources=said.by_resource(name))

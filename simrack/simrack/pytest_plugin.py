@@ -21,7 +21,7 @@ _END_S = 30.0
 
 
 class SimrackFixture:
-    """A served rack as a test sees it: resource names by instrument, faults, and what is behind the wires."""
+    """A served rack as a test sees it: resource names by instrument, faults, and the World behind the wires."""
 
     def __init__(self, server: BenchServer) -> None:
         self._server = server
@@ -48,11 +48,11 @@ class SimrackFixture:
         self._control.request("fault", instrument=name, kind=kind, **more)
 
     def get(self, name: str) -> Any:
-        """Return what is behind the wires, by the name that `simrack ctl` lists."""
+        """Return a quantity behind the wires, by the name that `simrack ctl` lists."""
         return self._control.request("get", name=name)
 
     def set(self, name: str, value: Any) -> None:
-        """Change what is behind the wires."""
+        """Change a quantity behind the wires."""
         self._control.request("set", name=name, value=value)
 
     def reset(self) -> None:
@@ -72,7 +72,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 @pytest.fixture(scope="session")
 def simrack_instruments(pytestconfig: pytest.Config) -> Sequence[str]:
-    """Return what is served, as `simrack serve` takes it: files, models and wires."""
+    """Return the served instruments, as `simrack serve` takes them: files, models and wires."""
     return list(pytestconfig.getini("simrack"))
 
 

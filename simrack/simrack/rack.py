@@ -44,7 +44,7 @@ class _Turned:
 
 
 class _Shaft(Struct, frozen=True):
-    """What a rate table turns that is not the first: a shaft with nothing on it."""
+    """Shaft of a rate table that is not the first, with nothing on it."""
 
     clock: Clock
     table: TableMotion
@@ -87,7 +87,7 @@ class Rack(Struct, frozen=True):
         return cls(plan, world, devices)
 
     def by_resource(self) -> dict[str, Device]:
-        """Return the instruments, and what goes wrong with them, by their VISA resource names."""
+        """Return the instruments, and their faults, by their VISA resource names."""
         devices = self.devices
         if self.plan.faults.faults:
             injector = FaultInjector(devices, self.world.clock)
@@ -116,7 +116,7 @@ def _fed(plan: Plan, kinds: set[str]) -> tuple[str, ...]:
 
 
 def _built(place: Place, world: Any, seed: int | None) -> Device:
-    """Return an instrument at its place; what it draws depends on the seed and its name alone."""
+    """Return an instrument at its place; its draws depend on the seed and its name alone."""
     twin = place.model.load()
     random = None if seed is None else np.random.default_rng([seed, *place.name.encode()])
     nodes = {each: node.removeprefix("-") for each, node in place.terminals.items() if node is not None}
@@ -152,7 +152,7 @@ def _leads(place: Place, world: WiredWorld, nodes: Mapping[str, str], turned: It
 
 
 def _named(node: str, world: WiredWorld, where: str) -> str:
-    """Return the World's name of a node: of what a supply feeds it is that of the rail."""
+    """Return the World's name of a node: of a supply's output the name of the rail."""
     named = f"rail_{node}" if node in world.rails else node
     if named not in world.nodes:
         raise ValueError(f"{where}: nothing feeds {node!r}, only {', '.join(world.nodes)}")

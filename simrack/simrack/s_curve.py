@@ -15,7 +15,7 @@ _NOTHING_S = 1e-12
 
 
 class JerkSegment(Struct, frozen=True):
-    """A time of constant jerk: how long it lasts, rate and acceleration at its start, jerk; s, deg."""
+    """A time of constant jerk: its length, rate and acceleration at its start, jerk; s, deg."""
 
     lasts_s: float
     rate_deg_s: float
@@ -61,7 +61,7 @@ def ramp(
 
 
 def ramp_s(change_deg_s: float, most_deg_s2: float, jerk_deg_s3: float) -> float:
-    """Return how long a change of the rate takes from constant rate to constant rate, s."""
+    """Return the time for which a change of the rate takes from constant rate to constant rate, s."""
     change = abs(change_deg_s)
     if change * jerk_deg_s3 < most_deg_s2**2:
         return 2.0 * math.sqrt(change / jerk_deg_s3)

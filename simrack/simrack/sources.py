@@ -100,7 +100,7 @@ class Played(Protocol):
         """Series resistance, ohm."""
 
     def at(self, times_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the open-circuit volts at bench times; the same instant gives the same volts, whoever asks."""
+        """Return the open-circuit volts at bench times; the same instant gives the same volts to every caller."""
 
     def piece(self, start_s: float, bend: Bend) -> Piece:
         """Return the signal after the input's non-linearity, from `start_s`, up to `HIGHEST_HZ`."""
@@ -157,7 +157,7 @@ class Approach(Struct, frozen=True):
         return self.moved_s(now_s, travel_v - NOTHING_V + _BEYOND_V) + _BEYOND_S if travel_v else math.inf
 
     def travel_v(self, now_s: float) -> float:
-        """Return how far it goes from now on at most; exact of one exponential."""
+        """Return the amount by which it goes from now on at most; exact of one exponential."""
         return sum(abs(size) for size, _ in self.later(now_s).terms)
 
     def moved_s(self, now_s: float, distance_v: float) -> float:

@@ -67,7 +67,7 @@ class Piece(Struct, frozen=True):
         return replace(self, sines=sines, at=lambda times: self.at(times) + sine.at(times), beside=beside)
 
     def goes_on(self, other: Piece) -> bool:
-        """Tell whether a piece that begins where this one ends is the same source playing on, or the same sines."""
+        """Return True if a piece that begins where this one ends is the same source playing on, or the same sines."""
         if self.sines is not None and other.sines is not None:
             return self._sounds_on(other, self.sines, other.sines)
         if self.source is None or other.source is None:
@@ -132,7 +132,7 @@ class Stretch(Protocol):
         """Return a time in which a node does next to nothing that a cubic through its ends and neighbours misses."""
 
     def fed(self, node: str) -> bool:
-        """Tell whether a node's voltage is put on it from outside the device."""
+        """Return True if a node's voltage is put on it from outside the device."""
 
     def closed_form(self, node: str) -> Oscillation | None:
         """Return the voltage of a node as undamped sines; None where only `at` tells."""

@@ -208,7 +208,7 @@ class FaultyWire:
             near.far.send(data)
 
     def take_reply(self, near: _Near, data: bytes) -> None:
-        """Send a reply to the program, or what the fault makes of it."""
+        """Send a reply to the program, or its spoilt form."""
         with self._lock:
             fault, now_s = self._spoiling(), self.clock.now()
             if fault is None:
@@ -233,7 +233,7 @@ class FaultyWire:
         return self._fault if self._left is None or self._left > 0 else None
 
     def _noisy(self) -> bool:
-        """Whether there is noise on the wire unasked."""
+        """True if there is noise on the wire unasked."""
         return self._left is None and self._fault is not None and self._fault.kind == "garbage"
 
     # --- between the turns of the loop

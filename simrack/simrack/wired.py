@@ -168,7 +168,7 @@ def _closed(constant_v: float, sines: tuple[Sine, ...], start_s: float) -> Oscil
 
 
 class Through(Struct, frozen=True):
-    """Where the output of a circuit comes from: the node at its input, and the circuit; None is a wire."""
+    """Source of the output of a circuit: the node at its input, and the circuit; None is a wire."""
 
     node: str
     circuit: Circuit | None = None

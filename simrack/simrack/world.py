@@ -17,7 +17,7 @@ from simrack.trace import Trace
 
 
 class LeadEnd(Protocol):
-    """Where a lead goes."""
+    """End of a lead."""
 
     @property
     def node(self) -> str | None:
@@ -25,7 +25,7 @@ class LeadEnd(Protocol):
 
     @property
     def reversed(self) -> bool:
-        """Whether it is the wrong way round."""
+        """True if it is the wrong way round."""
 
 
 class LeadsOfRole(Protocol):

@@ -84,7 +84,7 @@ def test_the_time_of_a_ramp_from_rest_is_the_textbooks() -> None:
 
 @pytest.mark.parametrize("jerk", [100.0, 3e3, math.inf])
 @pytest.mark.parametrize("distance", [0.01, 3.0, 500.0])
-def test_a_move_up_to_its_peak_and_down_again_is_as_long_as_it_should_be(distance: float, jerk: float) -> None:
+def test_move_to_a_peak_and_back_has_its_length(distance: float, jerk: float) -> None:
     peak = peak_deg_s(distance, 50.0, jerk)
     times = np.linspace(0.0, ramp_s(peak, 50.0, jerk), 20_001)
     if math.isinf(jerk):

@@ -80,7 +80,7 @@ def test_what_the_points_do_not_allow_is_none(rate: list[float], undefined: set[
     assert {name for name, value in values.items() if value is None} == undefined
 
 
-def test_a_level_that_stands_for_a_little_less_than_10_deg_s_counts_as_reading() -> None:
+def test_level_just_below_10_deg_s_counts_as_reading() -> None:
     """A V_Vc of four digits stands for 9.9996 or 10.0003 deg/s by chance; the largest share is often that of 10."""
     rate = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
     output = [0.01 * each + (1e-3 if abs(each) == 10.0 else 0.0) for each in rate]

@@ -36,7 +36,7 @@ def record(rng: np.random.Generator, frequency_hz: float, late_s: float, cube: f
 
 
 @pytest.mark.exhaustive
-def test_a_tone_is_found_in_spite_of_aperture_mains_and_a_spacing_that_is_not_known() -> None:
+def test_tone_is_found_with_unknown_spacing() -> None:
     rng = np.random.default_rng(5)
     z = []
     for _ in range(200):
@@ -51,7 +51,7 @@ def test_a_tone_is_found_in_spite_of_aperture_mains_and_a_spacing_that_is_not_kn
 
 
 @pytest.mark.parametrize("seed", few(range(200), 2, 3, 24))
-def test_the_noise_of_a_narrow_mode_is_not_taken_for_the_sines_that_tell_the_spacing(seed: int) -> None:
+def test_noise_of_a_narrow_mode_is_no_spacing_sine(seed: int) -> None:
     """It is ten times as strong as the tones, and a line in each record."""
     rng = np.random.default_rng(seed)
     split_hz, late_s, tau_s = rng.uniform(40.0, 80.0), rng.uniform(0.1e-3, 0.9e-3), rng.uniform(0.3, 1.6)
@@ -102,7 +102,7 @@ def test_the_response_is_that_of_p_and_r() -> None:
     np.testing.assert_allclose(mine, response(f, 24.8, 1224.0, 0.8, 0.05), rtol=1e-9)
 
 
-def test_the_phase_of_the_response_is_that_of_p_and_r_behind_a_butterworth_filter() -> None:
+def test_phase_of_the_response_has_modes_and_filter() -> None:
     """Of fourth order and 100 Hz: two pairs of poles, 1 / (u^2 + a u + 1) with a of 0.765 and 1.848."""
     wd = 2.0 * math.pi * 3488.9
     for at_hz in (0.3, 13.0, 24.8, 40.0, 70.0):

@@ -12,7 +12,7 @@ from vcfbench.errors import ConfigError
 ONE_A_SECOND = Sampling(1.0, 0.2)
 
 
-def test_one_reading_of_a_fifth_of_a_second_each_second_sees_too_much_white_noise() -> None:
+def test_readings_with_dead_time_see_too_much_white_noise() -> None:
     """Root five of white noise; 2.6 times with the 3.4 Hz that this gyroscope's force noise has after 0.2 s."""
     assert deviation_factor(ONE_A_SECOND, Term.ANGLE_RANDOM_WALK) == pytest.approx(math.sqrt(5.0))
     assert deviation_factor(Sampling(1.0, 0.2, 3.4), Term.ANGLE_RANDOM_WALK) == pytest.approx(2.6, abs=0.01)

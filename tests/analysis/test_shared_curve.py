@@ -32,7 +32,7 @@ def line(rates: tuple[int, ...], curve: np.ndarray) -> float:
     return float(np.polyfit(200.0 * x, bent, 1)[0])
 
 
-def test_a_change_of_plan_is_no_change_and_a_change_is_found_over_the_rates_of_both() -> None:
+def test_change_is_found_over_the_rates_of_both() -> None:
     random, z, found = np.random.default_rng(7), [], []
     for number in range(24):
         curve = 1e-3 * random.standard_normal(3) * (2.0, 2.0, 0.5)

@@ -69,7 +69,7 @@ def test_lines_over_other_rates_differ_and_their_device_does_not(wide: Run, narr
     assert common.e_n < 1.0
 
 
-def test_without_rates_in_common_there_is_no_figure_and_a_run_that_would_give_one(narrow: Run) -> None:
+def test_no_common_rates_give_no_figure_but_a_run(narrow: Run) -> None:
     found = changed(narrow, ran(4, [100, 90, 80]))
     assert found.value is None
     assert found.reason.endswith("would tell: --rates 100,90,80,75,30,0,-30,-75")

@@ -87,7 +87,7 @@ def test_a_run_that_was_resumed_is_resumed_again() -> None:
     assert command_of(header) == "vcfbench resume /data/runs/a --quiet"
 
 
-def test_a_temperature_that_was_measured_is_measured_again_and_a_procedure_of_ones_own_is_its_file() -> None:
+def test_command_again_has_measured_temperature_and_procedure_file() -> None:
     header = {
         "procedure": "hysteresis",
         "procedure_file": {"path": "/data/my own.py", "sha256": "0"},

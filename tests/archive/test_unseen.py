@@ -41,7 +41,7 @@ def kvc(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return taken(tmp_path_factory.mktemp("unseen"), "kvc", **few)
 
 
-def test_a_turntable_says_from_which_step_pulse_ramp_and_gain_on_it_would_have_refused(turntable: Tried) -> None:
+def test_turntable_lists_step_pulse_ramp_and_gain(turntable: Tried) -> None:
     found = {(each.kind, each.unit): each for each in turntable.rows}
     assert set(found) == {("step", OFFSET), ("pulse", OFFSET), ("ramp", OFFSET), ("change", GAIN), ("creep", GAIN)}
     step = found["step", OFFSET]
@@ -51,7 +51,7 @@ def test_a_turntable_says_from_which_step_pulse_ramp_and_gain_on_it_would_have_r
 
 
 @pytest.mark.parametrize("kind", [name for name, (unit, _, _) in KINDS.items() if unit != V_VC_GAIN])
-def test_what_is_beyond_u95_is_in_the_list_and_what_is_above_the_list_is_refused(turntable: Tried, kind: str) -> None:
+def test_faults_beyond_u95_are_listed_above_refused(turntable: Tried, kind: str) -> None:
     size, rng = turntable.sizes(kind)[1], np.random.default_rng(7)
     for share in (0.5, 1.5):
         begin, end = turntable.times(rng)
@@ -133,7 +133,7 @@ def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> No
 
 
 @pytest.mark.exhaustive
-def test_a_run_without_a_table_says_what_k_vc_may_be_by_what_it_does_not_look_at(tmp_path: Path) -> None:
+def test_run_without_a_table_lists_what_k_vc_may_be(tmp_path: Path) -> None:
     few = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 4}
     taken(tmp_path, "kvc", **few)
     run = taken(tmp_path, "self-calibration", cycles=1, samples=4)
@@ -158,7 +158,7 @@ def test_report_and_record_say_it(turntable: Tried) -> None:
 
 
 @pytest.mark.parametrize("simulated", [True, False])
-def test_the_answer_of_a_run_says_it_and_of_a_simulated_one_where_it_is_asked(
+def test_unseen_faults_are_in_the_answer(
     turntable: Tried, capsys: pytest.CaptureFixture[str], *, simulated: bool
 ) -> None:
     run = structs.replace(turntable.run, simulated=simulated)

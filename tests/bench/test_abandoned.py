@@ -81,7 +81,7 @@ def test_what_the_dead_program_still_holds_is_asked_for_again_then_taken(monkeyp
     assert tries.made[-1] == (5.1, True)
 
 
-def test_what_somebody_else_has_is_left_to_them_and_what_a_program_left_is_not_asked_for(
+def test_bench_of_another_owner_is_left_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     both = MadeSafe((), (), left_to={"power": own(), "rate_table": TAKEN})

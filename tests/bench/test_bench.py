@@ -259,7 +259,7 @@ def test_one_signal_from_outside_ends_a_wait_and_leaves_the_bench_safe(
 
 
 @posix
-def test_signals_during_the_making_safe_only_count_and_the_third_says_what_is_not_safe(
+def test_signals_while_switching_off_only_count(
     child: Callable[[str], subprocess.Popen[str]],
 ) -> None:
     process = child("hangs")

@@ -92,7 +92,7 @@ def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_
 
 
 @pytest.mark.exhaustive
-def test_what_cannot_be_proved_at_the_end_of_python_is_said_and_is_code_five(lab: ServedLab, tmp_path: Path) -> None:
+def test_unproved_end_of_python_is_code_five(lab: ServedLab, tmp_path: Path) -> None:
     end = """
 from simrack.serve import Control
 with Control(int(bench.description.served.control.rpartition(":")[2])) as control:

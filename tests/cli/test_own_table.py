@@ -84,7 +84,7 @@ def test_a_table_of_ones_own_is_checked_and_turned_by_its_stand_in(station: Path
     assert float(rate[1]) == pytest.approx(10.0, abs=2.0)
 
 
-def test_a_table_that_cannot_be_told_the_limit_of_the_bench_is_stopped_all_the_same(station: Path) -> None:
+def test_table_without_a_limit_is_stopped(station: Path) -> None:
     text = station.read_text("utf-8").replace("max_acceleration_deg_s2 = 20", "max_acceleration_deg_s2 = 2000")
     station.write_text(text, "utf-8")
     profile = station.with_name("corner.toml")

@@ -52,7 +52,7 @@ def stop(address: str, token: str) -> int:
             return error.code
 
 
-def test_a_run_that_is_stopped_from_its_page_ends_like_one_that_the_keyboard_stops(tmp_path: Path) -> None:
+def test_stop_from_the_page_ends_as_from_the_keyboard(tmp_path: Path) -> None:
     with started(tmp_path, "run", "virtual-coriolis", "--speed", "20", "--page", "--quiet") as (process, address):
         assert "<title>vcfbench</title>" in fetched(address, "/run/live")
         assert '"live":true' in fetched(address, "/station")

@@ -256,9 +256,7 @@ def test_a_stop_that_comes_while_the_display_is_told_reaches_the_run() -> None:
         shielded.handle(event)
 
 
-def test_words_for_which_no_thread_has_memory_to_begin_with_are_said_all_the_same(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_words_are_printed_without_memory_for_a_thread(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("vcfbench.clock.start_thread", lambda _act: None)
     monkeypatch.setattr(ending, "_SAYING_S", 0.01)
     with (tmp_path / "stderr").open("w", encoding="utf-8") as stderr:

@@ -185,7 +185,7 @@ def test_it_says_that_it_is_ready_when_it_knows_the_bench(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
-def test_a_program_that_leaves_at_once_and_no_longer_waits_for_it_is_not_dead() -> None:
+def test_program_that_leaves_at_once_is_not_dead() -> None:
     reader, writer = os.pipe()
     os.close(reader)
     said = b'bench {"owner": 0, "mark": null, "bench": {}}\nbeat \nleft safe\n'

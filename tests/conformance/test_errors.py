@@ -230,7 +230,7 @@ STRANGER = {model: walk.bench(model) for model in walk.MODELS}
 @pytest.mark.parametrize("model", walk.MODELS)
 @settings(max_examples=50, deadline=None)
 @given(noise=NOISE)
-def test_whatever_one_command_is_it_is_at_most_one_error_and_the_instrument_goes_on(model: str, noise: bytes) -> None:
+def test_one_command_makes_at_most_one_error(model: str, noise: bytes) -> None:
     """Bytes of every value, NUL and those above 127 among them."""
     bench = STRANGER[model]
     bench.device.clear()

@@ -85,7 +85,7 @@ def test_the_words_wait_for_no_other_exchange() -> None:
             thread.join()
 
 
-def test_on_rs232_a_supply_that_fell_back_to_local_is_told_again_once_it_is_remote() -> None:
+def test_supply_in_local_is_told_again_on_rs232() -> None:
     blind: Exchange = (b"\nOUTP OFF\nSYST:REM\nOUTP OFF\n", None)
     exchanges: list[Exchange] = [("SYST:REM", None), *opening(SUPPLY), blind]
     with expected_exchange(over_visa(E3631A), exchanges, interface="asrl") as supply:

@@ -40,7 +40,7 @@ def test_only_what_was_configured_is_switched_on() -> None:
     ("states", "words"),
     [("0,0,0", "do not read back so: the over-voltage protection of N25V"), ("1,1,1", "P6V and P25V came on")],
 )
-def test_an_output_that_does_not_come_on_or_comes_on_with_it_is_an_error(states: str, words: str) -> None:
+def test_output_that_stays_off_is_an_error(states: str, words: str) -> None:
     asked: Exchange = ("OUTP? (@1,2,3)", states)
     exchanges: list[Exchange] = [*NEGATIVE, ("OUTP ON,(@3)", None), NO_ERROR, asked]
     if states == "0,0,0":

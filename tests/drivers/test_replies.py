@@ -61,7 +61,7 @@ def test_what_is_no_number(text: str) -> None:
 
 
 @given(BELOW_OVERLOAD.filter(lambda value: value == 0.0 or abs(value) > 1e-99), st.integers(1, 16))
-def test_a_fixed_form_takes_its_own_numbers_and_none_with_a_character_more_or_less(value: float, decimals: int) -> None:
+def test_fixed_form_refuses_a_character_more_or_less(value: float, decimals: int) -> None:
     form, reply = replies.nr3(decimals), f"{value:+.{decimals}E}"
     assert replies.reading(reply, form) == float(reply)
     for place in range(len(reply)):

@@ -483,7 +483,7 @@ def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
     assert session.closed
 
 
-def test_what_is_said_after_the_place_was_found_is_no_answer_and_who_goes_then_is_named() -> None:
+def test_late_words_are_no_answer() -> None:
     """A second answer or noise, in the library's buffer when all questions have been answered."""
 
     class Late(SlowWire):

@@ -340,7 +340,7 @@ def test_a_stop_is_heard_at_once_in_a_flood_of_connections(tmp_path: Path) -> No
         assert clock.now() < 0.5 * connections._ASKING_S
 
 
-def test_a_stop_stops_the_run_that_the_page_names_and_a_stream_stays_with_its_own(tmp_path: Path) -> None:
+def test_page_stops_the_run_that_it_names(tmp_path: Path) -> None:
     """In a sitting one run follows the other, and who looks at the first has not seen the second."""
     with LivePage(tmp_path, tmp_path, 0) as page:
         page.follow(first := RunControl())

@@ -124,7 +124,7 @@ def test_the_model_equation_is_filled_in(run: Any) -> None:
     )
 
 
-def test_the_sheet_of_ieee_2700_has_what_was_measured_and_says_of_the_rest_why_not(run: Any) -> None:
+def test_ieee_2700_sheet_has_reasons_for_the_rest(run: Any) -> None:
     (table,) = (part for part in run.report().parts if isinstance(part, Table) and "IEEE 2700" in part.title)
     sheet = {each[0]: each[1:] for each in table.printed()}
     assert list(sheet)[2:7:2] == ["sensitivity", "cross-axis sensitivity", "zero-rate output over temperature"]
@@ -141,7 +141,7 @@ def test_the_sheet_of_ieee_2700_has_what_was_measured_and_says_of_the_rest_why_n
     assert "unverified" in vcfbench.text_of(run.report()).split("order of IEEE 2700")[1]
 
 
-def test_the_sheet_of_ieee_2700_says_what_the_bench_lacks_and_takes_the_full_scale_of_its_procedure() -> None:
+def test_ieee_2700_sheet_names_missing_instruments() -> None:
     rows = [
         SheetRow("positive input rate limit", 687.0, 0.1, 0.2, "deg/s", "", "rate-limits"),
         SheetRow("bias by acceleration along y", 0.01, 0.001, 0.002, "(deg/s)/g", "", "g-sensitivity"),
@@ -174,7 +174,7 @@ def test_what_a_calibration_finds_turns_volts_into_rates_for_the_others(run: Any
     assert zero.scale_factor_v_per_deg_s.value == turntable.uncertainty.value("scale_factor").value
 
 
-def test_what_is_told_to_the_whole_goes_to_every_part_unless_it_is_told_otherwise(run: Any) -> None:
+def test_settings_of_the_whole_go_to_every_part(run: Any) -> None:
     assert {point.n for point in run.points} == {6, 200}
     settings = vcfbench.PROCEDURES["characterize"].settings(turntable={"samples": 7}, samples=5)
     assert settings.of("turntable").samples == 7
@@ -252,7 +252,7 @@ def test_without_table_and_oscilloscope_the_rest_is_done() -> None:
     assert not any(isinstance(step, AskOperator) for step in steps)
 
 
-def test_a_part_that_this_place_does_not_bear_is_left_out_and_what_was_asked_for_refused() -> None:
+def test_impossible_part_is_left_out_or_refused() -> None:
     narrow = parse_bench(embedded_text("lab").replace("min_rail_v = 9.5", "min_rail_v = 9.9"), "narrow")
     (left_out,) = [step for step in planned(narrow, parts=["power", "zero"]) if isinstance(step, NotChecked)]
     assert left_out.reason.startswith("rail_step_v: expected at most 0.1 V")
@@ -381,7 +381,7 @@ def cut(run: Any, before: str) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_run_that_was_broken_off_goes_on_and_a_warm_up_in_two_pieces_is_none(tmp_path: Path) -> None:
+def test_resumed_session_needs_a_whole_warm_up(tmp_path: Path) -> None:
     settings = {"parts": ["warmup", "polarity"], "warmup": {"shortest_s": 240.0, "longest_s": 300.0}}
     whole = vcfbench.run("characterize", seed=6, settings=settings, runs=tmp_path / "one")
     cut(whole, "DisableTable")

@@ -95,7 +95,7 @@ def test_a_cause_that_is_seen_is_corrected(now: dict[str, float], override: dict
 
 
 @pytest.mark.parametrize("exchanged", [False, True])
-def test_a_channel_or_a_probe_that_has_changed_is_in_no_ratio_of_exchanged_ones(*, exchanged: bool) -> None:
+def test_exchanged_ratio_has_no_error_of_a_channel(*, exchanged: bool) -> None:
     """Gains change by 2e-4 to 1e-2 of one number; the drive alone changes too, and that is all that is left."""
     for seed in range(50):
         rng = Random(seed)  # noqa: S311  # drawn cases, not secrets

@@ -102,14 +102,14 @@ def test_what_cannot_be_is_one_line_with_file_and_key(lines: list[str], said: st
     assert refusal(lambda: bench(*lines)).startswith(f"lab.toml: {said}")
 
 
-def test_the_table_of_a_procedure_that_is_not_installed_is_checked_when_it_is_run() -> None:
+def test_table_of_a_custom_procedure_is_checked_when_run() -> None:
     lab = bench("[procedure.loop]", "loops = 10")
     assert settings_of(TURNTABLE, lab).samples == 10
     said = refusal(lambda: settings_of(LOOP, lab, source="lab.toml"))
     assert said == "lab.toml: procedure.loop.loops: expected a whole number at least 1 and at most 9, came 10"
 
 
-def test_a_default_that_the_station_does_not_bear_is_named_where_it_can_be_set() -> None:
+def test_impossible_default_is_named_with_its_place() -> None:
     text = embedded_text("ideal").replace("max_rate_deg_s = 300", "max_rate_deg_s = 9")
     said = refusal(lambda: parse_bench(text, "lab.toml"))
     assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")

@@ -128,9 +128,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_a_mistake_in_a_plan_is_told_with_file_and_line_before_anything_is_opened(
-    good: str, bad: str, said: str, write: Write, tmp_path: Path
-) -> None:
+def test_mistake_in_a_plan_has_file_and_line(good: str, bad: str, said: str, write: Write, tmp_path: Path) -> None:
     assert good in GOOD
     with pytest.raises(PlanError) as caught:
         vcfbench.run(write(GOOD.replace(good, bad)), runs=tmp_path / "runs")
@@ -138,7 +136,7 @@ def test_a_mistake_in_a_plan_is_told_with_file_and_line_before_anything_is_opene
     assert not (tmp_path / "runs").exists() or list((tmp_path / "runs").iterdir()) == []
 
 
-def test_a_mistake_that_only_a_bench_brings_out_leaves_a_record_and_a_safe_bench(write: Write, tmp_path: Path) -> None:
+def test_mistake_on_the_bench_leaves_record_and_safe_bench(write: Write, tmp_path: Path) -> None:
     """The second time that the plan is asked for, it is in earnest."""
     asked = "def plan(settings: WaitSettings, asked=[]) -> Plan:\n    asked.append(1)"
     wrong = '        if len(asked) == 2:\n            yield {}["x"]\n'
@@ -226,7 +224,7 @@ def test_a_name_that_is_taken_twice_is_refused_with_both_origins(install: Callab
     assert vcfbench.dry_run("virtual-coriolis").steps
 
 
-def test_a_procedure_that_comes_along_keeps_its_name_and_the_list_says_whose_is_hidden(
+def test_built_in_procedure_keeps_its_name(
     install: Callable[..., None],
 ) -> None:
     install("turntable", "acme_of_a_test:WAIT")

@@ -89,7 +89,7 @@ def test_a_degree_of_the_carrier_moves_k_vc_as_the_closed_form_says(run: vcfbenc
     assert run.results.k_vc_ppm_per_carrier_deg == pytest.approx(-math.tan(angle) * 1e6 * math.pi / 180.0, abs=30.0)
 
 
-def test_a_degree_of_the_demodulator_moves_scale_factor_and_bias_as_the_closed_form_says(run: vcfbench.Run) -> None:
+def test_demodulator_degree_moves_values_as_the_closed_form(run: vcfbench.Run) -> None:
     """Against the true outputs of gyroscopes whose demodulator is half a degree off either way."""
     warm = [
         true_output(simulated("paper", overrides={**OVERRIDES, "sense_path": {"demodulator_phase_rad": at}}))

@@ -168,7 +168,7 @@ def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
-def test_limits_are_set_before_the_supply_is_on_and_the_drive_is_checked_before_the_table(name: str) -> None:
+def test_limits_are_set_before_supply_and_table(name: str) -> None:
     kinds = [type(step) for step in steps_of(name)]
     assert max(i for i, kind in enumerate(kinds) if kind is ConfigureRail) < kinds.index(EnableSupply)
     assert kinds.index(DisableVvc) < kinds.index(ConfigureGenerator) < kinds.index(EnableSupply)
@@ -177,7 +177,7 @@ def test_limits_are_set_before_the_supply_is_on_and_the_drive_is_checked_before_
 
 
 @pytest.mark.parametrize("name", CALIBRATIONS)
-def test_generator_is_off_while_the_table_turns_and_the_table_rests_while_it_is_on(name: str) -> None:
+def test_generator_and_table_are_never_on_together(name: str) -> None:
     on, rate = False, 0.0
     for step in steps_of(name):
         if isinstance(step, EnableVvc | DisableVvc):

@@ -144,7 +144,7 @@ def test_output_that_bends_at_the_line_itself_has_limits_beyond_the_line(second_
 
 
 @pytest.mark.parametrize("turned", [{"k_vc_guess_deg_s_per_v": -150.0}, {"scale_factor_v_per_deg_s": 0.0125}])
-def test_an_output_that_goes_the_other_way_than_is_told_is_refused_before_the_limits(turned: dict[str, Any]) -> None:
+def test_wrong_sign_of_the_output_is_refused_first(turned: dict[str, Any]) -> None:
     with pytest.raises(MeasurementError, match=r"the output goes by -1\.8\d* V/V") as ended:  # as it was measured
         run("ideal", **turned)
     assert "polarity" in str(ended.value)

@@ -131,7 +131,7 @@ def test_a_board_that_is_dead_at_once_is_an_answer() -> None:
     assert found.describe() == found.trouble
 
 
-def test_the_rails_are_on_again_before_the_next_ring_down_and_off_after_the_last() -> None:
+def test_rails_are_on_between_ring_downs() -> None:
     words = [each.step for each in vcfbench.dry_run("resonance").steps]
     places = [place for place, step in enumerate(words) if isinstance(step, ReleaseDrive)]
     assert len(places) == 6

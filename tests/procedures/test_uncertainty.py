@@ -80,7 +80,7 @@ def test_readings_that_are_all_alike_are_known_to_the_last_digit() -> None:
     assert scattered.u == pytest.approx(NOISE / math.sqrt(READINGS * SXX))
 
 
-def test_the_meter_goes_into_the_scale_factor_by_its_gain_and_into_the_bias_by_its_offset() -> None:
+def test_meter_gain_and_offset_enter_scale_factor_and_bias() -> None:
     stated = turntable_statement(settings(METER), table_points(std_v=0.0))
     assert stated.value("scale_factor").u == pytest.approx(abs(K) * 35e-6 / 4)
     assert stated.value("bias").u == pytest.approx(math.hypot(50e-6 / 4, BIAS * 35e-6 / 4))
@@ -145,7 +145,7 @@ def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_dr
     assert output.mean(axis=1).std() == pytest.approx(four(GENERATOR).value("virtual.bias").u, rel=0.04)
 
 
-def test_a_meter_on_v_vc_goes_into_k_vc_by_its_gain_and_cancels_in_the_virtual_column() -> None:
+def test_v_vc_meter_gain_cancels_in_the_virtual_series() -> None:
     meter = Sources(v_vc_gain=35e-6, v_vc_offset_v=50e-6, v_vc_sigmas=4.0)
     points = [
         structs.replace(p, v_vc_measured_v=p.v_vc_v, v_vc_std_v=3e-6) if p.step in {2, 4} else p for p in four_steps()
@@ -160,7 +160,7 @@ def test_a_meter_on_v_vc_goes_into_k_vc_by_its_gain_and_cancels_in_the_virtual_c
     )
 
 
-def test_temperature_and_warm_up_go_into_scale_factor_and_bias_but_not_into_what_compares() -> None:
+def test_temperature_and_warm_up_cancel_in_comparisons() -> None:
     known = Sources(temperature_k=1.0, scale_factor_ppm_k=104.0, bias_deg_h_k=36.0, warm_up_k=0.3, warm_up_time_s=300.0)
     stated, left_k = four(known), 0.3 * math.exp(-settings(known).start_up_s / 300.0)
     away_k = math.hypot(1.0, left_k) / math.sqrt(3.0)
@@ -183,7 +183,7 @@ def test_temperature_and_warm_up_go_into_scale_factor_and_bias_but_not_into_what
     assert warm_up == pytest.approx(0.3 * math.exp(-6.0) / math.sqrt(3.0), rel=0.05)
 
 
-def test_a_misaligned_axis_goes_into_k_vc_and_scale_factor_as_the_table_s_rate_does() -> None:
+def test_misaligned_axis_acts_as_the_tables_rate() -> None:
     stated = four(Sources(misalignment_deg=1.0))
     tilted = (1.0 - math.cos(math.radians(1.0))) / math.sqrt(3.0)
     assert stated.value("k_vc").u == pytest.approx(K_VC * tilted)

@@ -70,7 +70,7 @@ def walk_of(results: ZeroResult) -> tuple[float, float]:
 
 
 @pytest.mark.exhaustive
-def test_one_reading_a_second_reads_two_and_a_half_times_too_much_and_is_corrected(hour: Run) -> None:
+def test_dead_time_of_one_reading_is_corrected(hour: Run) -> None:
     value, u = walk_of(hour.results)
     assert hour.results.angle_random_walk_as_read / N_DEG_RTH == pytest.approx(2.6, abs=0.1)
     assert hour.results.white_noise_seen == pytest.approx(math.sqrt(2.0 * 3.4))
@@ -140,7 +140,7 @@ def test_flicker_of_the_mean_grows_with_the_horizon_that_it_is_stated_for(hour: 
     assert flicker(1000.0) / flicker(24.0) == pytest.approx(1.4408 / 0.9428, rel=1e-3)
 
 
-def test_where_it_is_not_known_what_a_reading_lets_through_n_has_a_bound_only(hour: Run) -> None:
+def test_unknown_noise_bandwidth_gives_a_bound_of_n(hour: Run) -> None:
     """The least bandwidth, 1 / (2 x 0.2 s), makes N 17 % too large here: it is no value, and the true one is below."""
     volts = np.array([reading.voltage_v for reading in hour.readings])
     settings = ZeroSettings(scale_factor_v_per_deg_s=TRUE_SCALE)
@@ -171,7 +171,7 @@ def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> N
 
 
 @pytest.mark.parametrize("split_hz", [-9.0, 4.12, 8.5, 37.75])
-def test_n_of_readings_that_share_what_rings_at_the_split_is_that_of_their_scatter(split_hz: float) -> None:
+def test_n_is_that_of_the_scatter_of_readings(split_hz: float) -> None:
     """A mode of 0.15 Hz half width, read once a second: long means have more of it, or less, by where the split is."""
     draw = np.random.default_rng(7)
     kept = math.exp(-math.tau * 0.15) * np.exp(2j * math.pi * split_hz)
@@ -314,7 +314,7 @@ def steps(**changes: Any) -> list[Any]:
     return [each.step for each in walk(ZERO.plan(settings), settings.expected_gyro())]
 
 
-def test_the_plan_warms_up_looks_at_the_drive_holds_the_table_and_leaves_v_vc_off() -> None:
+def test_plan_warms_up_and_leaves_v_vc_off() -> None:
     plan = steps()
     kinds = [type(step) for step in plan]
     assert kinds.index(EnableSupply) < kinds.index(EnableTable) < kinds.index(Acquire)

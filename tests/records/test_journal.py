@@ -265,9 +265,7 @@ def test_a_killed_process_loses_no_point(tmp_path: Path) -> None:
     assert record.status is Status.INCOMPLETE
 
 
-def test_a_line_is_added_whole_or_not_at_all_and_never_while_a_run_writes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_line_is_added_whole_and_never_during_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "j"
     journal = Journal(path)
     journal.header({"run": "r", "procedure": "turntable"})
@@ -436,7 +434,7 @@ def test_a_signature_is_that_of_the_line_before(tmp_path: Path) -> None:
     assert record.seal == record.seals[-1]
 
 
-def test_a_journal_of_a_run_that_leaves_no_record_keeps_its_lines_and_no_signature() -> None:
+def test_journal_without_a_record_keeps_its_lines() -> None:
     journal = MemoryJournal()
     journal.header({"run": "r"})
     journal.signature(cast("SigningKey", Key()))

@@ -36,7 +36,7 @@ def test_values_are_found_in_fields_mappings_and_tuples_with_names_by_where_they
     assert (found["bias_v"].kind, found["bias_v"].u95) == ("bias", None)
 
 
-def test_a_number_that_is_none_could_not_be_found_and_two_of_one_name_are_refused() -> None:
+def test_impossible_number_and_double_name_are_refused() -> None:
     own = Own(Value("gain", 2.0), {}, (), None)
     assert list(stated(own))[-1] == Unstated("bias_v", "bias")
     with pytest.raises(ConfigError, match="two named gain"):

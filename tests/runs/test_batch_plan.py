@@ -67,9 +67,7 @@ def test_a_run_as_the_plan_asks_for_it_is_done_whatever_the_seed(tmp_path: Path)
         ('"turntable"', '"zero"', "the plan has no turntable"),
     ],
 )
-def test_a_run_that_is_not_what_the_plan_asks_is_left_out_and_it_is_said(
-    tmp_path: Path, was: str, now: str, words: str
-) -> None:
+def test_run_that_does_not_fit_the_plan_is_left_out(tmp_path: Path, was: str, now: str, words: str) -> None:
     done = measured(tmp_path)
     asked = plan(tmp_path, PLAN.replace(was, now))
     assert len(left(asked, tmp_path)) == 1
@@ -130,7 +128,7 @@ def test_a_run_of_the_batch_is_what_its_plan_asks_for_whatever_the_procedure(
     assert asked.left("G-1", tmp_path) == ()
 
 
-def test_a_device_of_which_one_run_of_two_is_done_is_neither_done_nor_good(tmp_path: Path) -> None:
+def test_half_done_device_is_neither_done_nor_good(tmp_path: Path) -> None:
     measured(tmp_path)
     asked = plan(tmp_path, f'{PLAN}[[runs]]\nprocedure = "polarity"\n')
     assert left(asked, tmp_path) == ["polarity"]
@@ -139,9 +137,7 @@ def test_a_device_of_which_one_run_of_two_is_done_is_neither_done_nor_good(tmp_p
     assert "Not measured yet: G-1 (polarity)." in text
 
 
-def test_a_device_that_failed_is_tried_again_and_the_exit_code_is_that_of_the_lot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_device_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO())
     limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"

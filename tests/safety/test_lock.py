@@ -340,7 +340,7 @@ def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(
 
 
 @posix
-def test_what_a_dead_program_has_left_and_the_next_begins_to_lock_is_the_next_one_s(folder: Path) -> None:
+def test_lock_of_a_dead_program_goes_to_the_next(folder: Path) -> None:
     path = lock_path(f"socket://localhost:{free_port()}")
     folder.mkdir()
     with instrument_locks("lab-1", {"multimeter": METER}):
@@ -444,9 +444,7 @@ def test_windows_has_a_place_of_its_own(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 @posix
-def test_a_place_is_shared_where_all_may_make_files_and_nobody_take_away_another_s(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_shared_place_lets_all_make_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("VCFBENCH_LOCKS")
     places = {"none": None, "file": 0o1777, "anybody's": 0o777, "read": 0o1755, "shared": 0o1777, "later": 0o1777}
     for name, mode in places.items():

@@ -39,7 +39,7 @@ def test_what_is_needed_and_not_there_is_said() -> None:
         raise absent("multimeter", PAPER)
 
 
-def test_a_table_is_given_time_to_come_down_from_the_highest_rate_and_to_say_so() -> None:
+def test_table_gets_time_to_come_down() -> None:
     """2 (v / a + the time of its own) above the four exchanges of every instrument."""
     assert PAPER.power is not None
     assert PAPER.rate_table is not None

@@ -69,9 +69,7 @@ def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it(*, simulate
 
 
 @pytest.mark.parametrize(("pace", "instants_s"), [(1.0, [10.1, 10.2, 10.25]), (2.0, [10.2, 10.25]), (None, [10.25])])
-def test_a_wait_looks_ten_times_a_second_of_wall_time_whether_it_is_to_end(
-    pace: float | None, instants_s: list[float]
-) -> None:
+def test_wait_checks_for_its_end_ten_times_a_second(pace: float | None, instants_s: list[float]) -> None:
     class Noting(VirtualClock):
         def sleep_until(self, instant_s: float) -> None:
             waited.append(round(instant_s, 6))
@@ -151,7 +149,7 @@ def test_an_error_in_it_is_not_lost() -> None:
             signals.safe_point()
 
 
-def test_a_second_signal_does_not_come_in_the_way_of_the_unwinding_that_the_first_began() -> None:
+def test_second_signal_leaves_the_unwinding_alone() -> None:
     with StopSignals() as signals:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Aborted):
@@ -293,7 +291,7 @@ def test_a_wait_of_somebody_else_leaves_a_longer_one_a_safe_point() -> None:
     assert signals.attend(wait_of_a_device)
 
 
-def test_a_signal_breaks_off_what_begins_and_not_what_is_no_longer_to_be_broken_off() -> None:
+def test_signal_breaks_off_only_what_may_break() -> None:
     signals = StopSignals()
     signals.stop("the page")
     assert not signals.break_off_from_now(possible=False)

@@ -239,7 +239,7 @@ def test_all_are_told_in_order_before_anything_is_proved(log: list[str]) -> None
     assert all(report.safe and report.unproved is None for report in reports)
 
 
-def test_one_that_hears_but_does_not_answer_is_off_and_named_with_what_is_known(log: list[str]) -> None:
+def test_silent_instrument_is_off_and_named(log: list[str]) -> None:
     dumb = FakeInstrument("power", log, "dumb")
     (report,) = stack_of(action(dumb)).make_safe()
     assert (report.safe, dumb.energised, dumb.commands) == (False, False, 2)
@@ -335,9 +335,7 @@ def test_one_whose_connection_comes_back_is_told_then(log: list[str]) -> None:
 
 
 @pytest.mark.parametrize("end", ["closed", "in time"])
-def test_one_that_stays_away_is_told_for_some_seconds_or_until_the_bench_is_closed(
-    end: str, log: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_reconnected_instrument_gets_off_command(end: str, log: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("vcfbench.safety.stack._BETWEEN_S", 0.005)
     monkeypatch.setattr("vcfbench.safety.stack._RETURN_S", 0.1 if end == "in time" else PLENTY_S)
     away, there = FakeInstrument("power", log, "fails"), FakeInstrument("table", log)

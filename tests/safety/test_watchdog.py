@@ -296,7 +296,7 @@ def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[...
     dog.step("too late", None)  # nobody hears it, and nothing is raised
 
 
-def test_one_that_stays_is_killed_but_for_one_that_has_a_bench_to_make_safe(
+def test_only_an_owner_of_a_bench_is_not_killed(
     listener: Callable[..., tuple[Watchdog, Process]],
 ) -> None:
     for safe in (True, False):
@@ -309,7 +309,7 @@ def test_one_that_stays_is_killed_but_for_one_that_has_a_bench_to_make_safe(
 
 
 @pytest.mark.parametrize("error", [RuntimeError, MemoryError])
-def test_a_bench_that_is_not_safe_is_left_to_it_where_no_thread_can_start(
+def test_unsafe_bench_is_left_if_no_thread_starts(
     error: type[Exception], listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(_target: Callable[[], object]) -> None:

@@ -74,7 +74,7 @@ def test_two_that_play() -> None:
     assert of_piece(both.piece(0.3, (0.1, 2.0, 0.0, 0.0))) == pytest.approx(0.1 + 0.4 * TIMES_S)
 
 
-def test_the_node_has_the_voltage_of_both_and_keeps_that_of_the_one_that_is_left() -> None:
+def test_node_has_the_sum_of_both() -> None:
     clock = VirtualClock()
     world = World(clock, ideal_bench(), 0)
     share = 1e6 / (1e6 + 50.0)

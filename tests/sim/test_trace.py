@@ -53,7 +53,7 @@ def test_a_change_of_the_source_begins_another_piece_and_old_ones_go(world: Worl
     assert trace.pieces("v_vc") == []
 
 
-def test_a_node_of_the_pcb_is_zero_without_power_and_has_only_a_waveform_with_it(world: World) -> None:
+def test_node_without_power_is_zero(world: World) -> None:
     trace = world.trace(10.0)
     world.clock.sleep_until(1.0)
     world.set_rail("positive", 10.0)

@@ -108,7 +108,7 @@ def test_the_table_turns_into_the_scale_factor_on_ideal_within_1e_9(rate: float)
     assert mean_v(clock, world, 10.0) == pytest.approx(K_IDEAL * rate, rel=1e-9)
 
 
-def test_v_vc_by_equation_16_gives_the_output_of_the_rate_on_ideal_within_1e_9() -> None:
+def test_v_vc_by_equation_16_gives_the_rates_output() -> None:
     clock, world = powered(IDEAL)
     world.table.demand_rate(80.0, 100.0)
     clock.sleep_until(12.0)
@@ -122,7 +122,7 @@ def test_v_vc_by_equation_16_gives_the_output_of_the_rate_on_ideal_within_1e_9()
     assert mean_v(clock, world, 1.0) == pytest.approx(turned, rel=1e-9)
 
 
-def test_generator_switched_on_at_0_v_shifts_the_output_of_paper_by_the_modulators_leakage() -> None:
+def test_generator_at_0_v_shifts_the_output_by_leakage() -> None:
     clock, world = powered(QUIET, wait_s=20.0)
     before = mean_v(clock, world, 1.0)
     world.drive("v_vc", Drive(0.0))
@@ -194,7 +194,7 @@ def bias_rise_v(world: World, clock: VirtualClock, bench: BenchParameters) -> fl
     return mean_v(clock, world, 1.0) - steady_v(bench, 0.0)
 
 
-def test_only_the_powered_board_warms_up_and_a_short_cut_of_power_hardly_cools_it() -> None:
+def test_only_the_powered_board_warms_up() -> None:
     still = {"frequency_coefficient_per_k": 0.0, "quality_coefficient_per_k": 0.0}
     modes = {name: replace(getattr(QUIET, name), **still) for name in ("sense_in_phase", "sense_anti_phase")}
     bench = replace(QUIET, drive_mode=replace(QUIET.drive_mode, **still), **modes)

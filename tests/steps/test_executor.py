@@ -403,7 +403,7 @@ def paused(pausing: Pausing, *steps: Step) -> tuple[Execution, list[dict[str, An
     return executor.execute(plan_of(*steps)), journal.lines, bench
 
 
-def test_points_after_pauses_count_from_where_the_output_was_and_bench_time_has_no_pause_in_it() -> None:
+def test_points_after_pauses_count_from_the_moved_output() -> None:
     """Two moves add up, their uncertainties in squares; of drift that is measured itself nothing is counted off."""
     pausing = Pausing({1: (0.375, 3e-3, 0.5), 2: (-0.125, 4e-3, 0.125), 3: (5.0, 1.0, None), 4: None})
     execution, lines, bench = paused(pausing, *[WINDOW] * 5)
@@ -455,7 +455,7 @@ def test_a_pause_of_a_resumed_run_knows_what_was_done_before_the_break() -> None
     assert pausing.done == (set_before, WINDOW)
 
 
-def test_an_output_that_moved_by_more_than_is_allowed_ends_the_run_in_the_pause() -> None:
+def test_moved_output_ends_the_run_in_the_pause() -> None:
     for moved_v in (0.0101, -0.0101):
         execution, lines, _ = paused(Pausing({1: (moved_v, 1e-3, 0.01)}), WINDOW, WINDOW)
         assert isinstance(execution.error, MeasurementError)
@@ -504,7 +504,7 @@ def test_what_a_plan_leaves_unchecked_is_said_once() -> None:
     assert [line["not_checked"] for line in journal.lines] == [each.not_checked for each in (one, other, one)]
 
 
-def test_what_was_asked_again_is_in_the_line_of_its_step_and_in_no_other() -> None:
+def test_repeated_query_is_in_the_line_of_its_step() -> None:
     bench, journal = FakeBench(), MemoryJournal()
     set_dc, answers = bench.rate_source.set_dc, [FramingError("noise"), None, None]
 

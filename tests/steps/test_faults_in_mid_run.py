@@ -113,7 +113,7 @@ def test_a_supply_in_current_limit_is_named_and_not_what_it_does(
     assert "current limit" in error.what
 
 
-def test_a_table_that_stops_while_the_output_is_looked_at_is_named_and_not_the_gyroscope() -> None:
+def test_stopped_table_is_named_not_the_gyroscope() -> None:
     class Interlock:
         def handle(self, event: Event) -> None:
             if isinstance(event, StepStarted) and event.step.describe().startswith("the output at +10"):

@@ -367,7 +367,7 @@ def test_chunks_of_long_windows_are_taken_over_with_their_step() -> None:
     assert not any(each.chunks for each in taken if each.line["n"] != window)
 
 
-def test_what_is_taken_over_is_written_down_and_counted_and_what_is_done_beside_it_is_told() -> None:
+def test_copied_steps_are_counted() -> None:
     lines = unbroken("turntable").steps
     window = next(line["n"] for line in lines if line["result_kind"] == "Window")
     doubtful = [line | {"asked_again": ["late"]} if line["n"] == window else line for line in lines[:window]]
@@ -444,7 +444,7 @@ def test_a_supply_that_was_off_meanwhile_warms_up_anew() -> None:
     assert waits[-2:] == [2.0, 1798.0]
 
 
-def test_of_the_looks_at_the_drive_signal_the_first_after_power_on_stands_for_all() -> None:
+def test_first_look_at_the_drive_stands_for_all() -> None:
     look = list(drained(check_drive(make_settings())))
     _, find, measure = look
     assert repeated(find, SUPPLY_ON, find, measure, find, measure) == [SUPPLY_ON, *look]

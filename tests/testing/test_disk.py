@@ -134,7 +134,7 @@ def entry(number: int) -> SelfCalibration:
     )
 
 
-def test_an_entry_of_a_device_is_there_once_it_was_added_and_never_in_part(tmp_path: Path) -> None:
+def test_device_entry_is_whole_or_absent(tmp_path: Path) -> None:
     def write(said: list[int]) -> None:
         for number in (1, 2):
             DeviceStore(tmp_path / "disk" / "devices").add(entry(number))

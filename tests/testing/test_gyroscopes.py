@@ -88,7 +88,7 @@ def test_the_output_stands_still_once_a_switch_on_is_said_to_have_settled(seed: 
 
 
 @pytest.mark.parametrize("seed", few(range(60), *range(6)))
-def test_the_largest_level_of_v_vc_does_not_clip_the_output_by_a_guess_of_5_percent_too_much(seed: int) -> None:
+def test_largest_v_vc_does_not_clip_the_output(seed: int) -> None:
     text, sheet = drawn_bench(seed, noise=False), drawn_sheet(seed)
     level_deg_s = tomllib.loads(text)["procedure"]["power"]["level_deg_s"]
     output, most_v = true_output(parse_bench(text, f"gyroscope-{seed}")), OUTPUT_SHARE * sheet.rail_v

@@ -103,7 +103,7 @@ def test_seeds_in_a_row_have_the_same_work_and_happenings_of_their_own() -> None
 
 
 @pytest.mark.exhaustive
-def test_an_offset_before_the_first_window_is_a_bias_that_no_reading_contradicts_and_a_later_one_is_found() -> None:
+def test_early_offset_is_a_bias_and_a_later_one_a_fault() -> None:
     draw = replace(drawn(404363), happenings=())
     clean = cleaned(draw)
     offset = Fault("multimeter", "offset", offset=0.1)
@@ -124,7 +124,7 @@ class Stated(Struct):
     output: Measurand
 
 
-def test_noise_of_few_readings_is_no_fault_and_a_shift_of_as_many_u95_of_many_readings_is() -> None:
+def test_noise_of_few_readings_is_no_fault() -> None:
     draws = np.random.default_rng(8).standard_normal((20_000, 2, 5))
     values, u = draws.mean(axis=2), draws.std(axis=2, ddof=1) / math.sqrt(5.0)
     reach = {

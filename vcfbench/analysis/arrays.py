@@ -11,7 +11,7 @@ Floats: TypeAlias = NDArray[np.float64]
 
 
 def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
-    """Return what somebody hands in as plain numbers, shape (n,) or (): a column (n, 1) is a row.
+    """Return numbers of any kind as plain ones, shape (n,) or (): a column (n, 1) is a row.
 
     Quantities of astropy and pint are converted to `unit`. What would silently become another number is refused.
 

@@ -54,7 +54,7 @@ class Source(Struct, frozen=True):
 
     @property
     def possible(self) -> bool:
-        """Tell whether there can be such a quantity: finite, its uncertainty too and not below zero."""
+        """Return True if there can be such a quantity: finite, its uncertainty too and not below zero."""
         return math.isfinite(self.value) and 0.0 <= self.u < math.inf and self.dof > 0.0
 
 

@@ -50,7 +50,7 @@ class Block(Struct, frozen=True):
 
 
 class BlockNoise(Struct, frozen=True):
-    """The noise of the windows of a run; all by itself, independent of how a line fits.
+    """The noise of the windows of a run; independent of the fit of a line.
 
     `white_v` is the standard deviation of one window's mean that the scatter of its readings explains. `flicker_v2` is
     the coefficient h of the one-sided density h/f of the output's flicker, V^2; the Allan deviation's floor is

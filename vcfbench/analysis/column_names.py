@@ -28,7 +28,7 @@ class Kind(Enum):
 
 
 class Unit(Struct, frozen=True):
-    """A unit as it is written, and by what its numbers are multiplied to be in that of its kind."""
+    """A unit as it is written, and the factor to the unit of its kind."""
 
     written: str
     kind: Kind
@@ -54,7 +54,7 @@ class ColumnName(Struct, frozen=True):
 
     @property
     def is_time(self) -> bool:
-        """Tell whether the column tells when a reading was taken, by its name."""
+        """Return True if the column tells when a reading was taken, by its name."""
         alone = not self.base and self.unit is not None  # a column that is called seconds
         return not self.spread and self.kind in {None, Kind.TIME} and (alone or _names_a_time(self.base))
 
@@ -183,7 +183,7 @@ def _ends(text: str) -> Iterator[tuple[str, str]]:
 
 
 def _may_be(unit: Unit, base: str) -> bool:
-    """Tell whether an end without brackets is meant as a unit: an s, h or c may be part of a name or another one."""
+    """Return True if an end without brackets is meant as a unit: an s, h or c may be part of a name or another one."""
     if unit.kind is Kind.TIME:
         return _names_a_time(base)
     if unit.kind is Kind.TEMPERATURE:

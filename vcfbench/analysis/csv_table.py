@@ -1,4 +1,4 @@
-"""Reads tables and logs kept as text: nothing is guessed, skipped or filled in, and who must guess is asked.
+"""Reads tables and logs kept as text: nothing is guessed, skipped or filled in.
 
 A line with the names of the columns, then a line for each reading. Commas, semicolons, tabs or spaces separate; with
 any but the comma the decimals may have one. What stands before the names (``--skip``), names and units that a file
@@ -51,7 +51,7 @@ _DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")
 
 
 class Layout(Struct, frozen=True):
-    """How a file is to be read, as far as it does not tell by itself; all of it may be left out."""
+    """Properties of a file that it does not state itself; all may be left out."""
 
     columns: tuple[str, ...] = ()
     """Those that are meant, by name, the rate of a table first; of a file without names the names of all."""
@@ -72,7 +72,7 @@ class Layout(Struct, frozen=True):
 
 
 class Head(Struct, frozen=True):
-    """The part of a file above its numbers, and how these are written."""
+    """The part of a file above its numbers, and the format of these."""
 
     file: str
     names: tuple[ColumnName, ...]
@@ -97,11 +97,11 @@ class Head(Struct, frozen=True):
         return found[0]
 
     def is_text(self, place: int) -> bool:
-        """Tell whether none of the first cells of a column begins as a number does."""
+        """Return True if none of the first cells of a column begins as a number does."""
         return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
 
     def is_date(self, place: int) -> bool:
-        """Tell whether the first cell of a column is an ISO date with a time."""
+        """Return True if the first cell of a column is an ISO date with a time."""
         return bool(self.sample) and bool(_DATE.fullmatch(self.sample[0][place]))
 
 
@@ -340,7 +340,7 @@ def _cells(text: str, separator: str, where: str | None = None) -> list[str]:
 
 
 def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
-    """Return how many lines stand before one of names that has numbers below it, None if none is found."""
+    """Return the number of lines that stand before one of names that has numbers below it, None if none is found."""
     for place in range(at + 1, min(len(texts) - 1, at + 60)):
         for sign in dict.fromkeys((separator, ",", ";", "\t")):
             names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
@@ -368,7 +368,7 @@ def _with_unit(name: ColumnName, written: str, where: str) -> ColumnName:
 
 
 def _decimal_comma(rows: Sequence[Sequence[str]], separator: str, stated: str | None, where: str) -> bool:
-    """Tell whether the decimals of a file are behind a comma; refuses what may as well be thousands."""
+    """Return True if the decimals of a file are behind a comma; refuses numbers that may as well be thousands."""
     if stated is not None or separator == ",":
         return stated is not None and _DECIMALS[stated] == ","
     commas = [cell for row in rows for cell in row if _is_comma_number(cell) or _THOUSANDS.fullmatch(cell)]

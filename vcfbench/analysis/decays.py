@@ -159,7 +159,7 @@ def _places(modes: int) -> list[int]:
 
 
 def _left(samples: _Samples, carrier_hz: float, parameters: Floats, sizes: Floats) -> Floats:
-    """Return what a constant, the carrier and modes of these sizes leave of the samples."""
+    """Return the remainder of the samples without a constant, the carrier and modes of these sizes."""
     times = samples.interval_s * np.arange(samples.values.size)
     phasors = [complex(sizes[0]), *(complex(a, -b) for a, b in sizes[1:].reshape(-1, 2))]
     left = samples.values

@@ -79,7 +79,7 @@ class Line(Struct, frozen=True):
         return 1.0 - (output_v - self.zero_v) / (self.slope * at)
 
     def weights(self, at: float, may_lack: float) -> tuple[float, ...]:
-        """Return the weights of its windows in what an output at `at` may be."""
+        """Return the weights of its windows in the output at `at`."""
         lever = 0.5 * (1.0 - may_lack) * at / self.apart
         return (0.5, lever, -lever, -lever, lever, 0.5)
 

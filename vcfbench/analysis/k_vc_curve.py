@@ -31,7 +31,7 @@ class Curvature(Struct, frozen=True):
 
 
 class KVcCurve(Struct, frozen=True):
-    """A fitted curve; its uncertainty is that of the measured pairs, whether or not the curve fits."""
+    """A fitted curve; its uncertainty comes from the measured pairs, not from the fit."""
 
     coefficients: tuple[float, ...]
     """k0, k1, ... in (deg/s)/V^i."""

@@ -67,7 +67,7 @@ def _mode(drive_hz: float, split_hz: float, q: float) -> _Mode:
 
 
 class _Worked(Struct, frozen=True):
-    """K_Vc of a gyroscope, in a unit of combs and mass, and what it is made of."""
+    """K_Vc of a gyroscope, in a unit of combs and mass, and its terms."""
 
     k_vc: float
     anti_phase: _Mode

@@ -1,4 +1,4 @@
-"""The model of a record's noise: which averaging times powers of the time describe, and what can be said of N, B, K, R.
+"""The model of a record's noise: the averaging times that powers of the time describe, and N, B, K, R from them.
 
 One generalised least squares with the full covariance of the points of an Allan curve. The term in 1/tau^2 may have
 either sign: behind a filter that a record's readings have in common, or where they are held, the variance is exactly
@@ -44,7 +44,7 @@ _Q, _N, _B, _K, _R = range(5)
 
 
 class NoiseModel(Struct, frozen=True):
-    """What a curve says of a record's noise.
+    """Model of a record's noise from its curve.
 
     `fit` has the law of all noise in its coefficients, for budgets, with K and R only where they stand out; in its
     terms what can be stated. `begin` and `end` are the points of the curve of which N is stated.
@@ -162,7 +162,7 @@ class _Curve(Struct, frozen=True):
 
 
 def noise_model(curve: Sequence[AllanPoint], samples: int, sampling: Sampling) -> NoiseModel:
-    """Return what an overlapping Allan curve of `samples` readings says of their noise; no deviation may be 0.
+    """Return the model of the noise of `samples` readings from their Allan curve; no deviation may be 0.
 
     With dead time there is no term in 1/tau^2, as readings share nothing; its effect on the others is taken out.
     """
@@ -273,7 +273,7 @@ def _stands_out(points: _Curve, begin: int, end: int, fitted: _Fitted, term: int
 
 
 def _terms(points: _Curve, begin: int, end: int, wide: list[int], limits: Floats) -> dict[Term, NoiseTerm]:
-    """Return what can be stated of each term, in samples, by the model with all of them; R as one more."""
+    """Return each term, in samples, by the model with all of them; R as one more."""
     fitted, terms = points.fit(begin, end, wide), {}
     for place, term in enumerate(Term):
         stated = fitted
@@ -303,7 +303,7 @@ def _terms(points: _Curve, begin: int, end: int, wide: list[int], limits: Floats
 
 
 def _solved_upper(points: _Curve, begin: int, end: int, fitted: _Fitted, term: int) -> float:
-    """Return the S that is so large that what was found is 1.645 of its own uncertainties below."""
+    """Return the S of which the found value lies 1.645 of its own uncertainties below."""
     square = max(0.0, float(fitted.bounded[term]), float(fitted.signed[term]))
     law, place, upper = fitted.bounded.copy(), fitted.columns.index(term), square
     for _ in range(_ROUNDS):

@@ -1,4 +1,4 @@
-"""When the readings of a log were taken: their interval, and what is not even about it.
+"""Times of the readings of a log: their interval, and its irregularities.
 
 Times are written with few digits and kept by a clock that someone sets, so one step tells little: the interval is the
 mean over the longest piece without a break. A break is where the times are ahead of an even row, or behind it, from

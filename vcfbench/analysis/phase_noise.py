@@ -83,7 +83,7 @@ class CorrelatedSquares(Struct, frozen=True):
 def correlated_squares(
     noise: PhaseNoise, terms_first: int, first: int, terms_second: int, second: int
 ) -> CorrelatedSquares:
-    """Return how the mean squares of two sets of second differences vary together.
+    """Return the covariance of the mean squares of two sets of second differences.
 
     The first set are `terms_first` successive differences at the stride `first`, the second likewise. Gaussian: the
     covariance of two squares is twice the square of the covariance.
@@ -100,7 +100,7 @@ def correlated_squares(
 
 @lru_cache(maxsize=4096)
 def sums_of_lags(terms_first: int, first: int, terms_second: int, second: int) -> tuple[Floats, Floats, Floats]:
-    """Return of each law with the coefficient 1 what :func:`correlated_squares` is made of.
+    """Return for each law with the coefficient 1 the terms of :func:`correlated_squares`.
 
     The expectations of a squared first difference, (4,); the sums over all lags of the covariances of the differences,
     (4,), and of the products of those of two laws, (4, 4). A fit of the noise asks for the same ones again and again.

@@ -40,14 +40,14 @@ _CHANCE: Final = 1e-5
 
 
 class Doubt(Struct, frozen=True):
-    """Something that is no noise: the row at which it is first seen, from 0, and what in words."""
+    """Something that is no noise: the row at which it is first seen, from 0, and its description."""
 
     row: int
     words: str
 
 
 def doubts_of_record(rates_deg_s: Floats) -> list[Doubt]:
-    """Return what a record at rest, deg/s, shape (n,), has in it that no sensor at rest gives."""
+    """Return the features of a record at rest, deg/s, shape (n,), that no sensor at rest gives."""
     if rates_deg_s.size < _RUN or np.ptp(rates_deg_s) == 0.0:
         return []
     mean = float(rates_deg_s.mean())
@@ -165,7 +165,7 @@ def _moved(rates: Floats) -> Iterator[Doubt]:
 
 
 def doubts_of_line(rate_deg_s: Floats, output: Floats, line: LineFit, u_scale_factor: float) -> list[Doubt]:
-    """Return what points of a calibration, shape (n,), have that no gyroscope within its range gives."""
+    """Return the features of points of a calibration, shape (n,), that no gyroscope within its range gives."""
     found, residuals = [], np.abs(line.residuals_v)
     if abs(line.scale_factor) < 3.0 * u_scale_factor:
         found.append(Doubt(0, "the scale factor is not beyond its own uncertainty: does the output follow the rate?"))

@@ -134,7 +134,7 @@ def durbin_watson(residuals_v: Floats) -> float | None:
 
 
 def sign_runs(residuals_v: Floats) -> int:
-    """Return how many runs of equal sign the residuals have, in their order."""
+    """Return the number of runs of equal sign that the residuals have, in their order."""
     return 1 + int(np.count_nonzero(np.diff(np.signbit(residuals_v))))
 
 

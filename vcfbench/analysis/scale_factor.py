@@ -134,7 +134,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
 
 
 def scale_factor_error_percent(reference: float, other: float, decimals: int | None = None) -> float | None:
-    """Return how far the magnitude of `other` is from that of `reference`, per cent of `reference`.
+    """Return the amount by which the magnitude of `other` is from that of `reference`, per cent of `reference`.
 
     The two scale factors are first rounded to `decimals` when it is given; the paper's 1.515 % comes from slopes
     rounded to five decimals, 1.533 % from the same slopes unrounded. None when the reference rounds to zero.

@@ -136,7 +136,7 @@ def _common(channels: Floats, interval_s: float, start_hz: float | None) -> tupl
 
 
 def _at(channels: Floats, times: Floats, frequency_hz: float) -> tuple[Floats, Floats]:
-    """Return cosine, sine and 1 at all times, and how much of each fits every channel."""
+    """Return cosine, sine and 1 at all times, and their amounts that fit every channel."""
     angle = 2.0 * math.pi * frequency_hz * times
     basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)

@@ -25,7 +25,7 @@ class Amended(Struct, frozen=True):
 
 
 def logged_in() -> str:
-    """Return who is logged in, and where."""
+    """Return login name and host."""
     return f"{getpass.getuser()}@{socket.gethostname()}"
 
 

@@ -38,7 +38,7 @@ _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 
 
 class RecordAnalysis(Struct, frozen=True):
-    """Noise of one column: its name, readings, interval, mean, and what :func:`record_noise` finds.
+    """Noise of one column: its name, readings, interval, mean, and the findings of :func:`record_noise`.
 
     `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line;
     `densities` N and K in deg/s/sqrt(Hz), rad/s/sqrt(Hz), deg/s^2/sqrt(Hz), rad/s^2/sqrt(Hz), as filters take them: of
@@ -182,7 +182,7 @@ def _value_place(head: Head, layout: Layout) -> int:
 
 
 def _factor(name: ColumnName, scale: float | None, where: str) -> tuple[float, str]:
-    """Return what turns the column into deg/s, and in words what it was taken for."""
+    """Return the factor of the column to deg/s, and its assumed unit in words."""
     column, unit = f"{where}, column {name.written}", name.unit
     if unit is None or unit.kind not in _ANALYSED:
         came = name.unknown or (unit.written if unit else "none")
@@ -231,7 +231,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
 def _piece(
     record: Floats, numbers: Numbers, unit_s: float, rate_hz: float | None, file: str
 ) -> tuple[Floats, float, int, list[str]]:
-    """Return the longest piece of a record without a break, its interval and first row, and what is uneven."""
+    """Return the longest piece of a record without a break, its interval and first row, and its irregularities."""
     try:
         pace = pace_of(numbers.values[:, 1] * unit_s)
     except ConfigError as error:

@@ -72,12 +72,12 @@ class SheetRow(Struct, frozen=True, kw_only=True):
 
     @property
     def passed(self) -> bool:
-        """Tell whether the run is complete and kept every limit, those with a guard band too."""
+        """Return True if the run is complete and kept every limit, those with a guard band too."""
         return self.status is Status.COMPLETE and self.verdict in {None, "pass"}
 
     @property
     def waits(self) -> bool:
-        """Tell whether nobody has tried to measure the device yet."""
+        """Return True if nobody has tried to measure the device yet."""
         return not (self.run or self.why_none)
 
 
@@ -160,7 +160,7 @@ class _History(Struct, frozen=True):
         return sorted(same, key=lambda each: each.started)
 
     def changes(self, summary: RunSummary, scale: Value) -> dict[str, Any]:
-        """Return what a row says of the change of the scale factor since earlier runs."""
+        """Return the notes of a row on the change of the scale factor since earlier runs."""
         earlier, now, found = self.earlier(summary), self.compared(summary), dict[str, Any]()
         witness = next((run for each in reversed(earlier) if (run := self.compared(each)).tells_curve), None)
         known = partial(Coefficients.kept, [now.run], self.devices)
@@ -197,7 +197,7 @@ class _History(Struct, frozen=True):
 
 
 def _may_have_slope(summary: RunSummary) -> bool:
-    """Tell whether a run may have a scale factor: records of before list some of their values, without conditions."""
+    """Return True if a run may have a scale factor: records of before list some of their values, without conditions."""
     values = summary.results.values()
     return _slope(values) is not None or all(each.conditions == Conditions() for each in values)
 
@@ -234,7 +234,7 @@ def _row(summary: RunSummary, run: Run, found: Mapping[str, Any]) -> SheetRow:
 
 
 def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str] = MappingProxyType({})) -> Report:
-    """Return the sheet of a batch; errors of runs without results, and what is still to be measured, stand below.
+    """Return the sheet of a batch; errors of runs without results, and the runs to come, stand below.
 
     A device is good if it has passed every procedure that stands on the sheet. `left_out` are records that do not
     count, by name with the reason.
@@ -322,7 +322,7 @@ def _of_one_definition(rows: Sequence[SheetRow]) -> list[list[SheetRow]]:
 
 
 def _said(columns: Sequence[ValueColumn]) -> Text:
-    """Say what the columns are of, and in which units."""
+    """Return the definition and units of the columns."""
     words = "; ".join([*(column.said for column in columns), _DRIFT])
     return Text(f"{words[:1].upper()}{words[1:]}.")
 
@@ -345,7 +345,7 @@ def _cells(columns: Sequence[ValueColumn], row: SheetRow, notes: Mapping[str, st
 
 
 def _letters(rows: Sequence[SheetRow]) -> dict[str, str]:
-    """Return the letters of what is said below of drifts."""
+    """Return the letters of the footnotes on drifts."""
     said = dict.fromkeys(each.drift_note for each in rows if each.drift_note)
     return {note: _letter(place) for place, note in enumerate(said)}
 

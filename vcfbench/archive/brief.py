@@ -33,7 +33,7 @@ def _parts(run: Run, values: tuple[Value, ...]) -> Iterator[Part]:
 
 
 def _row(value: Value) -> tuple[str, str, str, str]:
-    """Return the cells of a value: what it is, the value without its u, U95, unit."""
+    """Return the cells of a value: its name, the value without its u, U95, unit."""
     of = value.named
     found = of.factor * (value.value or 0.0)
     if value.form != "plus-minus" or value.u95 is None:

@@ -1,4 +1,4 @@
-"""Change of a value from one run to another: like is compared with like, and what cannot be compared says why.
+"""Change of a value from one run to another: like is compared with like, else there is a reason.
 
 Conditions that both runs tell and that differ are corrected where the device's coefficient is known. Lines over the
 same rates are subtracted; over others it is their own points at the rates that both have, else, of one device, the
@@ -109,7 +109,7 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
 
     @property
     def tells_curve(self) -> bool:
-        """Tell whether its rates are so many, on both sides, that it tells the curve of other runs of the device."""
+        """Return True if its rates are so many, on both sides, that it tells the curve of other runs of the device."""
         seen = self.windows
         levels = set() if seen is None else set(np.round(seen.rate_deg_s, 2).tolist())
         return len(levels) >= _LEAST_LEVELS and min(levels) < 0.0 < max(levels)
@@ -139,7 +139,7 @@ _ROLES: Final = {
 
 
 class Pair(Struct, frozen=True):
-    """Two runs whose values are compared, what is known of their device, and more runs of it, which tell its curve."""
+    """Two runs whose values are compared, the entries of their device, and more runs of it for its curve."""
 
     first: Compared
     other: Compared
@@ -148,7 +148,7 @@ class Pair(Struct, frozen=True):
     witnesses: Sequence[Compared] = ()
 
     def change(self, then: Value, now: Value) -> Difference:
-        """Return by how much the value `now` of the other run differs from `then` of the first."""
+        """Return the amount by which the value `now` of the other run differs from `then` of the first."""
         plain = (now.value or 0.0) - (then.value or 0.0)
         if not then.kind and then.u is None and now.u is None:
             return Difference(plain)
@@ -170,7 +170,7 @@ class Pair(Struct, frozen=True):
         return self._stated(then, now, own, moved, _bridge(*definitions) if unlike else "")
 
     def _moved(self, then: Value, now: Value) -> "_Moved | str":
-        """Return what other conditions of the runs change; or, where nobody knows that, why there is no figure."""
+        """Return the effects of other conditions of the runs; or the reason for no figure."""
         if then.conditions == now.conditions:
             return _Moved()
         try:
@@ -191,7 +191,7 @@ class Pair(Struct, frozen=True):
         return _Moved(parts, math.hypot(warmer.u, wider.u), said, warmer.missing + wider.missing)
 
     def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
-        """Return the change without what conditions and instruments of both make; or no figure, and why."""
+        """Return the change without the effects of conditions and instruments; or no figure, and the reason."""
         size = abs(then.value or 0.0)
         common, cancelled = _common(then, now, self.first, self.other)
         u = math.sqrt(max(own.u**2 + own.u_instruments**2 - 2.0 * common, 0.0) + (moved.u * size) ** 2)
@@ -219,7 +219,7 @@ class _Own(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """What other conditions change, relative, each by its name, the u of all, and which one run does not tell."""
+    """Effects of other conditions, relative, each by its name, the u of all, and the condition that a run lacks."""
 
     parts: tuple[tuple[str, float], ...] = ()
     u: float = 0.0
@@ -293,7 +293,7 @@ def _by_instruments(value: Value) -> float:
 
 
 def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
-    """Return the change over rates of both runs; or why there is none."""
+    """Return the change over rates of both runs; or the reason for none."""
     both_runs = pair.first, pair.other
     a, b = (each.windows for each in both_runs)
     if a is None or b is None or not then.value or not now.value:

@@ -172,7 +172,7 @@ def _name(run: Run) -> str:
 
 
 def _alike(first: Sequence[Point], *others: Sequence[Point]) -> bool:
-    """Tell whether step by step all have as many points, at nearly the same rates: that of a V_Vc goes by K_Vc."""
+    """Return True if step by step all have as many points, at nearly the same rates: that of a V_Vc goes by K_Vc."""
     for points in others:
         pairs = list(zip(first, points, strict=False))
         if [p.step for p in points] != [p.step for p in first] or not all(
@@ -263,7 +263,7 @@ def _named(shared: SharedResult) -> tuple[str, str]:
 
 
 def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Text]:
-    """Say of each scale factor what explains its change, by how much, and what is left."""
+    """Yield for each scale factor the explained part of its change, and the rest."""
     for each in (one for one in comparison.results if one.unit == "V/(deg/s)" and one.values[0]):
         ppm, words = 1e6 / each.values[0], _named(each)[0]
         for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):

@@ -12,7 +12,7 @@ from vcfbench.steps import Effect, Step
 
 
 class _Line(Struct, frozen=True):
-    """What a line of a journal says of its time."""
+    """Times in a line of a journal."""
 
     type: str
     utc: str

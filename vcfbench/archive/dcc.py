@@ -147,7 +147,7 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
 
 
 def _declarations(run: Run, words: CertificateWords, values: Sequence[Value]) -> Iterator[str]:
-    """Yield what a certificate declares besides its results."""
+    """Yield the declarations of a certificate besides its results."""
     yield _UNSIGNED
     if run.simulated:
         yield _SIMULATED

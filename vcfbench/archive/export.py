@@ -113,7 +113,7 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
 
 
 def _stated(directory: RunDirectory) -> Iterator[tuple[str, str | float | None]]:
-    """Yield what the run states, in SI units: a value with u and U95, or its interval or bound in words."""
+    """Yield the stated values, in SI units: a value with u and U95, or its interval or bound in words."""
     for name, each in summary_of(directory).results.items():
         yield f"value.{name}", each.value if each.form == "plus-minus" else each.figure()
         yield f"value.{name}.unit", each.unit or None

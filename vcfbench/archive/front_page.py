@@ -1,4 +1,4 @@
-"""First page of a report: who, what and when, the results with their uncertainties, and what stands behind them.
+"""First page of a report: persons, dates, the results with their uncertainties, and their basis.
 
 What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to be filled in by hand.
 """
@@ -114,7 +114,7 @@ def checked(run: Run) -> str | None:
 
 
 def _results(run: Run, left_unseen: str) -> Iterator[Part]:
-    """Yield the box of the results, and what is to be known of their uncertainties."""
+    """Yield the box of the results, and the notes on their uncertainties."""
     table = values_table(run, most=MOST)
     if table is not None:
         yield table
@@ -183,7 +183,7 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
 
 
 def _limits_of_meters(run: Run) -> Iterator[str]:
-    """Yield for each voltmeter as what the limits of its data sheet count."""
+    """Yield for each voltmeter the distribution of the limits of its data sheet."""
     station = (plain(run.header.get("settings")) or {}).get("station", {})
     sources, meters = station.get("sources", {}), station.get("meters", {})
     for role, key in (("multimeter", "meter"), ("v_vc_meter", "v_vc")):
@@ -198,7 +198,7 @@ def _limits_of_meters(run: Run) -> Iterator[str]:
 
 
 def _left_out(run: Run) -> Sequence[str]:
-    """Return what the uncertainties of the results do not contain."""
+    """Return the effects that the uncertainties of the results do not contain."""
     results = None if run.results is None else plain(run.results)
     stated = results.get("uncertainty") if isinstance(results, dict) else None
     return (stated.get("not_in_u") or ()) if isinstance(stated, dict) else ()

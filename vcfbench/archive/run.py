@@ -159,7 +159,7 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def values(self) -> dict[str, Value]:
-        """The values that the results state, by name, in their order, with what they are of and where they hold."""
+        """The values that the results state, by name, in their order, with definitions and conditions."""
         return values_of(self.results) if self._values is None else {each.name: each for each in self._values}
 
     def as_json(self) -> dict[str, Any]:
@@ -188,7 +188,7 @@ class Run(Struct, frozen=True, eq=False):
         return answer if self.error is None else {**answer, "error": str(self.error)}
 
     def __eq__(self, other: object) -> bool:
-        """Tell whether all but the measured data is the same: a run of a record reads that when it is asked for."""
+        """Return True if all but the measured data is the same: a run of a record reads that when it is asked for."""
         return isinstance(other, Run) and astuple(self)[:-3] == astuple(other)[:-3]
 
     def __hash__(self) -> int:
@@ -211,7 +211,7 @@ class Run(Struct, frozen=True, eq=False):
         return [*broken, *left_out, *verdict]
 
     def _repr_html_(self) -> str:
-        """Show the run in a notebook: how it ended, and its report with its figures."""
+        """Show the run in a notebook: its end, and its report with its figures."""
         from vcfbench.reports.html_page import piece_of  # noqa: PLC0415  # loads Matplotlib
 
         said = [Text(f"{self.name or self.procedure}: {self.status.value}")]

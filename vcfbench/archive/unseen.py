@@ -70,7 +70,7 @@ class Refusable(Struct, frozen=True, eq=False):
 
 
 def refusable(run: Run) -> Refusable | None:
-    """Return how `run` is evaluated again; None where nothing can be computed again.
+    """Return a function that evaluates `run` again; None if nothing can be computed again.
 
     One of several procedures (`characterize`) would be evaluated for minutes.
     """
@@ -89,7 +89,7 @@ def refusable(run: Run) -> Refusable | None:
 
 
 def unseen_of(run: Run) -> tuple[Unseen, ...]:
-    """Return what `run` cannot have seen; nothing of one whose results cannot be computed again."""
+    """Return the faults that `run` cannot have seen; none if its results cannot be computed again."""
     found = refusable(run)
     if found is None:
         return ()
@@ -101,7 +101,7 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
-    """Yield what a fault of 1 mV within the one record does: nothing is held against it."""
+    """Yield the effect of a fault of 1 mV within the one record: nothing is compared with it."""
     readings = len(found.measured.readings.windows[0].t_s)
     over = np.linspace(0.0, 1.0, readings)
     step = (over >= _HALF).astype(float)
@@ -127,13 +127,13 @@ def _in_k_vc(found: Refusable) -> Iterator[Unseen]:
 
 
 def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, float]) -> Mapping[str, float]:
-    """Return by how much values moved, those that did so by enough of their U95."""
+    """Return the amount by which values moved, those that did so by enough of their U95."""
     moved = {name: abs(after[name] - before[name]) for name in found.u95}
     return {name: each for name, each in moved.items() if each > MATTERS_UNREFUSED * found.u95[name]}
 
 
 def _half_width(value: Value) -> float | None:
-    """Return what a value may be off with 95 %; of a bound that is all of it."""
+    """Return the largest error of a value with 95 %; of a bound all of it."""
     match value.form:
         case "interval":
             low, high = value.ends
@@ -144,7 +144,7 @@ def _half_width(value: Value) -> float | None:
 
 
 def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, str]]:
-    """Yield of each fault what it is, up to which size it is not refused, and what it may do to which value."""
+    """Yield for each fault its kind, the size up to which it is not refused, and its effect on each value."""
     for each in found:
         factor, unit = (1e3, "mV") if each.unit in OFFSETS else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
@@ -153,7 +153,7 @@ def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, 
 
 
 def unseen_in_short(run: Run, found: Sequence[Unseen]) -> str:
-    """Return the faults with the sizes up to which they are not refused, without what they may do."""
+    """Return the faults with the sizes up to which they are not refused, without their effects."""
     return "; ".join(dict.fromkeys(f"{what} ({size})" for what, size, _ in unseen_words(run, found)))
 
 
@@ -165,6 +165,6 @@ def _effect(value: Value, effect: float) -> str:
 
 
 def unseen_parts(run: Run, found: Sequence[Unseen]) -> tuple[Part, ...]:
-    """Return the table of what the run cannot have seen, and what it means."""
+    """Return the table of the faults that the run cannot have seen, and its explanation."""
     rows = list(unseen_words(run, found))
     return Table(texts("not refused", "size", "may have moved, by as much as"), rows), Text(_EXPLAINED)

@@ -36,18 +36,18 @@ class ValueColumn(Struct, frozen=True):
 
     @property
     def is_slope(self) -> bool:
-        """Tell whether it holds scale factors, whose U95 has a column of its own, in ppm."""
+        """Return True if it holds scale factors, whose U95 has a column of its own, in ppm."""
         return self.key in {_OF_RANGE, *SLOPES}
 
     @property
     def heads(self) -> tuple[Column, ...]:
-        """The heads of its columns, short: what they are of stands above (`said`)."""
+        """The heads of its columns, short: their definition stands above (`said`)."""
         short = next((head for head, kinds in _GROUPS if self.key in kinds), self.example.named.words)
         return (Column(short), Column("U95", format=".0f")) if self.is_slope else (Column(short),)
 
     @property
     def said(self) -> str:
-        """What it is of, and in which unit: ``scale factor of small signals in mV/(deg/s), its U95 in ppm``."""
+        """Return definition and unit: ``scale factor of small signals in mV/(deg/s), its U95 in ppm``."""
         of = self.example.named
         unit = f" in {of.unit}" if of.unit else ""
         over = f", over {levels}" if self.is_slope and (levels := self.example.definition.levels_words) else ""
@@ -58,12 +58,12 @@ class ValueColumn(Struct, frozen=True):
         return next((each for each in values if self.holds(each)), None)
 
     def holds(self, value: Value) -> bool:
-        """Tell whether a value is what this column holds."""
+        """Return True if this column holds the value."""
         same = (value.kind or value.name, value.unit) == (self.key, self.unit)
         return same and not value.definition.unlike(self.example.definition)
 
     def cells(self, values: Sequence[Value], mark: str = "") -> Iterator[Any]:
-        """Yield what is printed of that of `values` which stands here; `mark` stands behind a U95."""
+        """Yield the printed form of the one of `values` in this column; `mark` stands behind a U95."""
         found = self.value(values)
         if found is None or found.value is None or found.form != "plus-minus" or found.u95 is None:
             yield None if found is None else found.figure(found.named.factor)

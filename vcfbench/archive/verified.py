@@ -317,7 +317,7 @@ def _package(kind: type) -> str:
 
 
 def _apart(line: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a step without what its being taken over changes."""
+    """Return a step without the changes by being taken over."""
     return {key: value for key, value in line.items() if key not in {"taken_over", "utc", "seal"}}
 
 

@@ -112,7 +112,7 @@ class Bench(Struct, frozen=True, eq=False):
 
     @property
     def simulated(self) -> bool:
-        """Tell whether the bench is simulated."""
+        """Return True if the bench is simulated."""
         return self.description.simulated
 
     @property
@@ -132,7 +132,7 @@ class Bench(Struct, frozen=True, eq=False):
 
     @property
     def closed(self) -> bool:
-        """Tell whether the bench was left."""
+        """Return True if the bench was left."""
         return self.holding.closed
 
     def disbelieve(self, instrument: str, why: str) -> None:
@@ -309,7 +309,7 @@ def _open_all(
 
 
 def _left_by(stand: UnopenedBench) -> dict[str, str]:
-    """Return by role who died with what drives something; what only listens is never left on."""
+    """Return by role the process that died with an actuator; an instrument that only listens is never left on."""
     return {role: who for role, who in stand.left_by.items() if role in _LIMITED}
 
 

@@ -37,7 +37,7 @@ class CheckedInstrument(Struct, frozen=True):
 
 
 class CheckedWatchdog(Struct, frozen=True):
-    """The watchdog process, started once, and what is known of watchdogs in the instruments, by role; none is armed.
+    """The watchdog process, started once, and notes on watchdogs in the instruments, by role; none is armed.
 
     `ready_s` is how long after its start it watches, wall time; None on a bench that is simulated in this process and
     needs none, and where it has a `problem`.
@@ -49,7 +49,7 @@ class CheckedWatchdog(Struct, frozen=True):
 
 
 class BenchCheck(Struct, frozen=True):
-    """All instruments of a bench, its watchdogs, and how making it safe afterwards ended."""
+    """All instruments of a bench, its watchdogs, and the outcome of switching it off afterwards."""
 
     instruments: list[CheckedInstrument]
     watchdog: CheckedWatchdog

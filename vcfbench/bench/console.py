@@ -97,7 +97,7 @@ class Console:
 
 
 def _asks(message: str) -> bool:
-    """Tell whether a message has a question mark outside quotes, or is one of ACL's readings without one."""
+    """Return True if a message has a question mark outside quotes, or is one of ACL's readings without one."""
     bare = "".join(piece for index, piece in enumerate(message.replace("'", '"').split('"')) if index % 2 == 0)
     return "?" in bare or bare.strip().lstrip(":").upper().startswith("READ:")
 

@@ -83,7 +83,7 @@ def check_simulation(description: BenchDescription, source: str) -> None:
 
 
 def require_instruments_apart(description: BenchDescription) -> None:
-    """Check that no instrument has two roles; those simulated in this process are what the bench file says.
+    """Check that no instrument has two roles; those simulated in this process are described by the bench file.
 
     Making safe does without: whatever the bench file says, something may turn.
 
@@ -156,7 +156,7 @@ def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:
 
 
 def checked_pace(description: BenchDescription, speed: str | float | None) -> float | None:
-    """Return how many times real time to run at, None for as fast as it goes.
+    """Return the number of times that real time to run at, None for as fast as it goes.
 
     Raises:
         ConfigError: `speed` is no speed, or is asked of a real bench, which has its own, or of a served one, whose time

@@ -1,4 +1,4 @@
-"""Resources of an open bench, and the one way in which it is left: everything made safe, then closed, once.
+"""Resources of an open bench, and its end: everything switched off, then closed, once.
 
 A bench may be left by nobody: a script ends, or raises, while it is open; a notebook's kernel is shut down. What is
 still open when Python ends is made safe then, while threads can still be started; code 5 says if it could not be.
@@ -79,7 +79,7 @@ class Holding:
 
     @property
     def closed(self) -> bool:
-        """Tell whether it was left; in a forked process it is not ours to leave."""
+        """Return True if it was left; in a forked process it is not ours to leave."""
         return self._closed or os.getpid() != self._process
 
     def watch(self) -> None:
@@ -129,7 +129,7 @@ class Holding:
         raise error from under_way
 
     def interrupted(self) -> None:
-        """Bring the table to rest, for the person at the prompt has stopped what turned it; say so on stderr."""
+        """Bring the table to rest after an interrupt at the prompt; say so on stderr."""
         if self.stop_table is None or self.closed:
             return
         try:

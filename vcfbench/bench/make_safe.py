@@ -50,7 +50,7 @@ _GENERATOR: Final = {"level": "VOLT:OFFS?"}
 
 
 class Safed(Struct, frozen=True):
-    """One instrument: its state before (None: it did not say), whether it is proved safe, and the proof."""
+    """One instrument: its state before (None: it gave none), True if it is proved safe, and the proof."""
 
     role: str
     resource: str
@@ -75,7 +75,7 @@ class MadeSafe(Struct, frozen=True):
     signalled: bool = False
 
     def unsafe_beside(self, by_hand: Collection[str]) -> bool:
-        """Tell whether something is not proved that can be told again: a person who is not there cannot."""
+        """Return True if something is not proved that can be commanded again: a person who is not there cannot."""
         return any(not report.safe and report.instrument not in by_hand for report in self.reports)
 
     def failure(self) -> BenchError | None:
@@ -238,7 +238,7 @@ class _Commanded(Exception):
 
 
 def _command_first(role: Role, description: BenchDescription, stand: UnopenedBench) -> UnprovedCommand:
-    """Connect, tell the instrument to stop or to switch off; return whether it was told, and its state before."""
+    """Connect, tell the instrument to stop or to switch off; return True if it was told, and its state before."""
     moves = role.stage is Stage.MOTION
     words = "to stop" if moves else "to switch off"
     if role.name in description.by_hand:

@@ -102,7 +102,7 @@ def _typed(asked: Batch, runs: Path) -> Iterator[str]:
 
 
 class Outcome(Struct, frozen=True):
-    """Outcome of a device: exit code that it alone would have, one word and what stands behind it."""
+    """Outcome of a device: exit code that it alone would have, one word and the explanation."""
 
     code: int
     word: str
@@ -124,7 +124,7 @@ def _mounted(asked: Batch, serial: str, options: RunOptions) -> Outcome:
 
 
 def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | None" = None) -> Outcome:
-    """Measure one device by what is left of the runs; `page` shows them.
+    """Measure one device by the rest of its runs; `page` shows them.
 
     Raises:
         Aborted: somebody stopped it.

@@ -1,4 +1,4 @@
-"""``vcfbench bench new``: finds instruments, asks what must not be guessed, and writes the bench file of a station."""
+"""``vcfbench bench new``: finds instruments, asks for limits and latitude, and writes the bench file of a station."""
 
 from pathlib import Path
 from typing import Annotated, Any, Final
@@ -145,7 +145,7 @@ def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _ask_for(key: str, words: str, draft: Draft) -> None:
-    """Ask for the value of a key until it fits; its proposal is what the draft has."""
+    """Ask for the value of a key until it fits; its proposal comes from the draft."""
     proposed = {LATITUDE: None, MAINS: "50"}[key] if key in {LATITUDE, MAINS} else f"{draft.value(key):g}"
     while True:
         answer = _answer(words, proposed)

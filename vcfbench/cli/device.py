@@ -154,7 +154,7 @@ def _print_csv(known: Device, calibrations: Sequence[SheetRow]) -> None:
 
 
 def _print_history(known: Device) -> None:
-    """Print the table of the entries, whether the device has failed, and what its last certificate promises."""
+    """Print the table of the entries, a failure of the device, and the promise of its last certificate."""
     if not (rows := _rows(known)):
         return
     table = Table([*_COLUMNS.values()], [tuple(row.values()) for row in rows], f"device {known.serial}")

@@ -125,7 +125,7 @@ def say(words: str, *, alarm: bool = False) -> None:
 
 
 def _to_stderr(words: str) -> bool:
-    """Tell whether stderr took `words`; past its buffer, which may hold text that can never be written."""
+    """Return True if stderr took `words`; past its buffer, which may hold text that can never be written."""
     stream = sys.stderr
     if stream is None or getattr(stream, "name", None) == os.devnull:  # it was closed before the start
         return False
@@ -159,7 +159,7 @@ def _to_system_log(words: str) -> None:
 
 
 def _put(number: int, data: bytes) -> bool:
-    """Write `data`; tell whether it was taken, within a time short enough to wait for an exit code."""
+    """Write `data`; return True if it was taken, within a time short enough to wait for an exit code."""
     from vcfbench.clock import within  # noqa: PLC0415  # there where a bench was opened; else msgspec comes with it
 
     begun: list[bool] = []
@@ -182,7 +182,7 @@ def _put(number: int, data: bytes) -> bool:
 
 
 def terminal_gone(error: OSError) -> bool:
-    """Tell whether `error` is that of a terminal that was closed: nobody is there to read on."""
+    """Return True if `error` is that of a terminal that was closed: nobody is there to read on."""
     with suppress(OSError, ValueError, AttributeError):
         return error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
     return False

@@ -22,7 +22,7 @@ _BY: Final = "the terminal"
 
 
 def forget_typed() -> None:
-    """Forget what was typed at the terminal before a question: it is no answer, and keys may have taken part of it."""
+    """Discard characters typed at the terminal before a question."""
     with suppress(OSError, ValueError, NameError):  # there is none, or Windows
         if sys.stdin.isatty():
             termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)

@@ -30,7 +30,7 @@ def end_owner(said: Said) -> None:
 
 
 def make_safe(said: Said, why: str) -> int:
-    """Make safe the bench that was `said`, because of `why`; return 0 when all is safe, 5 when it is not."""
+    """Switch off the bench that was `said`, because of `why`; return 0 if all is safe, else 5."""
     for name in ("SIGINT", "SIGTERM", "SIGHUP"):  # meant for the program; until now they were blocked
         if (number := getattr(signal, name, None)) is not None:
             signal.signal(number, signal.SIG_IGN)
@@ -77,7 +77,7 @@ def _read_by_a_program() -> bool:
 
 
 def _tried(charge: dict[str, Any], said: Said, *, left: bool) -> tuple[int, str, dict[str, Any], bool]:
-    """Make the bench of a `charge` safe, once; return code, words, what is for the record, and whether to try again.
+    """Switch the bench of a `charge` off, once; return code, words, words for the record, and True to try again.
 
     Not where a person who is not there would have to switch off, nor a served bench whose server has gone: of it
     nothing moves.

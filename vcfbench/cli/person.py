@@ -18,7 +18,7 @@ _DISPLAYED_S: Final = 0.05
 
 
 def somebody_there() -> bool:
-    """Tell whether a person may type at a terminal."""
+    """Return True if a person may type at a terminal."""
     return sys.stdin is not None and sys.stdin.isatty()
 
 
@@ -57,7 +57,7 @@ def _line(request: Request) -> str:
 
 
 def agreed(words: str, signals: StopSignals | None = None, keys: Keys | None = None) -> bool:
-    """Ask a person on a terminal whether a program may run; False where nobody is there. The rest is as above."""
+    """Ask a person on a terminal for leave to run a program; False if nobody is there. The rest is as above."""
     if not somebody_there():
         return False
     with nullcontext() if keys is None else keys.left_alone():

@@ -94,7 +94,7 @@ def list_(
 
 @app.command("show")
 def show(run: Run_, runs: Runs_ = Path("runs"), *, json: Json_ = False) -> None:
-    """Show one record: points, results, and how it ended. All is computed again from the journal."""
+    """Show one record: points, results, and its end. All is computed again from the journal."""
     directory = directory_of(run, runs)
     record = directory.read()
     shown_run = recorded_run(directory, record)

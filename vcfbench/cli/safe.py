@@ -75,7 +75,7 @@ def safe(
 
 
 def _safed(description: BenchDescription, *, force: bool, end_owner: bool, once: bool) -> MadeSafe:
-    """Make the bench safe, again until it is or a person ends that; what was found is what the first try found."""
+    """Switch the bench off, again until it is or a person ends that; the found state is that of the first try."""
     operator, wall, tries = at_the_terminal(None, None), WallClock(), 1
     done = safe_bench(description, force=force, end_owner=end_owner, operator=operator)
     found = {each.role: each.found for each in done.instruments}

@@ -72,20 +72,20 @@ class _LineProgress(Progress):
         self._outlet.write(f"{words}\n")
 
     def checked(self, done: int, total: int) -> None:
-        """Say now and then how many cases have been checked: a thousand take some time."""
+        """Say now and then the number of cases that have been checked: a thousand take some time."""
         if self._clock.now() - self._said_s >= _LINE_S and done < total:
             self._said_s = self._clock.now()
             self.say(f"{done} of {total} cases checked")
 
     def begun(self, had: int, total: int) -> None:
-        """Say how many runs there are."""
+        """Print the number of runs."""
         self._had = self.kept = had
         self.total = total
         self._clock, self._said_s = WallClock(), 0.0
         self.say(f"{total} runs{f', {had} of them done before' if had else ''}")
 
     def done(self, row: RunRow) -> None:
-        """Say how far it is, now and then."""
+        """Say the amount by which it is, now and then."""
         self.kept += 1
         self._broken += row.status != "complete"
         if self._clock.now() - self._said_s >= _LINE_S or self.kept == self.total:

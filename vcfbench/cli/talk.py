@@ -111,7 +111,7 @@ def talk(
 
 
 def _show(said: ConsoleReply) -> str | None:
-    """Print what an instrument answered; return its refusal."""
+    """Print the answer of an instrument; return its refusal."""
     if said.answer is not None:
         typer.echo(summary(said.answer))
     elif said.refusal is None:

@@ -1,4 +1,4 @@
-"""``vcfbench validate``: what has a known answer is asked on the laboratory's own machine; one document."""
+"""``vcfbench validate``: checks with known answers on the laboratory's own machine; one document."""
 
 from pathlib import Path  # typer reads the annotation when it runs
 from typing import Annotated

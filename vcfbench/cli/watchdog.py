@@ -66,7 +66,7 @@ def loaded() -> ModuleType:
 
 
 def _prepare() -> None:
-    """Load what makes safe before it is needed; where that fails, whoever needs it will say so."""
+    """Load the code that switches the bench off before it is needed; a failure shows when it is used."""
     try:  # noqa: SIM105  # as in `write`
         loaded()
     except Exception:  # noqa: BLE001, S110

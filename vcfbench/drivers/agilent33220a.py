@@ -108,7 +108,7 @@ class Agilent33220A(ScpiInstrument):
             raise self._error(PlanError, f"{what}, nothing was sent")
 
     def _select_open_circuit(self) -> None:
-        """Say what its levels are into; before the first setting it is switched off, whatever it was doing."""
+        """Select levels into an open circuit; before the first setting the output is switched off."""
         if not self._taken_over:
             self._switch("off")
         self._take_over(self.left)
@@ -150,7 +150,7 @@ class Agilent33220A(ScpiInstrument):
             raise self._disagreement(f"{self.output}?", wanted, "off" if wanted == "on" else "on")
 
     def output_enabled(self) -> bool:
-        """Tell whether the output relay is closed."""
+        """Return True if the output relay is closed."""
         return self._switched_on(None)
 
     def _switched_on(self, deadline: Deadline | None) -> bool:

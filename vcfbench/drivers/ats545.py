@@ -77,7 +77,7 @@ class TemptronicATS545(ScpiInstrument):
         self._read_back("SOAK?", soak, 0.5, "s")
 
     def at_temperature(self) -> bool:
-        """Tell whether the temperature is reached and has been held for the soak time."""
+        """Return True if the temperature is reached and has been held for the soak time."""
         return bool(self._session.query_int("TECR?") & _AT_TEMPERATURE)
 
     def air_temperature_c(self) -> float:
@@ -113,7 +113,7 @@ class TemptronicATS545(ScpiInstrument):
             )
 
     def flow_enabled(self) -> bool:
-        """Tell whether air flows."""
+        """Return True if air flows."""
         return self._flows(None)
 
     def _flows(self, deadline: Deadline | None) -> bool:

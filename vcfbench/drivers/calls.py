@@ -74,7 +74,7 @@ class AttendedWire:
         self._calls.call(f"{self._name}: sending", deadline, lambda: self._wire.send(data, deadline))
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
+        """Return at least one byte, and True if the instrument marked the last one as the end of its message."""
         return self._calls.call(f"{self._name}: receiving", deadline, lambda: self._wire.receive(deadline))
 
     def clear(self, deadline: Deadline) -> None:

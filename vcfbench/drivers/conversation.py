@@ -1,4 +1,4 @@
-"""What a SCPI session and the line to a rate table share: an open wire, its failures, and words that are sent blind."""
+"""Common parts of a SCPI session and the line to a rate table: an open wire, its failures, and blind commands."""
 
 import threading
 from collections.abc import Iterator, Sequence
@@ -90,7 +90,7 @@ class Conversation:
 
     @property
     def closed(self) -> bool:
-        """Tell whether the connection has been given back or given up."""
+        """Return True if the connection has been given back or given up."""
         return self._closed_because is not None
 
     @property
@@ -190,7 +190,7 @@ class Conversation:
             self._wire.close()
 
     def close(self) -> None:
-        """Give the connection back for good: who is just connecting anew says nothing more, others may be there."""
+        """Close the connection for good, also if another thread is just connecting anew."""
         self._given_back = True
         self._give_up("it was given back")
 
@@ -209,7 +209,7 @@ class Conversation:
         self._send_blind(words, gap_s)
 
     def say_blind(self, words: Sequence[bytes], gap_s: float = 0.0) -> bool:
-        """Send `words` at once and tell whether the wire took them; nothing is waited for, nothing raised.
+        """Send `words` at once; return True if the wire took them; nothing is waited for, nothing raised.
 
         Nor is the lock waited for: another thread may hang in an exchange. A connection that is gone is made anew.
         `gap_s` is left between the words if that is short.

@@ -130,7 +130,7 @@ class Dso7104B(ScpiInstrument):
 
     @classmethod
     def opened(cls, session: Session, settings: VisaSettings) -> Self:
-        """Return the driver on an open session; what its probes divide by is the bench's to say."""
+        """Return the driver on an open session; the bench gives the ratio of its probes."""
         return cls(session, probe=settings.probe, serial_number=settings.serial_number)
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:

@@ -80,13 +80,13 @@ class E36312A(E3631A):
             raise
 
     def outputs_enabled(self) -> bool:
-        """Tell whether all outputs that were configured are on; before any was, whether one is."""
+        """Return True if all configured outputs are on; before any is configured, if one is on."""
         states = self._states(None)
         wanted = [states[output] for output in self._configured]
         return all(wanted) if wanted else any(states.values())
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
-        """Tell whether any output is on."""
+        """Return True if any output is on."""
         return any(self._states(deadline).values())
 
     def _states(self, deadline: Deadline | None) -> dict[str, bool]:

@@ -147,7 +147,7 @@ class E3631A(ScpiInstrument):
             )
 
     def outputs_enabled(self) -> bool:
-        """Tell whether the outputs are on."""
+        """Return True if the outputs are on."""
         return self._switched_on(None)
 
     def _switched_on(self, deadline: Deadline | None) -> bool:
@@ -168,7 +168,7 @@ class E3631A(ScpiInstrument):
         return self._session.query_reading(asked, form=self.reading_form)
 
     def regulation(self, output: str) -> Regulation:
-        """Tell how `output` is regulated now."""
+        """Return the regulation of `output`."""
         condition = self._session.query_int(f"STAT:QUES:INST:ISUM{self._ratings(output).number}:COND?") & 3
         return Regulation.OFF if condition == 0 and not self.outputs_enabled() else _REGULATION[condition]
 

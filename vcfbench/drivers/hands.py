@@ -23,7 +23,7 @@ _OUTPUTS: Final = MappingProxyType({"N25V": "negative output", "P25V": "positive
 
 
 class Hands:
-    """The person at the bench, asked one thing at a time; what was asked and answered is kept for the record."""
+    """The person at the bench, asked one thing at a time; questions and answers are kept for the record."""
 
     def __init__(self) -> None:
         self.operator: Operator | None = None
@@ -33,12 +33,12 @@ class Hands:
         """Whether the bench was left: an answer that is still waited for is of no use any more."""
 
     def taken(self) -> list[tuple[str, str]]:
-        """Return what was asked and answered since this was asked last."""
+        """Return questions and answers since the last call."""
         said, self._said = self._said, []
         return said
 
     def do(self, words: str, types: str = "") -> str:
-        """Have something done; return what was typed."""
+        """Ask for an action; return the typed answer."""
         with self._turn:
             request = Request(words, types=types, wanted=lambda: not self.left)
             answer = (self.operator or nobody)(request).strip()
@@ -104,7 +104,7 @@ class _ByHand:
         self._limits = limits
 
     def identify(self) -> Identity:
-        """Return what the bench file says of it."""
+        """Return the identity in the bench file."""
         number = getattr(self._part, "serial_number", None) or ""
         return Identity("by hand", self._part.model or self.name.replace("_", " "), number, "")
 
@@ -112,11 +112,11 @@ class _ByHand:
         """Do nothing: a person would have said so."""
 
     def command_safe(self) -> UnprovedCommand:
-        """Return what a person was last asked; nobody can be told at once, `make_safe` asks."""
+        """Return the last request to a person; nobody can be told at once, `make_safe` asks."""
         return UnprovedCommand(self.safe_words, sent=not self.safe_words, last_read=self._last_read)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Have the person make it safe and say so; without that word it is not. Who waits has the deadline."""
+        """Ask the person to switch it off and to confirm; without the word it is not safe."""
         try:
             said = self._confirmed()
         except BenchError as error:
@@ -178,7 +178,7 @@ class HandSupply(_ByHand):
         self._on = False
 
     def outputs_enabled(self) -> bool:
-        """Tell whether the outputs are on, as the person said last."""
+        """Return True if the outputs are on, as the person said last."""
         return self._on
 
     def measure_voltage_v(self, output: str) -> float:
@@ -190,7 +190,7 @@ class HandSupply(_ByHand):
         return self._hands.number(f"the current of the {_OUTPUTS[output]}", "A", 10.0)
 
     def regulation(self, output: str) -> Regulation:
-        """Have typed how the output is regulated."""
+        """Ask for the regulation of the output."""
         said = self._hands.word(
             f"type whether the {_OUTPUTS[output]} is in constant voltage (cv) or not (cc)", "cv", "cc"
         )
@@ -254,7 +254,7 @@ class HandTable(_ByHand):
         return float(self._part.axis_sign * self._hands.twice("the angle that the table shows", "deg", 1e6))
 
     def fault(self) -> str | None:
-        """Return None: a person who sees one stops the run."""
+        """Return None: a person stops the run on a fault."""
         return None
 
     def _confirmed(self) -> str:

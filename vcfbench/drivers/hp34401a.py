@@ -201,7 +201,7 @@ class Hp34401A(ScpiInstrument):
         return first_v
 
     def start_sampling(self, samples: int, interval_s: float) -> float:
-        """Begin to take `samples` readings by itself, one every `interval_s`; return how long they take, s.
+        """Begin to take `samples` readings by itself, one every `interval_s`; return their duration, s.
 
         They go to its memory, whence :meth:`sampled_voltages_v` takes them; until they are taken it hears nothing. What
         it needs beside delay and integration is not known below a millisecond (unverified).

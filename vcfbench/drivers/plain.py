@@ -32,7 +32,7 @@ class Plain:
 
     @property
     def closed(self) -> bool:
-        """Tell whether the connection is gone."""
+        """Return True if the connection is gone."""
         return self._conversation.closed
 
 

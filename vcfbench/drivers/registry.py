@@ -24,7 +24,7 @@ Opener = Callable[[str, str, str, "Clock", Mapping[str, Any]], "Instrument"]
 
 
 class Driver(Struct, frozen=True):
-    """A registered driver: the model's or dialect's name, its class and how it is opened."""
+    """A registered driver: the model's or dialect's name, its class and the function that opens it."""
 
     model: str
     driver_class: type
@@ -82,7 +82,7 @@ def _table(name: str) -> Driver:
 
 
 def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:
-    """Return how the SCPI instrument `model` on VISA is opened."""
+    """Return the function that opens the SCPI instrument `model` on VISA."""
 
     def opener(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> Instrument:
         parsed = _settings(VisaSettings, role, settings)

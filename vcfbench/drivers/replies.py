@@ -72,7 +72,7 @@ LINE_SPEED = "is baud_rate in the bench file what the instrument's port is set t
 
 
 def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None:
-    """Return what makes such a line come in place of an answer to `asked`, and what to do; None where nothing is known.
+    """Return the likely cause of such a line in place of an answer to `asked`, and the cure; None if unknown.
 
     `on_port` says whether it came over a serial port.
     """
@@ -102,7 +102,7 @@ def text(reply: bytes) -> str:
 
 
 def number(reply: str, form: NumberForm = ANY_NUMBER) -> float:
-    """Return a decimal number of `form`; 9.9E37 and what is beyond it are none."""
+    """Return a decimal number of `form`; 9.9E37 and above are none."""
     if form.pattern.fullmatch(reply) is None or not -OVERLOAD < (value := float(reply)) < OVERLOAD:
         raise _refuse(form.words, reply)
     return value
@@ -180,7 +180,7 @@ def block_length(head: Sequence[int] | bytes) -> tuple[int, int] | None:
 
 
 def is_whole(answer: bytes | bytearray, *, ended: bool) -> bool:
-    """Tell whether an answer is complete: by END, or by its newline, which the data of blocks may hold as well.
+    """Return True if an answer is complete: by END, or by its newline, which the data of blocks may hold as well.
 
     Blocks stand alone or between other items: ``4,0,1000;#800001000...`` answers two questions.
     """

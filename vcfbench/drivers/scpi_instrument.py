@@ -41,7 +41,7 @@ class VisaSettings(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """A setting that a last user may have left: its header, what the driver needs it to be, where the manual has it.
+    """A setting that a last user may have left: its header, the value that the driver needs, its place in the manual.
 
     Header and value are templates. With `refused` it is not the driver's to set: it is asked for, and another answer
     than the value ends in these words.
@@ -126,7 +126,7 @@ class ScpiInstrument(OverWire):
         return found
 
     def _take_over(self, left: Sequence[Left], **names: object) -> None:
-        """Set, or have proved, what a last user may have left, each once; raises InstrumentError where it stays.
+        """Set or check each setting that a last user may have left; raises InstrumentError if it stays.
 
         A setting whose header this specimen does not know was left by nobody.
         """
@@ -187,7 +187,7 @@ class ScpiInstrument(OverWire):
         self._session.check_errors()
 
     def answers(self) -> dict[str, str]:
-        """Ask each of its questions once; return what was answered, by question.
+        """Ask each of its questions once; return the answers by question.
 
         Raises:
             FramingError: an answer is not in the form that a run demands.
@@ -236,7 +236,7 @@ def safely(
 
 
 def _alike(found: str, wanted: str) -> bool:
-    """Tell whether two answers say the same: a number in another form is the same number."""
+    """Return True if two answers say the same: a number in another form is the same number."""
     try:
         return float(found) == float(wanted)
     except ValueError:

@@ -42,7 +42,7 @@ _STATUS_ERRORS = MappingProxyType({4: "query error", 8: "device error", 16: "exe
 
 
 def visa_resource(resource: str, library: str, serial: SerialLine | None = None) -> Connect:
-    """Return what opens `resource` through the VISA `library`, ``"@py"`` or a path.
+    """Return a function that opens `resource` through the VISA `library`, ``"@py"`` or a path.
 
     `serial` is the line of an ASRL resource. What it returns raises ConnectFailed: nobody answers there, or the library
     cannot open it.
@@ -84,7 +84,7 @@ class Session(Conversation):
         return self.query_as(command, str, deadline)
 
     def query_as(self, command: str, read: Callable[[str], _T], deadline: Deadline | None = None) -> _T:
-        """Ask `command`; `read` makes a value of the text of the line that is answered, or says why it is none."""
+        """Query `command`; `read` makes a value of the text of the reply, or raises."""
         return self._exchange(command, self._read_line, lambda line: read(replies.text(line)), deadline)
 
     def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
@@ -200,7 +200,7 @@ class Session(Conversation):
         self._safe_words = (b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n",) if words else ()
 
     def command_safe(self) -> bool:
-        """Send the safe words at once and tell whether the wire took them; nothing is waited for, nothing raised.
+        """Send the safe commands at once; return True if the wire took them; nothing is waited for, nothing raised.
 
         The lock is not: another thread may hang in an exchange. Commands have no answers, so the session stays in step.
         """

@@ -151,7 +151,7 @@ class TracedWire:
             self._wire.send(data, deadline)
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
+        """Return at least one byte, and True if the instrument marked the last one as the end of its message."""
         with self._failures():
             data, end = self._wire.receive(deadline)
         self._note("<|" if end else "<", data)

@@ -201,7 +201,7 @@ class VisaWire:
             raise LinkLost(f"only {count} of {len(data)} bytes were taken")
 
     def _is_locked(self) -> bool:
-        """Tell whether another controller has locked the instrument; PyVISA-py says that a write failed."""
+        """Return True if another controller has locked the instrument; PyVISA-py says that a write failed."""
         try:
             self._opened.lock_excl(timeout=_LOCK_MS)
             self._opened.unlock()

@@ -24,7 +24,7 @@ class SerialLine(Struct, frozen=True):
 
 
 def left_s(deadline: Deadline) -> float:
-    """Return what is left of `deadline`, s; raises DeadlineExceeded where nothing is."""
+    """Return the rest of `deadline`, s; raises DeadlineExceeded if there is none."""
     left = deadline.expires_s - deadline.clock.now()
     if left <= 0.0:
         raise DeadlineExceeded("the time is up")
@@ -46,7 +46,7 @@ class Wire(Protocol):
         """Send all of `data`."""
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return at least one byte, and whether the instrument marked the last one as the end of its message."""
+        """Return at least one byte, and True if the instrument marked the last one as the end of its message."""
 
     def pending(self) -> bytes:
         """Take unasked bytes of a stream, without waiting; empty where the interface cannot tell."""

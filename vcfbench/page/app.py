@@ -218,7 +218,7 @@ def application(shown: PageContent) -> Starlette:
 
 
 class _Routes:
-    """What is answered; plain functions in threads of the pool, where reading a record holds up nobody else."""
+    """Routes of the page; plain functions in threads of the pool, where reading a record holds up nobody else."""
 
     def __init__(self, shown: PageContent) -> None:
         self._shown = shown
@@ -281,7 +281,7 @@ class _Routes:
         return _json(self._panel().shown())
 
     async def panel_act(self, request: Request) -> Response:
-        """Name a device, start it, answer what was asked for: the words come as the body."""
+        """Name a device, start it, or answer a question: the words come as the body."""
         self._require_token(request)
         panel, words = self._panel(), (await request.body())[:_MOST_TYPED].decode("utf-8", "replace")
         acts = {"name": lambda: panel.name(words), "start": panel.start, "answer": lambda: panel.answer(words)}

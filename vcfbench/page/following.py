@@ -1,4 +1,4 @@
-"""What fills a view: the beginning of a run in this process, or the growing journal of another's."""
+"""Sources of a view: the beginning of a run in this process, or the growing journal of another's."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -67,7 +67,7 @@ class JournalFollower:
         self._lock = Lock()
 
     def read_on(self) -> bool:
-        """Take in the lines added since, a few megabytes at most; tell whether there is more."""
+        """Take in the lines added since, a few megabytes at most; return True if there is more."""
         with self._lock, self.path.open("rb") as file:
             file.seek(self._offset)
             data = file.read(_AT_ONCE)

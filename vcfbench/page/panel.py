@@ -22,7 +22,7 @@ _LOOKS_S: Final = 0.5
 
 
 class PanelState(StrEnum):
-    """What the panel waits for; compares with the word."""
+    """State of the panel; compares with the word."""
 
     SERIAL = "serial"
     """Somebody types or scans the serial number of the next device."""
@@ -86,7 +86,7 @@ class Panel:
             self._started.put(self._serial)
 
     def answer(self, words: str) -> None:
-        """Say that what was asked for is done; `words` are its answer, where there is one."""
+        """Mark the question as answered, with `words` as the answer."""
         with self._lock:
             self._require(PanelState.ASKING)
             self._state, self._asked = PanelState.MEASURING, ""
@@ -118,7 +118,7 @@ class Panel:
             self._run = {"procedure": procedure, "number": number, "of": of}
 
     def judge(self, word: str, why: str = "") -> None:
-        """Take in the verdict on the device: one word, and why."""
+        """Take in the verdict on the device: one word, and the reason."""
         self._failed |= {self._serial: why} if word == "ERROR" else {}
         own = [row.run for row in self._draw_sheet() if row.device == self._serial and row.run]
         with self._lock:
@@ -136,7 +136,7 @@ class Panel:
         return rows
 
     def shown(self) -> dict[str, Any]:
-        """Return what a browser shows now."""
+        """Return the state for a browser."""
         with self._lock:
             run, view = self._run, self._of_run
             state = {

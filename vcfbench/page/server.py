@@ -90,7 +90,7 @@ class LivePage:
 
     @property
     def was_stopped(self) -> bool:
-        """Tell whether somebody has stopped the run that is shown, and not the whole program."""
+        """Return True if somebody has stopped the run that is shown, and not the whole program."""
         return self._shown.control is not None and bool(self._shown.control.stop_by)
 
     def __enter__(self) -> Self:

@@ -70,11 +70,11 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         yield from sorted(set(_installed()) - set(BUILT_IN))
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of them."""
         return sum(1 for _ in self)
 
     def __contains__(self, name: object) -> bool:
-        """Tell whether there is a procedure called `name`, whether or not it can be loaded."""
+        """Return True if there is a procedure called `name`."""
         return name in BUILT_IN or name in _installed()
 
     def title(self, name: str) -> str:
@@ -106,7 +106,7 @@ PROCEDURES = Catalogue()
 
 
 def is_file(name: str) -> bool:
-    """Tell whether `name`, of a procedure that is to be run, is that of a file."""
+    """Return True if `name`, of a procedure that is to be run, is that of a file."""
     return name.endswith(".py") or "/" in name or "\\" in name
 
 

@@ -1,4 +1,4 @@
-"""Definition and conditions of the values of a run, by its settings and what was told of it.
+"""Definition and conditions of the values of a run, by its settings and metadata.
 
 A setting either defines values, or is a condition of all of them, or a circumstance: what that does is in u, or u is
 incomplete without it. Which of them defines was found by changing each alone. Settings of procedures of one's own
@@ -93,7 +93,7 @@ CIRCUMSTANCES: Final = frozenset(
 
 
 def defined(values: Iterable[Value], settings: ProcedureSettings, metadata: RunMetadata) -> Iterator[Value]:
-    """Yield the values of a run with what they are of, and under what they hold; of what its author said, that."""
+    """Yield the values of a run with their definitions and conditions; an author's own stay."""
     conditions = _conditions(settings, metadata)
     for each in values:
         of = each.definition if each.definition != Definition() else _definition(settings, each)
@@ -102,7 +102,7 @@ def defined(values: Iterable[Value], settings: ProcedureSettings, metadata: RunM
 
 
 def _definition(settings: ProcedureSettings, value: Value) -> Definition:
-    """Return what a value of a run with these settings is of."""
+    """Return the definition of a value of a run with these settings."""
     part, _, own_name = value.name.partition(".")
     of_parts: Callable[[str], ProcedureSettings] | None = getattr(settings, "of", None)
     if own_name and of_parts is not None:
@@ -136,7 +136,7 @@ def _conditions(settings: ProcedureSettings, metadata: RunMetadata) -> Condition
 
 
 def _counts_gaps(settings: ProcedureSettings) -> bool:
-    """Tell whether a zero record counts what goes by between its readings: then these are circumstances."""
+    """Return True if a zero record counts what goes by between its readings: then these are circumstances."""
     return _printed(getattr(settings, "mode", None)) != "dead-time"
 
 

@@ -125,7 +125,7 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
 
 
 def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Iterator[str]:
-    """Yield what is wrong with the lines, each in words; two that have each other's resistance are swapped."""
+    """Yield the faults of the lines, each in words; two that have each other's resistance are swapped."""
     windows = settings.windows
 
     def fits(ohm: float, key: str) -> bool:
@@ -152,7 +152,7 @@ def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Ite
 
 
 def results(settings: ElectricalSettings, measured: Measured) -> ElectricalResult:
-    """Return the resistances; what leads add is taken off as its mean."""
+    """Return the resistances; the mean resistance of the leads is subtracted."""
     lines, found = [], measured.found(steps.ResistanceSeen)
     for (low, high), (step, seen) in zip(settings.windows.values(), found, strict=True):
         assert isinstance(step, steps.MeasureResistance)  # noqa: S101  # no other has such results

@@ -167,7 +167,7 @@ def _of_two(limit_deg: float) -> float:
 
 
 def _earth(settings: GSensitivitySettings, axis: str) -> Iterator[UncertaintyPart]:
-    """Yield what is not known of the Earth's rate, deg/s, of half the difference of an axis up and down."""
+    """Yield the uncertainty of the Earth's rate, deg/s, in half the difference of an axis up and down."""
     latitude = settings.station.latitude_deg
     north, vertical = EARTH_DEG_S, EARTH_DEG_S
     if latitude is not None:
@@ -184,7 +184,7 @@ def _earth(settings: GSensitivitySettings, axis: str) -> Iterator[UncertaintyPar
 def _over_time(
     settings: GSensitivitySettings, windows: Sequence[steps.Window], weights: Floats, scale: float
 ) -> Iterator[UncertaintyPart]:
-    """Yield what readings, flicker and the end of the warm-up leave of a sum of windows by `weights`, as a rate."""
+    """Yield the effects of readings, flicker and the end of the warm-up on a sum of windows by `weights`, as a rate."""
     of_each = {place: float(weight) for place, weight in enumerate(weights) if weight}
     for part in noise_v(settings, windows, of_each, [each.point for each in windows]):
         yield replace(part, u=part.u / abs(scale))

@@ -55,7 +55,7 @@ def asked_in_python(settings: Mapping[str, Any]) -> Layer:
 
 
 def of_device(procedure: AnyProcedure, asked: Layer | None, dut: str | None) -> Layer | None:
-    """Return what was asked, with the device `dut` where its history counts for `procedure`."""
+    """Return the request, with the device `dut` if its history counts for `procedure`."""
     keys = {} if dut is None else procedure.settings.keys_of_device(dut)
     given, naming = ({}, dotted) if asked is None else (asked.values, asked.naming)
     return Layer(merged(keys, given), naming) if keys else asked
@@ -69,7 +69,7 @@ def settings_of(
     *,
     recalled: bool = True,
 ) -> S:
-    """Return the settings of `procedure` on the bench of `description`, with what was `asked` for this run.
+    """Return the settings of `procedure` on the bench of `description`, with the request for this run.
 
     The bench file is `source` in errors (ConfigError: a key is unknown, a value cannot be, or the meter has no data
     sheet), its name without one. What is known of the device is looked up unless `recalled` is false.
@@ -274,7 +274,7 @@ _HIGH_OHM, _HIGH_V, _USUAL_OHM = 1e10, 10.0, 1e7
 
 
 def _with_load(worth: Mapping[str, Any], description: BenchDescription, range_v: float) -> float:
-    """Return the limit of the multimeter's gain, what it loads the output by in it: as if it were one of its sigmas."""
+    """Return the limit of the multimeter's gain with its load on the output, as if it were one of its sigmas."""
     output_ohm = description.uncertainty.output_ohm
     output_ohm = WORST_OF_CLASS["output_ohm"].value if output_ohm is None else output_ohm
     high = range_v <= _HIGH_V and "multimeter" not in description.by_hand

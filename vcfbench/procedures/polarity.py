@@ -83,7 +83,7 @@ class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
 
 
 class Sign(Struct, frozen=True):
-    """One sign: its input, the response per unit of it, and whether it is as expected.
+    """One sign: its input, the response per unit of it, and True if it is as expected.
 
     `found` is 0 where there is no response. `u_response` is what the scatter of the readings leaves; whether a sign is
     sure is all that it is for. Of the carrier the response is its phase against the drive, read once.
@@ -153,13 +153,13 @@ def polarity(settings: PolaritySettings) -> steps.Plan:
 
 
 def _carrier_has_a_sign(settings: PolaritySettings) -> bool:
-    """Tell whether the carrier is seen, and expected in so narrow a window that half a cycle more is outside."""
+    """Return True if the carrier is seen, and expected in so narrow a window that half a cycle more is outside."""
     low_deg, high_deg = settings.drive.phase_deg
     return settings.station.oscilloscope is not None and high_deg - low_deg < 180.0
 
 
 def _carrier_sign(settings: PolaritySettings, phase_deg: float) -> Literal[-1, 0, 1]:
-    """Return whether the carrier's phase is as expected, half a cycle from it, or neither."""
+    """Return True if the carrier's phase is as expected, half a cycle from it, or neither."""
     low_deg, high_deg = settings.drive.phase_deg
     within = [(phase_deg + turned_deg - low_deg) % 360.0 <= high_deg - low_deg for turned_deg in (0.0, 180.0)]
     return 1 if within[0] else -1 if within[1] else 0

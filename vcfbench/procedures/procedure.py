@@ -56,7 +56,7 @@ PAPER_USES = roles("power", "oscilloscope")
 
 
 class Watched(Struct, frozen=True):
-    """Which windows a plan holds against each other (`shared.steady.jumps.watched`).
+    """Windows of a plan that are compared with each other (`shared.steady.jumps.watched`).
 
     `steps` are the numbers of their points, None all; with each step of the kind `anew` they begin anew.
     """

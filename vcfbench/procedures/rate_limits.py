@@ -1,4 +1,4 @@
-"""Input rate limits: the largest rate of either sign that the output follows, and what it does beyond.
+"""Input rate limits: the largest rate of either sign that the output follows, and the output beyond.
 
 IEEE 1431, 12.10. The rate is raised in growing steps until the output falls short of the straight line through small
 rates by a share of what the line has there; the limit is bisected. Where the bench ends first it is a bound.
@@ -76,7 +76,7 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
 
     @property
     def off_levels(self) -> float:
-        """How far the ratio of two levels of V_Vc that nobody measures may be off, relative; else 0."""
+        """Amount by which the ratio of two levels of V_Vc that nobody measures may be off, relative; else 0."""
         known = self.station.sources
         if self.by_table or v_vc.has_v_vc_meter(self):
             return 0.0
@@ -127,7 +127,7 @@ class RateLimitsResult(Struct, frozen=True):
     scale_factor_from: str
 
     def stated(self) -> Iterator[Value]:
-        """Yield its values; of a limit that was not reached how far the bench went."""
+        """Yield its values; of a limit that was not reached the largest rate of the bench."""
         for name, each in (("positive", self.positive), ("negative", self.negative)):
             words = (f"{name} input rate limit", f"output beyond, {name}", f"after beyond less before, {name}")
             if each.at_least_deg_s is not None:
@@ -250,7 +250,7 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
 
 
 def _of_inputs(settings: RateLimitsSettings, found: Limit, line: Line) -> Iterator[UncertaintyPart]:
-    """Yield what width and inputs make of the line's output at a limit, V.
+    """Yield the effects of width and inputs on the line's output at a limit, V.
 
     An error of V_Vc counts only as far as the output still rises: where it stands, it stands at any V_Vc.
     """

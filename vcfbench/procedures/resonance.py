@@ -98,7 +98,7 @@ class CaptureDecay(Step, Struct, frozen=True):
         return "oscilloscope: the sense modes ring down"
 
     def perform(self, context: Context) -> SenseDecay:
-        """Capture, download and fit; what is clipped or does not ring down is an answer too: nothing comes twice."""
+        """Capture, download and fit; a clipped record or one without a ring-down is an answer too."""
         scope = context.bench.oscilloscope
         for channel, amplitude_v in zip(self.channels, self.amplitudes_v, strict=True):
             scope.configure_channel(channel, scale_v_per_div(amplitude_v))
@@ -125,7 +125,7 @@ class CaptureDecay(Step, Struct, frozen=True):
 
 
 class DriveDecay(StepResult, Struct, frozen=True):
-    """The drive as it rang down; `trouble` says why it was not seen to, empty when it was."""
+    """The drive as it rang down; `trouble` has the reason if it was not seen."""
 
     frequency_hz: float
     q: float
@@ -236,7 +236,7 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
 def ring_downs(
     settings: ProcedureSettings, v_vc_v: float, count: int, length: float, expected: SenseDecay, *, modes: int
 ) -> Routine[list[SenseDecay]]:
-    """Switch V_Vc off until the records fit what rings down, and then `count` times; return the last `count`.
+    """Switch V_Vc off until the records fit the ring-down, and then `count` times; return the last `count`.
 
     A record shall be `length` time constants of the mode that is nearest to the drive long, and show some beats of the
     two; a signal that is more than the screen shows is shown at twice the scale. `expected` has the drive frequency.
@@ -278,7 +278,7 @@ def ring_downs(
 
 
 def _s_per_div(seen: SenseDecay, length: float) -> float | None:
-    """Return the time base that fits what rang down; None where nothing did."""
+    """Return the time base that fits the ring-down; None if there was none."""
     if not seen.modes:
         return None
     near = min(seen.modes, key=lambda mode: abs(mode.frequency_hz - seen.drive_hz))
@@ -336,7 +336,7 @@ def _e_n(first: Measurand, second: Measurand) -> float:
 
 
 def report(_settings: ResonanceSettings, _measured: Measured, found: Resonances) -> Report:
-    """Report every quantity by either way, and how the ways agree."""
+    """Report every quantity by either way, and the agreement of both."""
     named = (
         ("drive frequency", "loop, locked", found.drive_hz, None),
         ("drive frequency", "ring-down", found.drive_ring_down_hz, found.e_n_drive_hz),

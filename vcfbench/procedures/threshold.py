@@ -124,7 +124,7 @@ class InputLimit(Struct, frozen=True):
     at_most_deg_s: float
 
     def value(self, name: str, words: str = "") -> Value:
-        """Return what is stated: below what noise may make, where it is not seen."""
+        """Return the value, or a bound if noise may make as much."""
         found = self.deg_s.called(name, words=words)
         return found if self.seen else found.bound("below", self.at_most_deg_s)
 
@@ -248,7 +248,7 @@ def results(settings: ThresholdSettings, points: Sequence[Point]) -> ThresholdRe
 def _about(
     settings: ThresholdSettings, points: Sequence[Point], step: int, about_deg_s: float
 ) -> tuple[DeadBand, list[UncertaintyPart], list[StepShare]]:
-    """Return the half width of the band in which steps about one input show nothing, and what each step showed."""
+    """Return the half width of the band in which steps about one input are invisible, and the response to each step."""
     by_v_vc = settings.by is ScaleFactorBy.V_VC
     by_hand = v_vc.levels_by_hand(settings, points) if by_v_vc else {}
     sizes, own = settings.sizes_deg_s, [point for point in points if point.step == step]

@@ -120,7 +120,7 @@ class WarmupResult(Struct, frozen=True):
 
 
 def is_steady(settings: WarmupSettings, points: Sequence[Point]) -> bool:
-    """Tell whether the last three means agree within three sigma, and move by less than the instability a minute.
+    """Return True if the last three means agree within three sigma, and move by less than the instability a minute.
 
     Sigma is that of a mean: its readings' scatter over the root of their number, and the flicker floor.
     """

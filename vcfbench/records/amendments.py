@@ -86,7 +86,7 @@ def lines_after(data: bytes) -> tuple[list[bytes], int]:
 
 
 def amended(metadata: _Said, amendments: Sequence[Amendment]) -> _Said:
-    """Return the metadata of a record with all amendments applied; ConfigError: a value cannot be what it is to be."""
+    """Return the metadata of a record with all amendments applied; ConfigError: a new value is invalid."""
     for each in amendments:
         for change in each.changes:
             metadata = _changed(metadata, change.field, change.now)

@@ -96,7 +96,7 @@ class Characteristics(Frozen, frozen=True, kw_only=True):
 
 
 class Sensitivity(Frozen, frozen=True, kw_only=True):
-    """By how much K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
+    """Amount by which K_Vc changes with one quantity, the others held, ppm for one `unit` of it."""
 
     quantity: Text  # Name of the quantity; `rails_v` is the level of both rails
     unit: str  # Its unit; empty for a ratio

@@ -81,7 +81,7 @@ class KvcCurve(Frozen, frozen=True, kw_only=True):
             raise ValueError(f"expected coefficients and a covariance up to {_LARGEST:g}")
 
     def rate_deg_s(self, v_vc_v: float) -> float:
-        """Return the rate that `v_vc_v` stands for; ValueError: it lies outside of what was measured."""
+        """Return the rate that `v_vc_v` stands for; ValueError: it lies outside the measured range."""
         if not self.v_vc_min_v <= v_vc_v <= self.v_vc_max_v:
             between = f"{self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
             raise ValueError(f"V_Vc of {v_vc_v:g} V is outside of {between}")
@@ -110,12 +110,12 @@ class Certificate(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="cert
 
     @property
     def beyond_u95(self) -> bool:
-        """Tell whether U95 of K_Vc was more than was wanted of it on the day of the measurement."""
+        """Return True if U95 of K_Vc was more than was wanted of it on the day of the measurement."""
         u95_ppm = 1.96e6 * math.sqrt(self.k_vc.covariance[1][1]) / max(abs(self.k_vc.coefficients[1]), 1e-300)
         return u95_ppm >= (self.wanted_u95_ppm or math.inf) if self.u95_until is None else self.u95_until <= self.issued
 
     def valid_at(self, instant: datetime) -> bool:
-        """Tell whether it is valid at `instant`, which has a time zone."""
+        """Return True if it is valid at `instant`, which has a time zone."""
         return self.issued <= instant and (self.valid_until is None or instant <= self.valid_until)
 
 
@@ -153,7 +153,7 @@ class StaticNoise(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="stat
     remarks: tuple[Text, ...] = ()  # Further remarks
 
     def valid_at(self, instant: datetime) -> bool:
-        """Tell whether it is valid at `instant`, which has a time zone."""
+        """Return True if it is valid at `instant`, which has a time zone."""
         return self.done <= instant and (self.valid_until is None or instant <= self.valid_until)
 
 
@@ -213,7 +213,7 @@ class Entry(Struct, frozen=True):
 
     @property
     def simulated(self) -> bool:
-        """Tell whether it is from a simulated bench."""
+        """Return True if it is from a simulated bench."""
         return not isinstance(self.record, Withdrawal) and self.record.conditions.simulated
 
 
@@ -411,7 +411,7 @@ def together(found: Iterable[Characteristics]) -> Characteristics:
 
 
 def withdrawn(entries: Sequence[Entry]) -> dict[str, Withdrawal]:
-    """Return by name the entries that were withdrawn, and by what."""
+    """Return the withdrawn entries, each with the entry that withdrew it."""
     found: dict[str, Withdrawal] = {}
     for each in sorted(entries, key=lambda each: each.name, reverse=True):  # a withdrawal may be withdrawn later on
         if isinstance(each.record, Withdrawal) and each.name not in found:

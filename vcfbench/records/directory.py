@@ -66,7 +66,7 @@ class RunDirectory(Struct, frozen=True):
 
 
 def create_run(runs: Path, procedure: str) -> RunDirectory:
-    """Make the directory of a new run under `runs`, and try whether a record can be kept there.
+    """Make the directory of a new run under `runs`, and check that a record can be kept there.
 
     Raises:
         ConfigError: it cannot be made, or takes no files: no right to, disk full.

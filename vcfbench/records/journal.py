@@ -304,7 +304,7 @@ def read_journal(path: Path) -> JournalRecord:
 
 
 def being_written(path: Path) -> bool:
-    """Tell whether a run goes on that writes this journal; the system drops its lock when the process dies."""
+    """Return True if a run goes on that writes this journal; the system drops its lock when the process dies."""
     try:
         descriptor = os.open(path, os.O_RDWR)
     except OSError:
@@ -343,7 +343,7 @@ def lines_of(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | None]:
-    """Return the lines up to the first that is not a whole JSON object, whether that is torn, and any other damage.
+    """Return the lines up to the first that is not a whole JSON object, True if it is torn, and any other damage.
 
     What comes after such a line proves nothing.
     """

@@ -1,4 +1,4 @@
-"""Record of raw commands: what a person sent to an instrument past the limits of the bench.
+"""Record of raw commands, sent by a person past the limits of the bench.
 
 ``raw.jsonl`` beside the runs, one line a command, on the disk before the command is sent.
 """

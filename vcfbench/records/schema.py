@@ -35,7 +35,7 @@ CHUNK_S = 60.0
 
 
 def fits_one_chunk(count: int, interval_s: float) -> bool:
-    """Tell whether `count` readings, one every `interval_s`, stay together in the line of their step."""
+    """Return True if `count` readings, one every `interval_s`, stay together in the line of their step."""
     return count <= CHUNK_READINGS and (count - 1) * interval_s < CHUNK_S
 
 

@@ -43,6 +43,6 @@ class Sealer:
 
 
 def holds_whole(data: bytes) -> bool:
-    """Tell whether the last line of a journal vouches for all of it; its line ends must be LF."""
+    """Return True if the last line of a journal vouches for all of it; its line ends must be LF."""
     seal = sha256(memoryview(data)[:-_TAIL]).hexdigest().encode()
     return data[-_TAIL:] == b"%s%s%s" % (_BEFORE, seal, _AFTER)

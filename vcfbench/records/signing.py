@@ -94,7 +94,7 @@ def public_key_of(path: Path) -> str:
 
 
 def is_signed(line: Mapping[str, Any], seal: str | None) -> bool:
-    """Tell whether a line of type `signature` signs `seal` with the key that it names."""
+    """Return True if a line of type `signature` signs `seal` with the key that it names."""
     ed25519 = _ed25519()
     try:
         key = ed25519.Ed25519PublicKey.from_public_bytes(bytes.fromhex(line["key"]))

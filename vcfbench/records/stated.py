@@ -1,4 +1,4 @@
-"""The values of a run: what its results state, each with unit, uncertainty and form, in their order."""
+"""The values of a run as its results state them, each with unit, uncertainty and form, in their order."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, Protocol, runtime_checkable
@@ -80,7 +80,7 @@ def _of_before(results: Mapping[str, Any]) -> Iterator[Value | Unstated]:
 
 
 def _quantity(name: str, members: Mapping[str, Any]) -> Iterator[Value]:
-    """Yield what has a value, and perhaps a unit and uncertainties, under any names that they ever had."""
+    """Yield each part that has a value, and perhaps a unit and uncertainties, under any names that they ever had."""
     number, unit = _number(members["value"]), str(members.get("unit") or "")
     if number is not None:
         expanded = (_number(members.get(each)) for each in ("u95", "expanded_u", "u_95"))

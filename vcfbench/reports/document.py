@@ -42,7 +42,7 @@ class Text(Struct, frozen=True, tag_field="part", tag=str.lower):
 
 
 class Notice(Struct, frozen=True, tag_field="part", tag=str.lower):
-    """Words that nobody must overlook, such as that a bench was simulated; `kind` says how they are meant."""
+    """Important words, such as that a bench was simulated; `kind` is their weight."""
 
     text: str
     kind: Literal["warning", "pass", "marginal", "fail"] = "warning"
@@ -129,7 +129,7 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
 
     @property
     def has_heads(self) -> bool:
-        """Tell whether any column has a head; names beside values need none."""
+        """Return True if any column has a head; names beside values need none."""
         return any(column.head for column in self.columns)
 
     def printed(self) -> tuple[tuple[str, ...], ...]:

@@ -65,7 +65,7 @@ def _rows(value: Any, name: str, shown: int | None) -> Iterator[tuple[Value | Ce
 
 
 def _is_named(value: Any) -> bool:
-    """Tell whether it holds values by name, and is no value with its uncertainty."""
+    """Return True if it holds values by name, and is no value with its uncertainty."""
     if not isinstance(value, dict):
         return False
     number = value.get("value", "")
@@ -90,7 +90,7 @@ def _words(value: Any) -> Value:
 
 
 def verdict_table(acceptance: Acceptance) -> Table:
-    """Return PASS, MARGINAL or FAIL, what U95 lack, and below it every limit with its value and its rule."""
+    """Return PASS, MARGINAL or FAIL, the parts that U95 lacks, and every limit with its value and its rule."""
     rows = []
     for each in acceptance.limits:
         of = limit_words(each.key)

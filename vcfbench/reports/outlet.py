@@ -25,7 +25,7 @@ class Outlet:
 
     @property
     def behind(self) -> bool:
-        """Tell whether something is still waiting to be written."""
+        """Return True if something is still waiting to be written."""
         return not self._pending.empty()
 
     def open(self) -> None:
@@ -42,7 +42,7 @@ class Outlet:
         """Do nothing: whatever is written is on its way."""
 
     def isatty(self) -> bool:
-        """Tell whether there is a terminal behind it."""
+        """Return True if there is a terminal behind it."""
         try:
             return self._stream.isatty()
         except (OSError, ValueError):

@@ -117,26 +117,26 @@ class Batch(Struct, frozen=True):
                 raise
 
     def _foreseen(self, run: BatchRun, asked: Layer) -> Layer:
-        """Return what is asked of a run whose certificate an earlier run will make: K_Vc is what the bench expects."""
+        """Return the request of a run whose certificate an earlier run will make: K_Vc is the bench's expectation."""
         settings = settings_of(run.procedure, self.description, asked, recalled=False)
         return Layer(merged({"k_vc": f"{settings.expected_gyro().k_vc!r}"}, asked.values), asked.naming)
 
     def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
-        """Return the runs of a device that it has not passed yet, by a complete record that is what the plan asks."""
+        """Return the runs of a device that have no complete record yet that fits the plan."""
         last = last_runs([each for each, other in self._found(runs, serial) if not other])
         return tuple(each for each in self.runs if not _passed(last.get((serial, each.procedure.name))))
 
     def left_out(self, runs: Path, serial: str | None = None) -> dict[str, str]:
-        """Return the records with the tag, of a device or of all, that are not what the plan asks: name and reason."""
+        """Return the records with the tag, of a device or of all, that do not fit the plan: name and reason."""
         return {each.run: other for each, other in self._found(runs, serial) if other}
 
     def _found(self, runs: Path, serial: str | None) -> list[tuple[RunSummary, str]]:
-        """Return the records with the tag, oldest first, each with what makes it another than the plan asks for."""
+        """Return the records with the tag, oldest first, each with its difference from the plan."""
         found = run_summaries(runs, dut=serial, tags={TAG: self.name})
         return [(each, self._other(each)) for each in found if each.dut and each.procedure]
 
     def _other(self, found: RunSummary) -> str:
-        """Say by what a record is not the run that the plan asks for; empty where it is that.
+        """Return the difference of a record from the run of the plan; empty if there is none.
 
         Values that the plan leaves to what is known of the device are not compared; a run that went by what was known
         of another device than it is of now, by an amendment, is that other device's.
@@ -198,7 +198,7 @@ def _passed(found: RunSummary | None) -> bool:
 
 
 def _stated(header: Mapping[str, Any]) -> dict[str, Any]:
-    """Return by what one run is told from another: bench, its kind, limits of the verdict, settings."""
+    """Return the properties by which runs differ: bench, its kind, limits of the verdict, settings."""
     bench, settings = header.get("bench") or {}, header.get("settings") or {}
     own = {key: value for key, value in settings.items() if key not in {"station", "devices"}}
     served = "served, " if bench.get("served") is not None else ""
@@ -237,6 +237,6 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:
-    """Refuse a name that stands there twice: by it one tells what is done."""
+    """Refuse a name that stands there twice."""
     if twice := next((each for each in names if names.count(each) > 1), None):
         raise ConfigError(f"{where}: {twice} stands there twice")

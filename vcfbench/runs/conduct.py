@@ -115,7 +115,7 @@ def run(
 
 
 def conduct(request: Request, signals: StopSignals, preparing: Preparing = Prepared) -> Run:
-    """Perform `request`, made ready by what `preparing` makes of it, while `signals` are watched; see :func:`run`."""
+    """Perform `request`, made ready by `preparing`, while `signals` are watched; see :func:`run`."""
     under_way = _UnderWay(preparing(request))
     control = nullcontext() if request.control is None else request.control.of_run(signals)
     try:
@@ -244,7 +244,7 @@ class _UnderWay(Struct):
             self.error = error
 
     def observers_lost(self) -> list[str]:
-        """Say which observers failed, and how."""
+        """Return the observers that failed, each with its error."""
         return [f"{name}: {each.lost}" for name, each in self.observers.items() if each.lost is not None]
 
     def as_run(self) -> Run:

@@ -39,7 +39,7 @@ def outcome_of(run: Run) -> dict[str, Any]:
 
 
 def outcome_word(error: BaseException | None) -> str:
-    """Return how a run ended that `error` ended, None: nothing did."""
+    """Return the outcome of a run that `error` ended, None: nothing did."""
     match error:
         case None:
             return "complete"

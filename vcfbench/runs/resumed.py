@@ -192,7 +192,7 @@ class BrokenOff(Struct, frozen=True):
         return Path(given)
 
     def require_readable(self) -> None:
-        """Raise ConfigError where the header, which anybody may have written, has what resuming would stumble over."""
+        """Raise ConfigError if the header, which anybody may have written, cannot be resumed."""
         journal, header = shown(self.directory.journal), self.record.header
         identities, before = header.get("identities", {}), header.get("resumed_from") or {}
         earlier = before.get("before", []) if isinstance(before, dict) else None

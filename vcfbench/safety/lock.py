@@ -58,11 +58,11 @@ class Owner(Struct, frozen=True):
         return f"{who} for station {self.station} since {self.start}"
 
     def alive(self) -> bool:
-        """Tell whether it has not ended, as far as can be told from here."""
+        """Return True if it has not ended, as far as can be told from here."""
         return self.host != socket.gethostname() or (self.mark is not None and mark_of(self.pid) == self.mark)
 
     def ended_within(self, wall_s: float) -> bool:
-        """Wait for its end, if it is just dying; tell whether it has come."""
+        """Wait for its end, if it is just dying; return True if it has come."""
         clock = WallClock()
         while (
             (alive := self.alive()) and self.host == socket.gethostname() and dying(self.pid) and clock.now() < wall_s
@@ -78,7 +78,7 @@ class InUse(BenchError):
 
 
 class LockUnusable(BenchError):
-    """A lock cannot be taken, whoever has the instrument: no file can be made, or something else lies there."""
+    """A lock cannot be taken: no file can be made, or something else lies there."""
 
 
 @contextmanager
@@ -120,7 +120,7 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
 
 
 def _is_served(port: int) -> bool:
-    """Tell whether somebody listens; without a connection, for many instruments take one only."""
+    """Return True if somebody listens; without a connection, for many instruments take one only."""
     with socket.socket() as free:
         if sys.platform != "win32":
             free.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # there it would take what others have
@@ -163,7 +163,7 @@ def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
 
 
 def _unbelievable(folder: Path, holder: int, of_file: os.stat_result) -> str:
-    """Return why the holder of a lock is not to be ended for that: anyone may have laid the file; or nothing."""
+    """Return the reason not to end the holder of a lock (anyone may have laid the file), or None."""
     if sys.platform == "win32":
         return ""
     rights = folder.stat()
@@ -194,7 +194,7 @@ def lock_directory() -> Path:
 
 
 def _is_shared(name: str) -> bool:
-    """Tell whether everybody may make files there and nobody take away another's; the same for whoever asks."""
+    """Return True if everybody may make files there and nobody take away another's."""
     with suppress(OSError):
         mode = os.stat(name).st_mode  # noqa: PTH116  # Path.stat would do no more
         return stat.S_ISDIR(mode) and bool(mode & stat.S_ISVTX) and bool(mode & stat.S_IWOTH)

@@ -1,4 +1,4 @@
-"""Which process is meant: a process number alone may have been given again."""
+"""Identity of a process: its number alone may have been given again."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def mark_of(pid: int) -> str | None:
 
 
 def dying(pid: int) -> bool:
-    """Tell whether process `pid` is being shut down, and the system still closes what it had open.
+    """Return True if process `pid` is being shut down, and the system still closes what it had open.
 
     Where the system does not tell, one that lives may be.
     """
@@ -47,7 +47,7 @@ def dying(pid: int) -> bool:
 
 
 def end(pid: int, mark: str | None, number: int) -> bool:
-    """Send signal `number` to process `pid` if it is still the one of this `mark`; tell whether it was.
+    """Send signal `number` to process `pid` if it is still the one of this `mark`; return True if it was.
 
     Raises:
         OSError: it belongs to another user.

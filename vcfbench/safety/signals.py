@@ -112,7 +112,7 @@ class StopSignals:
             self.asleep.waiting = before
 
     def attend(self, act: Callable[[], _T]) -> _T:
-        """Wait for what `act` waits for, such as a person; the wait as a whole is a safe point."""
+        """Wait as `act` waits, for a person for instance; the wait as a whole is a safe point."""
         before, self._at_safe_point = self._at_safe_point, True  # it may be part of a longer one
         try:
             self.safe_point()
@@ -134,7 +134,7 @@ class StopSignals:
 
     @property
     def came(self) -> bool:
-        """Tell whether any signal has come."""
+        """Return True if any signal has come."""
         return self._count > 0
 
     def unwind(self) -> None:
@@ -153,7 +153,7 @@ class StopSignals:
         self._unwinding, self._endable = True, False
 
     def break_off_from_now(self, *, possible: bool) -> bool:
-        """Let signals break off all from now on, or not; return whether they could before."""
+        """Let signals break off all from now on, or not; return True if they could before."""
         before, self._at_safe_point = self._at_safe_point, possible
         if possible:
             self.safe_point()

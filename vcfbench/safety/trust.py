@@ -21,7 +21,7 @@ VARIABLE: Final = "VCFBENCH_TRUST"
 
 
 def require_trust(what: str, path: str | Path, trust: Trust, hint: str = "") -> None:
-    """Raise ConfigError where nobody says that the program `what`, the file `path`, may run."""
+    """Raise ConfigError unless somebody confirms that the program `what`, the file `path`, may run."""
     if trust is True:
         return
     digest = _sha256(Path(path))

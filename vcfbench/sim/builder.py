@@ -152,7 +152,7 @@ class SimulatedBench(Struct, frozen=True):
 
 
 def _is_serial(part: Any) -> bool:
-    """Tell whether an instrument that has RS-232 is on a serial port."""
+    """Return True if an instrument that has RS-232 is on a serial port."""
     row = find_model(part.like or part.model)
     return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
 

@@ -207,7 +207,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
 
 
 def _started_s(sheet: DataSheet) -> float:
-    """Return when an output has settled after power-on, s: a start leaves ringing what it pushes at resonance."""
+    """Return the time after power-on, s, at which an output has settled."""
     times = max(1.0, peak_response(sheet)) * (1.0 + sheet.quadrature_deg_s / sheet.range_deg_s)
     return sum(settling_s(sheet)) + sheet.q_sense / (math.pi * sheet.drive_hz) * math.log(times)
 
@@ -217,7 +217,7 @@ def _interval_s(sheet: DataSheet) -> float:
 
 
 def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
-    """Return those that follow from the modes: frequencies, and amplitudes of what they answer to."""
+    """Return the figures that follow from the modes: frequencies, and amplitudes of their responses."""
     finer, usual_v = abs(sheet.split_hz) / _USUAL_SPLIT_HZ, sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / _USUAL_V
     peak_v = _AT_THE_PEAK * _USUAL_V * usual_v / max(1.0, peak_response(sheet))
     filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
@@ -257,7 +257,7 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
 
 
 def _both_signs_v(sheet: DataSheet, usual_v: float) -> float:
-    """Return the V_Vc that is to this gyroscope's range what `usual_v` is to the usual one's; not less than is seen."""
+    """Return `usual_v` scaled to this gyroscope's range of V_Vc; not less than can be seen."""
     return _round(max(_LEAST_STEP_V, usual_v * sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) / _USUAL_V))
 
 
@@ -276,7 +276,7 @@ def _flicker_deg_h(sheet: DataSheet) -> float:
 
 
 def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
-    """Return what is known of a simulated bench, as that of the bench `paper` has it; values are those of the run."""
+    """Return the ``[uncertainty]`` of a simulated bench, as of the bench `paper`; values are those of the run."""
     return {
         "table_rate_error": TABLE_RATE_ERROR if own.table.rate_error else 0.0,
         "bias_instability_deg_h": _flicker_deg_h(sheet),

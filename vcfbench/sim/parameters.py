@@ -22,7 +22,7 @@ OFF = "off: it would move the paper's figures"
 
 
 class _Range(Struct, frozen=True):
-    """Which values the model can compute with; `least` itself belongs to them, `above` does not."""
+    """Range of values that the model can compute with; `least` belongs to it, `above` does not."""
 
     least: float = -math.inf
     most: float = math.inf
@@ -301,7 +301,7 @@ class TableMechanics(_Group, frozen=True):
 
 
 class Site(_Group, frozen=True):
-    """Where the bench stands."""
+    """Place of the bench."""
 
     latitude_deg: Annotated[
         float,

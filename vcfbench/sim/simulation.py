@@ -1,4 +1,4 @@
-"""What a bench file chooses of a simulated bench: seed, instruments, physical parameters. Loads no simulation."""
+"""Choices of a bench file for a simulated bench: seed, instruments, physical parameters. Loads no simulation."""
 
 from collections.abc import Callable
 from typing import Any

@@ -36,7 +36,7 @@ INPUTS = ("v_vc", "vibration")
 
 
 class World(Loaded):
-    """Gyro, PCB, table, rails and wiring at bench time; see the module's words on how time passes."""
+    """Gyro, PCB, table, rails and wiring at bench time; the module's docstring explains the passing of time."""
 
     device = "gyroscope"
     nodes = NODES
@@ -58,7 +58,7 @@ class World(Loaded):
         self._imagined: Gyro | None = None
 
     def reach(self, instant_s: float) -> bool:
-        """Take the world to an instant if it has not been there; return whether it lies in the past."""
+        """Take the world to an instant if it has not been there; return True if it lies in the past."""
         past = super().reach(instant_s)
         self._imagined = None if past else self._imagined
         return past
@@ -221,7 +221,7 @@ class World(Loaded):
         return gyro
 
     def adjustments(self) -> Iterator[Adjustment]:
-        """Yield what points up, which can be changed, and the physical parameters, which cannot."""
+        """Yield the direction of up, which can be changed, and the physical parameters, which cannot."""
         meaning = "axis of the case that points up, +x to -z; z is the input axis, and points east while it is level"
         yield Adjustment("up_axis", "", meaning, self.up_axis, self.set_up_axis)
         for row in self.parameters.rows():

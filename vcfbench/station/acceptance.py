@@ -49,7 +49,7 @@ class Verdict(Struct, frozen=True):
 
     @property
     def found(self) -> Value | None:
-        """What was judged, None where nothing was found."""
+        """The judged value, None if there was none."""
         if self.value is None and self.ends is None:
             return None
         low, high = self.ends or (None, None)
@@ -57,7 +57,7 @@ class Verdict(Struct, frozen=True):
 
     @property
     def measured(self) -> bool:
-        """Tell whether the procedure measures this."""
+        """Return True if the procedure measures this."""
         return self.word != "not measured"
 
     @property
@@ -69,18 +69,18 @@ class Verdict(Struct, frozen=True):
 
     @property
     def stated(self) -> str:
-        """Return the verdict as a certificate has it: word or condition, whether U95 is incomplete, and the rule."""
+        """Return the verdict for a certificate: word or condition, the rule, and a mark if U95 is incomplete."""
         rule = f" ({self.rule})" if self.rule else ""
         return f"{self.conditional or self.word}{INCOMPLETE if self.missing else ''}{rule}"
 
     @property
     def said(self) -> str:
-        """Return the word for people, which condition it has, and whether U95 is incomplete."""
+        """Return the word for people, its condition, and a mark if U95 is incomplete."""
         condition = f" ({self.conditional})" if self.conditional else ""
         return self.word.upper() + condition + (INCOMPLETE if self.missing else "")
 
     def as_json(self) -> dict[str, Any]:
-        """Return limit, value, verdict and rule, and what is stated of the value with 95 %."""
+        """Return limit, value, verdict and rule, with the interval of the value."""
         members = {"key": self.key, "value": self.value, "low": self.low, "high": self.high, "verdict": self.word}
         more: dict[str, Any] = {"rule": self.rule, "u95": self.u95, "missing": [*self.missing]}
         if self.ends is not None:
@@ -95,7 +95,7 @@ class Acceptance(Struct, frozen=True):
 
     @property
     def passed(self) -> bool:
-        """Tell whether no limit failed, and none is marginal."""
+        """Return True if no limit failed, and none is marginal."""
         return self.word == "pass"
 
     @property
@@ -115,7 +115,7 @@ class Acceptance(Struct, frozen=True):
 
     @property
     def said(self) -> str:
-        """Return the word for people, and what U95 lack."""
+        """Return the word for people, and the parts that U95 lacks."""
         missing = dict.fromkeys(name for limit in self.limits for name in limit.missing)
         return self.word.upper() + (f"{INCOMPLETE}, without {', '.join(missing)}" if missing else "")
 

@@ -97,7 +97,7 @@ class OutputMeterRole(MultimeterRole, frozen=True, kw_only=True):
 
 
 class OscilloscopeRole(VisaRole, frozen=True, kw_only=True):
-    """The oscilloscope; `probe` is what its probes divide by, as each channel that is used must have it set."""
+    """The oscilloscope; `probe` is the ratio of its probes, as each used channel must have it set."""
 
     probe: Annotated[float, Meta(ge=0.1, le=1000.0)] = 1.0
 
@@ -280,7 +280,7 @@ class Served(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class Safety(parts.BenchFileTable, frozen=True, kw_only=True):
-    """Reaction of a run to the death of its watchdog, and how long scripts may give no sign of life.
+    """Reaction of a run to the death of its watchdog, and the time for which scripts may give no sign of life.
 
     `watchdog_lost`: stop, or go on with nobody there should the program die too. `script_silent_s`: for how long a
     program that has opened the bench itself may do nothing but work something out, while something drives.
@@ -340,5 +340,5 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
 
     @property
     def simulated(self) -> bool:
-        """Tell whether the bench is simulated, in this process or in another."""
+        """Return True if the bench is simulated, in this process or in another."""
         return self.simulation is not None or self.served is not None

@@ -108,7 +108,7 @@ def discover(
 
 
 def _simulated(library: str) -> bool:
-    """Tell whether nothing real can be moved through `library`."""
+    """Return True if nothing real can be moved through `library`."""
     return library.endswith("@vcfbench")
 
 

@@ -42,7 +42,7 @@ def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:
 
 
 def calibration_words(equipment: Equipment) -> str:
-    """Say in some words how the calibration of an instrument stands: ``due 2027-01-15``."""
+    """Return the state of an instrument's calibration: ``due 2027-01-15``."""
     if equipment.overdue:
         return f"OVERDUE since {equipment.calibration_due}"
     if equipment.calibration_due is not None:

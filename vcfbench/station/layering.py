@@ -14,13 +14,13 @@ S = TypeVar("S", bound=ProcedureSettings)
 
 
 class Layer(Struct, frozen=True):
-    """Settings that one place gives, nested as in a bench file, and how errors name a key of it."""
+    """Settings that one place gives, nested as in a bench file, and the names of their keys in errors."""
 
     values: Mapping[str, Any]
     naming: Naming
 
     def has(self, keys: Keys) -> bool:
-        """Tell whether the value at `keys`, or one above it, is given here."""
+        """Return True if the value at `keys`, or one above it, is given here."""
         below: Any = self.values
         for key in keys:
             if not isinstance(below, Mapping):

@@ -93,7 +93,7 @@ class _Limited:
         self._checks = checks
 
     def __init_subclass__(cls, protocol: type) -> None:
-        """Add what is passed on."""
+        """Pass on the arguments."""
         for name in {each for base in protocol.__mro__ for each in vars(base) if not each.startswith("_")}:
             if name not in vars(cls):
                 setattr(cls, name, property(attrgetter(f"driver.{name}")))

@@ -187,7 +187,7 @@ def _within(element: ET.Element, words: str, name: str, around: Sequence[ET.Elem
 
 
 def _of_direct_voltage(table: _Table) -> bool:
-    """Tell whether it is one of direct voltage; in volts it has to say so."""
+    """Return True if it is one of direct voltage; in volts it has to say so."""
     levels = [column for column in table.own if _role(column) in {"level", "nominal", "reading"}]
     if not any(_in_volts(each) for level in levels for each in _numbers(level)):
         return False

@@ -110,7 +110,7 @@ class Draft:
         return description
 
     def set(self, given: Mapping[str, Any]) -> None:
-        """Put values at their dotted keys, and what follows of them for settings that are not among them.
+        """Put values at their dotted keys, and the settings that follow from them.
 
         Raises:
             ConfigError: it would not be a bench file any more.

@@ -41,14 +41,14 @@ class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
 
 
 class RailWiring(BenchFileTable, frozen=True, kw_only=True):
-    """Which supply output feeds which rail of the PCB."""
+    """Supply output of each rail of the PCB."""
 
     positive: SupplyOutput = "P25V"
     negative: SupplyOutput = "N25V"
 
 
 class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
-    """Which node of the PCB each oscilloscope channel sees."""
+    """Node of the PCB at each oscilloscope channel."""
 
     channel_1: Node | None = "drive"
     channel_2: Node | None = "carrier"
@@ -90,7 +90,7 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 
 
 class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
-    """What this gyroscope is declared to be: its maker's or its user's definition of what is stated of it."""
+    """Declaration of this gyroscope by its maker or user: its input range."""
 
     range_deg_s: bounds.RateLimit | None = None
     """Input range either way: the scale factor of that range is stated beside that of the rates of a run."""

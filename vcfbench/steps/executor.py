@@ -66,7 +66,7 @@ class StepFailed(Struct, frozen=True):
 
 
 class Moved(Struct, frozen=True):
-    """By how much the output at rest moved in a pause: read before and after, V; `u_v` is the u of the difference.
+    """Amount by which the output at rest moved in a pause: read before and after, V; `u_v` is the u of the difference.
 
     More than `allowed_v` is no drift; None where the procedure is about drift itself, and nothing ends it.
     """
@@ -149,7 +149,7 @@ class Pauses(Protocol):
         """Look at the output again."""
 
     def moved(self, done: Sequence[Step], before: Window, after: Window) -> Moved:
-        """Return by how much it moved."""
+        """Return the amount by which it moved."""
 
     def as_before(self, done: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
         """Bring the bench to where it was before the pause, in which `disturbed` was set."""
@@ -215,7 +215,7 @@ class Executor:
         self._paused_s = 0.0
 
     def execute(self, plan: Plan) -> Execution:
-        """Perform `plan` to its end or to its first error, and tell how it went.
+        """Perform `plan` to its end or to its first error, and return the outcome.
 
         Errors of the bench are in the result, not raised: what was measured must not be lost with them.
         """
@@ -349,7 +349,7 @@ class Executor:
         self._moved = before_v + moved.moved_v, math.hypot(before_u_v, moved.u_v)
 
     def so_far(self) -> Execution:
-        """Tell how far it has come: after :meth:`execute`, or after something that it does not catch."""
+        """Tell the amount by which it has come: after :meth:`execute`, or after something that it does not catch."""
         return Execution(
             Status.COMPLETE if self._walked and self._error is None else Status.ABORTED,
             tuple(self._points),
@@ -362,7 +362,7 @@ class Executor:
         )
 
     def _perform(self, plan: Plan, step: Step) -> Callable[[], Step]:
-        """Do one step, after a pause if one is wanted; return how the plan goes on: with the result, or the error."""
+        """Do one step, after a pause if one is wanted; return its result, or the error."""
         pausing = True
         try:
             if not step.follows_at_once:
@@ -443,7 +443,7 @@ class Executor:
         return {"n": self._number, "key": step.key, "step_kind": type(step).__name__, "step": to_builtins(step)}
 
     def _seen(self) -> dict[str, Any]:
-        """Return the optional fields of a line: chunks before it, answers not believed, what a person was asked."""
+        """Return the optional fields of a line: chunks before it, rejected answers, questions to a person."""
         context = self._context
         seen: dict[str, Any] = {"chunks": context.chunks} if context.chunks else {}
         if context.asked_again:

@@ -1,4 +1,4 @@
-"""Arithmetic that readings did not bear: what was computed, of what."""
+"""Arithmetic that failed on readings: the expression and its inputs."""
 
 import ast
 import itertools
@@ -12,7 +12,7 @@ _OURS = f"{__name__.partition('.')[0]}."
 
 
 def as_bench_error(error: BaseException, number: int) -> BenchError:
-    """Return what ended step `number`, or the plan behind it; raises it where it is a mistake in a program."""
+    """Return the error that ended step `number`, or the plan behind it; raises a mistake in a program."""
     if isinstance(error, BenchError):
         return Aborted.behind(error) or error
     if isinstance(error, KeyboardInterrupt):

@@ -153,7 +153,7 @@ def _going_on(plan: Plan, advance: Callable[[], Step]) -> Plan:
 
 
 def is_left(rest: Plan, gyro: LinearGyro) -> bool:
-    """Tell whether `rest` of a plan does more than come to rest; `gyro` answers its steps until that is known.
+    """Return True if `rest` of a plan does more than come to rest; `gyro` answers its steps until that is known.
 
     Raises:
         BenchError: it ends with that, by itself: what was measured is refused.
@@ -212,7 +212,7 @@ def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[Non
 
 
 def powered_after(steps: Sequence[Step]) -> int:
-    """Return how many of `steps` come before the supply is on for the last time; 0 where it never was.
+    """Return the number of `steps` before the supply is on for the last time; 0 if it never was.
 
     To switch on what is on already, or to switch off, is no such time.
     """

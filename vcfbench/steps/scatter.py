@@ -189,12 +189,12 @@ class NoiseSeen(Struct):
 
 
 def _off_v2(window: Scatter) -> float:
-    """Return by how much the sum of squares falls when the farthest reading is left out, V^2."""
+    """Return the amount by which the sum of squares falls when the farthest reading is left out, V^2."""
     return window.residual_v**2 / (1.0 - window.leverage)
 
 
 def _likeness(readings_v: Sequence[float]) -> str:
-    """Say what readings that scatter too much look like, empty if like nothing, or like one that is off.
+    """Return the likely kind of readings that scatter too much, empty if there is none.
 
     A settling output is farthest off in the first reading, and its second half is quiet; ringing is as well.
     """

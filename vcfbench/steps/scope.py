@@ -22,7 +22,7 @@ def scale_v_per_div(amplitude_v: float) -> float:
 
 
 def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
-    """Download what `channel` shows; the record stands, so that it can be asked for twice."""
+    """Download the record of `channel`; it stands, so that it can be read twice."""
     return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
 
 
@@ -141,7 +141,7 @@ class ConfigureScope(Step, Struct, frozen=True):
 
 @does(Effect.CHECKS, "drive signal", overhead_s=0.4)
 class FindDrive(Step, Struct, frozen=True):
-    """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure roughly how large they are.
+    """Show drive and carrier at the scale of the largest amplitude allowed, V, and measure their rough sizes.
 
     `expected_v` is what a dry run answers.
     """
@@ -322,7 +322,7 @@ _DIGIT = 8.0 / 256.0
 
 @does(Effect.MEASURES, "waveforms", overhead_s=1.0)
 class FindAmplitudes(Step, Struct, frozen=True, omit_defaults=True):
-    """Find how large channels are: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
+    """Find the sizes of channels: at the scale of `largest_v`, then at one that fits. `expected_v`: of a dry run."""
 
     channels: tuple[int, ...]
     largest_v: float
@@ -410,7 +410,7 @@ class CaptureRotations(Step, Struct, frozen=True):
         return self.channels
 
     def taken(self, scope: Oscilloscope, screen: Screen) -> tuple[list[Waveform], float]:
-        """Take one record; return what each channel showed, and the spacing of the points, s."""
+        """Take one record; return the samples of each channel, and the spacing of the points, s."""
         taken = screen.record(lambda: self.acquire(scope), self.points)
         return taken, interval_of(taken[0], self.drive_hz + max(0.0, self.difference_hz))
 

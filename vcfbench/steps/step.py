@@ -306,7 +306,7 @@ _Kind = TypeVar("_Kind", bound=type[Step])
 def does(
     effect: Effect, subject: str = "", instruction: str = "", *, overhead_s: float = 0.0, also: tuple[str, ...] = ()
 ) -> Callable[[_Kind], _Kind]:
-    """Say in one line what a kind of step does: the class attributes of these names."""
+    """Return in one line the purpose of a kind of step: the class attributes of these names."""
 
     def said(kind: _Kind) -> _Kind:
         kind.effect, kind.subject, kind.instruction, kind.overhead_s = effect, subject, instruction, overhead_s

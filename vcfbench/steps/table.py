@@ -150,7 +150,7 @@ def read_rate(context: Context, rate_deg_s: float, tolerance_deg_s: float) -> fl
 
 
 def _disbelieved(context: Context, said: str, hint: str | None = None) -> MeasurementError:
-    """Return the error of a table that reads what it was not told: nothing that it reads proves that it stands."""
+    """Return the error of a table whose read-back is wrong, so that it proves no rest."""
     table = context.bench.rate_table
     if "rate_table" not in context.bench.by_hand:  # a person who types the rate looks at the table
         context.bench.disbelieve(table.name, said)

@@ -45,7 +45,7 @@ class Settle(Step, Struct, frozen=True):
     reason: str
 
     def describe(self) -> str:
-        """Say how long and why."""
+        """Say the time for which and the reason."""
         return f"wait {self.seconds:g} s: {self.reason}"
 
     def command(self, bench: Bench) -> None:

@@ -35,7 +35,7 @@ class Progress:
 
 
 class Plan(Struct, frozen=True):
-    """A study without its runs: how many there are, how many are done, and how long the others will take.
+    """A study without its runs: their number, the number done, and the expected time of the others.
 
     `run_s` is what one run of the first case took here, s; `left_s` what is left for `workers` processes at that pace.
     """

@@ -45,7 +45,7 @@ _ROW = msgspec.json.Decoder(RunRow)
 def kept(
     path: Path, begun: Begun, *, restart: bool
 ) -> Iterator[tuple[Callable[[RunRow], None], dict[tuple[int, int], RunRow]]]:
-    """Open the journal at `path`; yield what adds a row to it, and the rows that are there, by case and seed.
+    """Open the journal at `path`; yield a function that adds a row, and the rows that are there, by case and seed.
 
     Raises:
         ConfigError: it is that of another study, or no journal, and `restart` is not asked for.
@@ -77,7 +77,7 @@ def kept(
 
 
 def rows_of(path: Path, expected: Begun | None = None) -> tuple[Begun | None, dict[tuple[int, int], RunRow], int]:
-    """Return first line and rows of a study's journal, and how many of its bytes are whole lines.
+    """Return first line and rows of a study's journal, and the number of its bytes whole lines.
 
     The first line is None where it was cut off. Rows are by case and seed.
 

@@ -60,7 +60,7 @@ class StudyResult(Struct, frozen=True):
         return pandas.DataFrame({name: list(values) for name, values in self.columns.items()})
 
     def report(self) -> Report:
-        """Return the summary as a report: how many runs, and a table of the headlines by case."""
+        """Return the summary as a report: the number of runs, and a table of the headlines by case."""
         cases = self.summary
         complete = sum(case.complete for case in cases)
         said = [f"{self.title}: {self.procedure} on the {self.bench}", f"{complete} of {len(self.rows)} runs complete"]

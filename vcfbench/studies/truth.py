@@ -76,7 +76,7 @@ def turntable_truth(output: Output, rates_deg_s: Sequence[float], *, earth_deg_s
 
 
 def small_signal_truth(output: Output) -> dict[str, float]:
-    """Return bias, V, scale factor and K_Vc at rest, of small signals; V_Vc is what `output` takes it for."""
+    """Return bias, V, scale factor and K_Vc at rest, of small signals, for an `output` as a function of V_Vc."""
     slope = (output(0.01, None) - output(-0.01, None)) / 0.02
     per_volt = (output(0.0, 1e-4) - output(0.0, -1e-4)) / 2e-4
     return {"bias": output(0.0, None), "scale_factor": slope, "k_vc": per_volt / slope}
@@ -91,7 +91,7 @@ def four_step_truth(
     earth_deg_s: float = 0.0,
     zero_level_v: float = 0.0,
 ) -> dict[str, float]:
-    """Return the true values of the four steps: K_Vc, both lines, and how they differ.
+    """Return the true values of the four steps: K_Vc, both lines, and their difference.
 
     From one rate K_Vc is rate over V_Vc, from two the slope between them, from more a cubic, whose constant counts not.
     Outputs count from their own zeros, however they were matched: what a match of the outputs as they are leaves of

@@ -27,7 +27,7 @@ _STREAM = 0x5354_5544  # Keeps the random numbers of studies from those of the s
 
 
 class _Form(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a path is varied by."""
+    """Form of a path to vary."""
 
     label: Annotated[str, Meta(min_length=1, max_length=80)] | None = None
 
@@ -163,7 +163,7 @@ def _varied(path: str, value: Any, where: str) -> Varied:
 
 
 def count(axes: Sequence[Listed], how: str) -> int:
-    """Return how many cases :func:`combined` would make; none is made for it."""
+    """Return the number of cases that :func:`combined` would make; none is made for it."""
     numbers = [len(axis.values) for axis in axes]
     return math.prod(numbers) if how == "grid" else max(numbers, default=1)
 

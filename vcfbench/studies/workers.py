@@ -26,7 +26,7 @@ _THREADS: Final = "OPENBLAS_NUM_THREADS"
 
 
 def processors() -> int:
-    """Return how many processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

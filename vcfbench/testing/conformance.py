@@ -169,7 +169,7 @@ def _opened(case: ConformanceCase) -> tuple[Any, _AnsweringWire, VirtualClock]:
 
 
 def _answer_problems(case: ConformanceCase) -> Iterator[str]:
-    """Yield what is wrong with the identity, and with the errors that the instrument's queue tells of."""
+    """Yield faults of the identity, and of the errors in the instrument's queue."""
     driver, _, _ = _opened(case)
     if not isinstance(driver.identify(), interfaces.Identity):
         yield "identify() does not return an Identity"

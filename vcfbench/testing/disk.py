@@ -250,7 +250,7 @@ class Disk:
             _apply(self._named, naming)
 
     def _renamed(self, what: str, naming: Callable[..., dict[str, int | None]], *given: Any, **more: Any) -> None:
-        """Do what gives or takes names; `naming` are those of the paths in the folder, as they are then."""
+        """Perform a call that creates, renames or removes a name, and record the change of the directory."""
         paths = given[: 2 if what in _OF_TWO else 1]
         names = [self._name(path) for path in paths]
         if names[0] is not None:

@@ -73,7 +73,7 @@ class Calibrations:
         self.kept: list[dict[str, Any]] = []
 
     def rows(self) -> list[dict[str, Any]]:
-        """Return errors over u, and whether U95 holds the truth, of each; measured when they are first asked for."""
+        """Return errors over u, and True for each U95 that holds the truth; measured on first use."""
         for seed in range(_SEED + len(self.kept), _SEED + self._runs):
             bench = parse_bench(drawn_bench(seed), f"gyroscope-{seed}")
             unaged = structs.replace(
@@ -107,7 +107,7 @@ class Calibrations:
 
 
 def _held(found: Run, bench: BenchDescription, names: Sequence[str], before: str) -> dict[str, Any]:
-    """Return the errors over u of the values called `names`, and whether U95 holds the truth, by name."""
+    """Return errors over u, and True for each U95 that holds the truth, of the values called `names`."""
     true, stated, row = truth_of(found, bench), values_of(found.results), dict[str, Any]()
     for name in names:
         each = stated[name]
@@ -119,7 +119,7 @@ def _held(found: Run, bench: BenchDescription, names: Sequence[str], before: str
 
 
 def _state(lab: ServedLab) -> str:
-    """Return what is really there, whatever instruments say."""
+    """Return the true state of the bench."""
     names = ("applied_rate_deg_s", "node.v_vc", "rail.positive.voltage_v", "rail.negative.voltage_v")
     rate, v_vc, positive, negative = (abs(float(lab.ask("get", name=name))) for name in names)
     live = [

@@ -17,7 +17,7 @@ Verdict = Literal["PASS", "FAIL", "NOT CHECKED"]
 
 
 class Found(Struct, frozen=True):
-    """Answer of a check beside the right one; `passed` None: it could not be asked here, and `came` says why."""
+    """Answer of a check beside the right one; `passed` None: it could not be done here, and `came` says so."""
 
     expected: str
     came: str
@@ -66,5 +66,5 @@ def made(area: str, check: Check) -> Checked:
 
 
 def same(expected: object, came: object) -> Found:
-    """Return whether both read alike."""
+    """Return True if both read alike."""
     return Found(str(expected), str(came), passed=str(expected) == str(came))

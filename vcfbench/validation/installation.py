@@ -1,4 +1,4 @@
-"""Checks of the installation: versions of what it rests on, and whether its files are those that were installed."""
+"""Checks of the installation: versions of its requirements, and sums of its installed files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BESIDE = ("vcfbench_tables", "pyvisa_vcfbench", "pyvisa_simrack")  # Further pa
 
 
 def requirements() -> Iterator[Requirement]:
-    """Yield what both distributions need, extras apart."""
+    """Yield the requirements of both distributions, extras apart."""
     for name in _OURS:
         for line in distribution(name).requires or ():
             requirement = Requirement(line)
@@ -48,7 +48,7 @@ def fingerprint(name: str) -> str:
 
 
 def _from_working_tree(name: str) -> bool:
-    """Return whether a distribution is editable: its files and version may have moved on since then (PEP 610)."""
+    """Return True if a distribution is editable: its files and version may have moved on since then (PEP 610)."""
     origin = json.loads(distribution(name).read_text("direct_url.json") or "{}")
     return bool(origin.get("dir_info", {}).get("editable"))
 

@@ -61,7 +61,7 @@ def validate(
     trust: Trust = False,
     shown: Callable[[Checked], None] = lambda _: None,
 ) -> Validation:
-    """Ask the program what has a known answer, on this machine, and return what came.
+    """Run all checks with known answers on this machine, and return the answers.
 
     Args:
         bench: bench file of the laboratory's own bench, which is checked as by ``vcfbench bench check``; None for none.

@@ -1,4 +1,4 @@
-"""Definition of a value: what must agree before two values of one kind are compared, and under what they were found."""
+"""Definition of a value: the settings that must agree before two values are compared, and the conditions of both."""
 
 import math
 from collections import Counter
@@ -16,7 +16,7 @@ WITHIN_DEG_S: Final = 0.01
 
 
 class Definition(Struct, frozen=True):
-    """What a value is of, beside its kind: values of which it is not the same are of other measurands.
+    """Settings that define a value, beside its kind: values that differ in them are of other measurands.
 
     `levels_deg_s` are the rates of a line, falling, each with its weight in windows, the least that are in proportion.
     `choices` are settings of the procedure that define the value, by name, as they are printed.
@@ -44,7 +44,7 @@ class Definition(Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """What it is, in words: ``over 50, 0, -50 deg/s; earth: bias``."""
+        """Return the definition in words: ``over 50, 0, -50 deg/s; earth: bias``."""
         over = [f"over {self.levels_words}"] if self.levels_deg_s else []
         return "; ".join(
             [*over, *(f"{in_words(name)[0]}: {printed} {in_words(name)[1]}".rstrip() for name, printed in self.choices)]
@@ -55,7 +55,7 @@ class Definition(Struct, frozen=True):
         return {"levels_deg_s": [[*each] for each in self.levels_deg_s], "choices": [[*each] for each in self.choices]}
 
     def unlike(self, other: "Definition") -> str:
-        """Say in what another differs: ``match rate: 10 and 20``; nothing where it is the same."""
+        """Return the settings in which another differs: ``match rate: 10 and 20``; empty if there are none."""
         mine, yours = dict(self.choices), dict(other.choices)
         said = [
             f"{in_words(name)[0]}: {mine.get(name, 'none')} and {yours.get(name, 'none')} {in_words(name)[1]}".rstrip()
@@ -80,14 +80,14 @@ class Conditions(Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """What is known of them: ``23.5 degC, rails +10, -10 V``."""
+        """Return the conditions in words: ``23.5 degC, rails +10, -10 V``."""
         said = ["a temperature that nobody told" if self.temperature_c is None else f"{self.temperature_c:g} degC"]
         said += [] if self.rails_v is None else ["rails " + ", ".join(f"{each:+g}" for each in self.rails_v) + " V"]
         return ", ".join(said)
 
 
 def alike(first: tuple[tuple[float, int], ...], second: tuple[tuple[float, int], ...]) -> bool:
-    """Tell whether levels, each with its weight, are the same."""
+    """Return True if levels, each with its weight, are the same."""
     pairs = zip(first, second, strict=False)
     return len(first) == len(second) and all(
         math.isclose(a, b, rel_tol=WITHIN, abs_tol=WITHIN_DEG_S) and of_a == of_b for (a, of_a), (b, of_b) in pairs

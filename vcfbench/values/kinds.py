@@ -15,7 +15,7 @@ class Named(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """What values are of: in English and where known in German, their SI unit, the unit printed, how limits name them.
+    """Kind of a value: names in English and German, SI unit, printed unit, and name in limits.
 
     `factor` times a value is in `unit`. A number that `stands_alone` needs no U95: a count, or a ratio to a U95.
     """
@@ -131,13 +131,13 @@ def named(name: str, unit: str = "", kind: str = "") -> Named:
 
 
 def limit_words(key: str) -> Named:
-    """Return words for what a key of ``[acceptance]`` limits."""
+    """Return the name of the quantity that a key of ``[acceptance]`` limits."""
     kind = LIMITED.get(key, "")
     return named(kind, KINDS[kind].si) if kind else named(key)
 
 
 def kind_of(name: str, unit: str) -> str:
-    """Return the kind of what is called `name` and is in `unit`; nothing where it is of none."""
+    """Return the kind with this `name` and `unit`; None if there is none."""
     names = name, name.rpartition(".")[2]
     return next((each for each in names if each in KINDS and KINDS[each].si == unit), "")
 

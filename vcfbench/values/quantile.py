@@ -67,7 +67,7 @@ def f_tail(ratio: float, degrees: float, degrees_below: float) -> float:
 
 
 def f_is_improbable(ratio: float, degrees: float, degrees_below: float, *, chance: float) -> bool:
-    """Tell whether F exceeds `ratio`, as of :func:`f_tail`, with a probability below `chance` (> 0).
+    """Return True if F exceeds `ratio`, as of :func:`f_tail`, with a probability below `chance` (> 0).
 
     The first term of a series of positive terms (Abramowitz and Stegun 26.5.4) is the least that the probability is:
     it settles what is nowhere near `chance`.

@@ -76,7 +76,7 @@ class Value(Struct, frozen=True):
     conditions: Conditions = Conditions()
 
     def __post_init__(self) -> None:
-        """Refuse what no value can be."""
+        """Refuse impossible values."""
         force_setattr(self, "parts", tuple(self.parts))
         force_setattr(self, "missing", tuple(self.missing))
         for name in ("value", "u", "dof", "u95", "low", "high"):  # numpy's become plain ones
@@ -104,7 +104,7 @@ class Value(Struct, frozen=True):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The ends of what holds with 95 %; of a value without U95 both are the value."""
+        """The ends of the interval that holds with 95 %; of a value without U95 both are the value."""
         low, high = (math.nan if each is None else each for each in (self.low, self.high))
         match self.form:
             case "size-below":
@@ -135,7 +135,7 @@ class Value(Struct, frozen=True):
         return structs.replace(self, name=name, kind=kind, words=words or self.words)
 
     def figure(self, factor: float = 1.0) -> str:
-        """Return what is stated, `factor` times it, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
+        """Return the figure, `factor` times the value, in its form: ``-12.541 66(58)``, ``below 0.000 91``."""
         size, (low, high) = abs(factor), sorted(factor * each for each in self.ends)
         if self.form == "size-below":
             return f"size below {grouped(high)}"
@@ -152,13 +152,13 @@ class Value(Struct, frozen=True):
         return shorthand(found, None if self.u is None else size * self.u)
 
     def __str__(self) -> str:
-        """Return what is stated, in the unit in which people read it."""
+        """Return the value in the unit in which people read it."""
         of = self.named
         return f"{self.figure(of.factor)} {of.unit}".rstrip() + incomplete(self.missing)
 
     @property
     def with_u95(self) -> str:
-        """What is stated, in the unit in which people read it, with its U95 where it has one."""
+        """Return the value in the unit in which people read it, with its U95 if it has one."""
         of = self.named
         u95 = f", U95 {grouped(abs(of.factor) * self.u95)}" if self.u95 else ""
         return f"{self.figure(of.factor)} {of.unit}".rstrip() + u95
@@ -190,7 +190,7 @@ class Measurand(Value, frozen=True):
         missing: tuple[str, ...] = ()
 
     def bound(self, form: Literal["size-below", "below"], high: float, of: str = "") -> Value:
-        """Return what is left of it where it may be noise or errors alone: a bound."""
+        """Return the bound that remains of it if it may be noise or errors alone."""
         parts = [UncertaintyPart(each.source, each.u, each.dof, each.of, each.rectangular) for each in self.parts]
         value = Value(self.name, self.value, self.unit, form=form, high=high, kind=self.kind, words=self.words)
         return structs.replace(value, of=of or self.of, parts=parts, missing=self.missing)

@@ -91,7 +91,7 @@ class AtlTable(Interlocked, LineDevice):
         return ""
 
     def _powered(self) -> bool:
-        """Return whether the drive is on for a motion, which switches it on unless SRV0 has switched it off."""
+        """Return True if the drive is on for a motion, which switches it on unless SRV0 has switched it off."""
         return not self._servo_off and self._axis.enable()
 
     @_COMMANDS.of("HOM")

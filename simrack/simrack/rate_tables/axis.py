@@ -105,7 +105,7 @@ class TableAxis:
         self._misread: Callable[[str, float], float] | None = None
 
     def misread(self, how: Literal["zero", "stuck", "half", "behind"]) -> Callable[[], None]:
-        """Let rate and angle be read wrongly from now on; return what ends it."""
+        """Let rate and angle be read wrongly from now on; return a function that ends it."""
         kept = {"rate": self.rate_deg_s(), "angle": self.angle_deg()}
         latest = dict.fromkeys(kept, -math.inf)
         shown = {"rate": 0.0, "angle": kept["angle"]} if how == "zero" else dict(kept)
@@ -177,7 +177,7 @@ class PositionMoves:
 
     @property
     def active(self) -> bool:
-        """Tell whether a move is under way."""
+        """Return True if a move is under way."""
         return self.due_s is not None
 
     def start(
@@ -251,16 +251,16 @@ class ServoAxis(TableAxis):
 
     @property
     def enabled(self) -> bool:
-        """Tell whether the drive is on."""
+        """Return True if the drive is on."""
         return self._motion.servo_closed
 
     @property
     def barred(self) -> bool:
-        """Tell whether a broken interlock keeps the drive off."""
+        """Return True if a broken interlock keeps the drive off."""
         return self._wired and bool(self.broken)
 
     def enable(self) -> bool:
-        """Switch the drive on, at rest, and forget the causes of a shutdown; return whether it is on."""
+        """Switch the drive on, at rest, and forget the causes of a shutdown; return True if it is on."""
         if not self.barred:
             self.latched.clear()
             if not self.enabled:
@@ -323,7 +323,7 @@ class ServoAxis(TableAxis):
         self._motion.demand_rate(0.0, self.acceleration_deg_s2 if cause == "travel" else _LOCKED_DEG_S2)
 
     def _beyond_travel(self) -> bool:
-        """Tell whether the axis goes on outwards beyond an end of its travel."""
+        """Return True if the axis goes on outwards beyond an end of its travel."""
         position = self.position_deg()
         return (
             abs(position) > self._travel_deg
@@ -376,7 +376,7 @@ class ServoAxis(TableAxis):
         self.acceleration_deg_s2 = acceleration_deg_s2
 
     def moving(self) -> bool:
-        """Tell whether a move is under way, or the profile turns or ramps."""
+        """Return True if a move is under way, or the profile turns or ramps."""
         motion = self._motion
         return (
             self.moves.active

@@ -149,7 +149,7 @@ class EspTable(Interlocked, LineDevice):
 
     @property
     def answering(self) -> bool:
-        """Whether a reply is under way, waits to be read, or is held up by WS."""
+        """True if a reply is under way, waits to be read, or is held up by WS."""
         return super().answering or bool(self._held)
 
     def _check_soft_limits(self) -> None:
@@ -175,7 +175,7 @@ class EspTable(Interlocked, LineDevice):
         self._waiting_s, self._awaited_deg = 0.0, self._degrees(value)
 
     def _arrived(self) -> bool:
-        """Whether the axis is past what WP waits for."""
+        """True if the axis is past the position of WP."""
         rate_deg_s = self._axis.rate_deg_s()
         if self._awaited_deg is None or not rate_deg_s:
             return False

@@ -115,7 +115,7 @@ class LineDevice:
 
     @property
     def answering(self) -> bool:
-        """Whether a reply is under way or waits to be read; motion by itself does not count."""
+        """True if a reply is under way or waits to be read; motion by itself does not count."""
         return bool(self._output)
 
     def clear(self) -> None:
@@ -158,7 +158,7 @@ class LineDevice:
         """Bring everything that happens by itself up to now; changes from outside forget the quiet first."""
 
     def _only_asks(self, data: bytes) -> bool:
-        """Tell whether bytes are sure to change nothing that happens by itself: a whole message that asks."""
+        """Return True if bytes are sure to change nothing that happens by itself: a whole message that asks."""
         del data
         return False
 

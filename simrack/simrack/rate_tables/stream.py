@@ -41,7 +41,7 @@ class StreamErrors(TableErrors, frozen=True):
 
 
 class UnsolicitedStatus(NamedTuple):
-    """A status that leaves now, and how late it comes."""
+    """A status that leaves now, and its delay."""
 
     message: bytes
     late_s: float
@@ -87,7 +87,7 @@ class FrameDevice(LineDevice):
         """Do nothing: frames end by their length."""
 
     def _intact(self, frame: bytes) -> bool:
-        """Tell whether the check of a frame of the right length and header holds."""
+        """Return True if the check of a frame of the right length and header holds."""
         raise NotImplementedError
 
 

@@ -100,7 +100,7 @@ def remembered(
 
 
 class Rows(list[Command]):
-    """Rows of a command table that stand on their handlers, for what takes more than an expression.
+    """Rows of a command table that stand on their handlers, for more than an expression.
 
     `@ROWS.do("*TRG", urgent=True)` above a function declares `Command("*TRG", do=function, urgent=True)`.
     """

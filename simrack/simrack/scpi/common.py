@@ -24,7 +24,7 @@ _FLAG = Integer(limits=Limits(-32767, 32767), named=False)
 
 
 def reset(model: ScpiModel) -> None:
-    """*RST, and what a model presets with other words."""
+    """*RST, and presets of a model with other words."""
     model.engine.remembered.clear()
     model.reset()
 
@@ -90,7 +90,7 @@ def enable(pattern: str, register: str) -> Command:
 
 
 def status_commands(name: str, register: str, *, lacking: tuple[str, ...] = ()) -> tuple[Command, ...]:
-    """Declare what SCPI-99 asks of STATus:OPERation or QUEStionable: event, condition and enable.
+    """Declare the nodes that SCPI-99 demands of STATus:OPERation or QUEStionable: event, condition and enable.
 
     Args:
         name: `OPERation` or `QUEStionable`.

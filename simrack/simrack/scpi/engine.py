@@ -198,7 +198,7 @@ class ScpiEngine:
         return self.status.poll(self.status_now())
 
     def requests_service(self) -> bool:
-        """Whether the SRQ line is pulled; unlike a serial poll this changes nothing."""
+        """True if the SRQ line is pulled; unlike a serial poll this changes nothing."""
         self.model.service()
         self._advance()
         return self.status.note(self.status_now())
@@ -222,12 +222,12 @@ class ScpiEngine:
 
     @property
     def busy(self) -> bool:
-        """Whether a message is under way or waits for its turn; actions of the model by itself do not count."""
+        """True if a message is under way or waits for its turn; actions of the model by itself do not count."""
         return self._pending is not None or bool(self._queue)
 
     @property
     def working(self) -> bool:
-        """Whether there is something to work out by :meth:`work`."""
+        """True if there is something to work out by :meth:`work`."""
         return self._labour is not None or (self._pending is not None and self._pending.labour is not None)
 
     def work_out(self, labour: Iterator[object]) -> None:
@@ -239,7 +239,7 @@ class ScpiEngine:
             self.hand_over()
 
     def work(self) -> None:
-        """Work out a slice of what is under way; the parser goes on after the last."""
+        """Work out a slice of the pending work; the parser goes on after the last."""
         pending, own = self._pending, self._labour
         labour = own if own is not None or pending is None else pending.labour
         try:

@@ -58,7 +58,7 @@ class Parts:
 
 
 def joined(replies: Iterable[str | bytes | Parts], end: bytes) -> bytes:
-    """Return answers as they are sent, one behind the other, with what ends them; put together once."""
+    """Return answers as they are sent, one behind the other, with their end; put together once."""
     pieces: list[bytes] = []
     for reply in replies:
         if pieces:

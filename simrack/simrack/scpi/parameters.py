@@ -64,7 +64,7 @@ def clip(value: float, limits: Limits, word: str) -> Violation:
 
 
 class Parameter(Struct, frozen=True, kw_only=True):
-    """Base of all parameters: whether it is required, its default when it is missing, and a refusal."""
+    """Base of all parameters: its default, a mark if it is required, and a refusal."""
 
     required: bool = True
     default: Any = None
@@ -80,7 +80,7 @@ class Parameter(Struct, frozen=True, kw_only=True):
 
     @property
     def fixed(self) -> bool:
-        """Whether `settle` leaves the parsed value alone."""
+        """True if `settle` leaves the parsed value alone."""
         return True
 
     def parse(self, token: Token) -> Any:

@@ -1,4 +1,4 @@
-"""A command that is not finished: what it waits for, and what it answers then."""
+"""A command that is not finished: its condition, and its answer then."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class StreamedAnswer(Protocol):
     """The answer to a query that is sent while it comes about."""
 
     def waiting(self) -> bool:
-        """Whether a part can be sent now."""
+        """True if a part can be sent now."""
 
     def take(self) -> bytes:
         """Return the bytes that can be sent now; the query's reply follows at the end."""

@@ -64,7 +64,7 @@ class Register:
 
     @property
     def summary(self) -> bool:
-        """Whether an enabled event is latched."""
+        """True if an enabled event is latched."""
         return bool(self._event & self._enable)
 
     def _propagate(self) -> None:
@@ -117,7 +117,7 @@ class Status:
         return byte | 64 if byte & self.sre & ~64 else byte
 
     def note(self, byte: int) -> bool:
-        """Take the present `byte`: a new reason for service requests it. Return whether service is requested."""
+        """Take the present `byte`: a new reason for service requests it. Return True if service is requested."""
         reasons = byte & self.sre & ~64
         if reasons & ~self._seen:
             self._requested = True

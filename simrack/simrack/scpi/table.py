@@ -58,7 +58,7 @@ class Command(Struct, frozen=True):
     part: str = ""
 
     def parts(self) -> Iterator[tuple[tuple[Mnemonic, ...], bool]]:
-        """Yield the parts of the header: the mnemonics of each, and whether it may be left out."""
+        """Yield the parts of the header: the mnemonics of each, and True if it may be left out."""
         for index, piece in enumerate(self.pattern.replace("]", "[").split("[")):
             words = piece.strip(":")
             if words:

@@ -25,7 +25,7 @@ class ScpiTwin:
 
     @property
     def read(self) -> Callable[[int], tuple[bytes, bool]]:
-        """Return at most `limit` bytes that are ready, and whether END comes with the last."""
+        """Return at most `limit` bytes that are ready, and True if END comes with the last."""
         return self.engine.read
 
     @property
@@ -42,7 +42,7 @@ class ScpiTwin:
         return self.engine.status_byte()
 
     def requests_service(self) -> bool:
-        """Whether the instrument pulls SRQ."""
+        """True if the instrument pulls SRQ."""
         return self.engine.requests_service()
 
     def trigger(self) -> None:

@@ -98,7 +98,7 @@ class ServedClock:
 
     @property
     def jumps(self) -> bool:
-        """Whether time jumps to the instant that a client waits for."""
+        """True if time jumps to the instant that a client waits for."""
         return (self._lockstep or math.isinf(self._speed)) and not self._paused
 
     @property
@@ -113,7 +113,7 @@ class ServedClock:
 
     @property
     def paused(self) -> bool:
-        """Whether time stands still, whoever waits."""
+        """True if time stands still."""
         return self._paused
 
     @paused.setter
@@ -123,7 +123,7 @@ class ServedClock:
 
     @property
     def lockstep(self) -> bool:
-        """Whether a client says how far time goes."""
+        """True if a client controls the clock."""
         return self._lockstep
 
     @lockstep.setter

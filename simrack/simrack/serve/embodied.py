@@ -1,4 +1,4 @@
-"""A device as a server knows it: where its messages end, whether it works on one, whether it speaks unasked."""
+"""A device as a server knows it: ends of its messages, pending work, unasked output."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class EmbodiedDevice:
             self._answer = no_answer
 
     def asks(self, message: bytes) -> bool:
-        """Whether `message` may be answered; remembers messages, which are mostly the same few."""
+        """True if `message` may be answered; remembers messages, which are mostly the same few."""
         if self.engine is None:
             return True
         asks = b"?" in message
@@ -74,7 +74,7 @@ class EmbodiedDevice:
 
     @property
     def busy(self) -> bool:
-        """Whether the device works on a message."""
+        """True if the device works on a message."""
         if self.engine is not None:
             return self.engine.busy
         if self.speaks:

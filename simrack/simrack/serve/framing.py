@@ -1,4 +1,4 @@
-"""Where the messages of a device end, and its own calls for them."""
+"""Ends of the messages of a device, and its own calls for them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def no_answer(_message: bytes) -> None:
 
 
 def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Bytes], int]]:
-    """Return how to find the end of a message for `device`, and of the rest of one that is too long."""
+    """Return a function that finds the end of a message for `device`, and of the rest of one that is too long."""
     if isinstance(device, ScpiTwin):
         if device.engine.dialect.takes_blocks:
             return lambda data: find_message_end(data) + 1, _newline_size

@@ -143,7 +143,7 @@ class _Session(Client):
 
     @property
     def blocked(self) -> bool:
-        """Whether the client does not take its answers, or another holds the lock."""
+        """True if the client does not take its answers, or another holds the lock."""
         return self._sync.blocked or self._locked_out()
 
     def _locked_out(self) -> bool:
@@ -157,7 +157,7 @@ class _Session(Client):
 
     @property
     def complete(self) -> bool:
-        """Whether it has both its channels."""
+        """True if it has both its channels."""
         return self._async is not None
 
     def attach(self, channel: _Channel) -> None:

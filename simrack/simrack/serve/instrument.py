@@ -66,17 +66,17 @@ class Client:
 
     @property
     def blocked(self) -> bool:
-        """Whether its messages must wait because it does not take its answers."""
+        """True if its messages must wait because it does not take its answers."""
         return False
 
     @property
     def awaits(self) -> bool:
-        """Whether it waits for the answer that it is owed, so that time may jump there."""
+        """True if it waits for the answer that it is owed, so that time may jump there."""
         return self.pushes and not self.heard and not self.blocked
 
     @property
     def listens(self) -> bool:
-        """Whether it takes the instrument's unasked messages."""
+        """True if it takes the instrument's unasked messages."""
         return self.pushes and not self.blocked
 
     def deliver(self, data: bytes, *, end: bool) -> None:
@@ -321,7 +321,7 @@ class ServedInstrument(EmbodiedDevice):
             self.passage.working.append(self)
 
     def work(self) -> bool:
-        """Work out a slice of the pending reply; return whether there is more."""
+        """Work out a slice of the pending reply; return True if there is more."""
         if self.engine is None or not self.engine.working:
             return False
         self.engine.work()
@@ -391,19 +391,19 @@ class ServedInstrument(EmbodiedDevice):
 
     @property
     def engaged(self) -> bool:
-        """Whether a message may have to wait for its turn."""
+        """True if a message may have to wait for its turn."""
         return self.holder is not None or bool(self.waiting) or self._passed > 0
 
     @property
     def awaited(self) -> bool:
-        """Whether somebody waits for the device to go on."""
+        """True if somebody waits for the device to go on."""
         if self.waiting or self.late or any(line.awaited for line in self.lines):
             return True
         return self.holder is not None and self.holder.awaits
 
     @property
     def listened_to(self) -> bool:
-        """Whether somebody may wait for its unasked messages."""
+        """True if somebody may wait for its unasked messages."""
         return self.speaks and any(client.listens for client in self.clients)
 
     def touched(self) -> None:
@@ -432,7 +432,7 @@ class ServedInstrument(EmbodiedDevice):
     # --- whose turn it is ---------------------------------------------------------------------------------
 
     def _open(self) -> bool:
-        """Whether a message can be handed over now: nobody is owed an answer."""
+        """True if a message can be handed over now: nobody is owed an answer."""
         if self.holder is not None:
             return False
         if self._passed and not self.busy:
@@ -440,7 +440,7 @@ class ServedInstrument(EmbodiedDevice):
         return self._passed < _PASSED_WHILE_BUSY
 
     def _available(self) -> bool:
-        """Whether the next in the queue can have its turn; an answer that lies unread is put aside for its owner."""
+        """True if the next in the queue can have its turn; an answer that lies unread is put aside for its owner."""
         holder = self.holder
         if holder is None or holder.pushes:
             return self._open()

@@ -21,7 +21,7 @@ _UNDER_WAY = frozenset({0, errno.EINPROGRESS, errno.EWOULDBLOCK, getattr(errno, 
 
 
 class Destination(NamedTuple):
-    """Where a client serves its interrupt program."""
+    """Address of a client's interrupt program."""
 
     host: str
     port: int

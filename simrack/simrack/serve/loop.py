@@ -90,7 +90,7 @@ class Timer:
 
 
 class Passage(Protocol):
-    """How bench time passes between the turns of the loop."""
+    """Passage of bench time between the turns of the loop."""
 
     def tick(self) -> None:
         """Bring bench time up to date."""
@@ -103,7 +103,7 @@ class Passage(Protocol):
 
 
 class Loop:
-    """Calls whoever watches a file when it is ready, timers when they are due, and lets bench time pass."""
+    """Calls the watchers of files that are ready, timers that are due, and lets bench time pass."""
 
     def __init__(self, wall: WallClock | None = None) -> None:
         self.wall = WallClock() if wall is None else wall
@@ -127,7 +127,7 @@ class Loop:
 
     @property
     def running(self) -> bool:
-        """Whether nobody has asked it to stop."""
+        """True if nobody has asked it to stop."""
         return self._running
 
     def watch(self, fd: int, handler: Callable[[int], None], mask: int = READ) -> None:

@@ -51,7 +51,7 @@ class LxiServer:
             connection.close()
 
     def identification(self) -> bytes:
-        """Return the document, of what *IDN? says now."""
+        """Return the document with the present reply to *IDN?."""
         engine = self._instrument.engine
         words = (["", "", "", ""] if engine is None else engine.model.identity().split(","))[:4]
         family, host = ("IPv6", self._host.strip("[]")) if ":" in self._host else ("IPv4", self._host)

@@ -16,7 +16,7 @@ _PATIENCE_S = 0.005
 
 
 def _worked(instrument: ServedInstrument) -> bool:
-    """Let `instrument` work out a slice; return whether there is more, which one that makes a mistake does not have."""
+    """Let `instrument` work out a slice; return True if there is more, which one that makes a mistake does not have."""
     try:
         return instrument.work()
     except Exception:  # noqa: BLE001  (as in the loop)

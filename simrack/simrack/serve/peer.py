@@ -14,7 +14,7 @@ _NOBODY = -1
 
 
 def is_welcome(connection: socket.socket) -> bool:
-    """Tell whether the user at the other end may control the server; where it cannot be known, they may.
+    """Return True if the user at the other end may control the server; where it cannot be known, they may.
 
     Welcome are the user who serves, root, and who has become root by sudo to serve.
     """

@@ -50,7 +50,7 @@ class ByteStream(Client):
 
     @property
     def blocked(self) -> bool:
-        """Whether the other side does not take its answers."""
+        """True if the other side does not take its answers."""
         return self._outbox.size > 0
 
     def relieved(self) -> None:
@@ -239,7 +239,7 @@ class Pty(ByteStream):
 
     @property
     def listens(self) -> bool:
-        """Whether somebody reads: unasked messages must not pile up until the line is opened."""
+        """True if somebody reads: unasked messages must not pile up until the line is opened."""
         return super().listens and self._unread() < _UNREAD
 
     def _unread(self) -> int:
@@ -274,5 +274,5 @@ def _peer_port(connection: socket.socket) -> int | None:
 
 
 def has_ptys() -> bool:
-    """Whether this system has pseudo-terminals."""
+    """True if this system has pseudo-terminals."""
     return hasattr(os, "openpty")

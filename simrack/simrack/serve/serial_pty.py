@@ -43,7 +43,7 @@ class SerialPty(Pty):
 
     @property
     def awaited(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken, and nobody says when time may go on."""
+        """True if anything waits to be sent, to arrive, or to be taken, and nobody says when time may go on."""
         return self._line.under_way and not self.heard
 
     def go_on(self) -> None:
@@ -57,7 +57,7 @@ class SerialPty(Pty):
         self.go_on()
 
     def relieved(self) -> None:
-        """Do nothing: the line knows whether more can be taken."""
+        """Do nothing: the line knows its free room."""
 
     def start_anew(self) -> None:
         """Forget the bytes on their way too."""

@@ -1,4 +1,4 @@
-"""A simulated bench on real wires: which instrument is offered how, under which resource strings.
+"""A simulated bench on real wires: its instruments, their wires and resource strings.
 
 Each model is offered by default on the interfaces that the real box has: 33220A and DSO7104B on TCP and VXI-11, E3631A
 and 34401A on a serial line and, since labs put those on converters, on TCP; rate tables on a serial line and TCP.
@@ -70,7 +70,7 @@ class ServedBench(Struct, frozen=True):
 
 
 class ServerSettings(Struct, frozen=True):
-    """How a bench is served.
+    """Settings of a served bench.
 
     Args:
         host: address to listen on.
@@ -96,7 +96,7 @@ class ServerSettings(Struct, frozen=True):
 
 
 class Wires(Struct):
-    """Where one instrument answers: ready resource strings, None where it does not."""
+    """Addresses of one instrument: ready resource strings, None for a missing wire."""
 
     model: str
     tcp: str | None = None
@@ -107,7 +107,7 @@ class Wires(Struct):
 
     @property
     def places(self) -> list[str]:
-        """Where it answers."""
+        """Addresses of the instrument."""
         return [each for each in (self.tcp, self.vxi11, self.hislip, self.pty, self.lxi) if each is not None]
 
     def as_json(self) -> dict[str, str | None]:
@@ -168,7 +168,7 @@ class BenchServer:
             raise
 
     def run(self) -> None:
-        """Serve until :meth:`stop`; what an instrument imports when it is first asked is there before."""
+        """Serve until :meth:`stop`; modules of the instruments are imported before."""
         for name in NEEDED_LATER:
             import_module(name)
         self.loop.run(self.passage)

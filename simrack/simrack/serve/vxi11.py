@@ -76,12 +76,12 @@ class _Link(Client):
 
     @property
     def awaits(self) -> bool:
-        """Whether a read is under way."""
+        """True if a read is under way."""
         return self.request is not None
 
     @property
     def unread(self) -> bool:
-        """Whether an answer was put aside for it."""
+        """True if an answer was put aside for it."""
         return bool(self._aside)
 
     def deliver(self, data: bytes, *, end: bool) -> None:
@@ -99,7 +99,7 @@ class _Link(Client):
         self._offset = 0
 
     def fetch(self, size: int) -> tuple[bytes, bool]:
-        """Return at most `size` bytes of the response and whether it ends there."""
+        """Return at most `size` bytes of the response and True if it ends there."""
         if not self._aside:
             return self.instrument.collect(self, size)
         data, end = self._aside[0]

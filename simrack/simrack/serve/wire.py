@@ -39,7 +39,7 @@ class Bound:
             self._socket.close()
 
     def dropped(self) -> None:
-        """Go on: one caller who goes wrong is not the end of the others."""
+        """Go on: an error of one caller does not end the others."""
 
     def _ready(self, mask: int) -> None:
         raise NotImplementedError
@@ -99,7 +99,7 @@ class Outbox:
         self.size += len(data)
 
     def post(self, data: bytes, send: Callable[[bytes], int]) -> bool:
-        """Send `data` after what waits, at once as far as `send` takes it; tell whether from now on something waits.
+        """Send `data` after what waits, at once as far as `send` takes it; return True if from now on something waits.
 
         Raises OSError when the other side has gone.
         """
@@ -128,7 +128,7 @@ class Outbox:
                     return
 
     def _drop(self, sent: int) -> bool:
-        """Forget sent bytes; tell whether those were whole parts."""
+        """Forget sent bytes; return True if those were whole parts."""
         self.size -= sent
         while self._parts and sent >= len(self._parts[0]):
             sent -= len(self._parts[0])
@@ -157,7 +157,7 @@ class Connection:
 
     @property
     def blocked(self) -> bool:
-        """Whether the client does not take its bytes."""
+        """True if the client does not take its bytes."""
         return self._outbox.size > 0
 
     def on_ready(self, mask: int) -> None:
@@ -173,7 +173,7 @@ class Connection:
 
     @property
     def held(self) -> bool:
-        """Whether nothing is received for now."""
+        """True if nothing is received for now."""
         return self._held
 
     def hold(self, *, held: bool) -> None:
@@ -257,11 +257,11 @@ class DelayingWire(Protocol):
 
     @property
     def next_s(self) -> float:
-        """When something arrives next, inf for never."""
+        """Instant at which something arrives next, inf for never."""
 
     @property
     def awaited(self) -> bool:
-        """Whether anything is on its way that somebody may wait for, so that time may jump there."""
+        """True if anything is on its way that somebody may wait for, so that time may jump there."""
 
     def go_on(self) -> None:
         """Let bytes arrive that are due by now."""

@@ -64,12 +64,12 @@ class HandshakeLine(LineEnd):
 
     @property
     def under_way(self) -> bool:
-        """Whether anything waits to be sent, to arrive, or to be taken by the parser."""
+        """True if anything waits to be sent, to arrive, or to be taken by the parser."""
         return super().under_way or bool(self._buffer)
 
     @property
     def heeds(self) -> bool:
-        """Whether the controller looks at the pin."""
+        """True if the controller looks at the pin."""
         return self._handshake
 
     @property
@@ -79,7 +79,7 @@ class HandshakeLine(LineEnd):
 
     @property
     def _sends(self) -> bool:
-        """Whether the instrument may send."""
+        """True if the instrument may send."""
         return self._dtr
 
     def _receive(self, character: ReceivedCharacter) -> None:
@@ -143,17 +143,17 @@ class XonXoffLine(HandshakeLine):
 
     @property
     def heeds(self) -> bool:
-        """Whether the controller knows the characters."""
+        """True if the controller knows the characters."""
         return self._xonxoff
 
     @property
     def _takes(self) -> bool:
-        """Whether the controller was not told to stop."""
+        """True if the controller was not told to stop."""
         return not self._halted
 
     @property
     def _sends(self) -> bool:
-        """Whether the instrument was not told to stop; its own XON and XOFF it sends all the same."""
+        """True if the instrument was not told to stop; its own XON and XOFF it sends all the same."""
         return not self._held or self._to_controller.first in _SIGNALS
 
     def _arrive(self, byte: int) -> None:

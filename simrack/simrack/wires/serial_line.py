@@ -24,7 +24,7 @@ _WHOLE = 1 << 25
 
 
 class CharacterFrame(Struct, frozen=True):
-    """How an end of the line sends and expects characters."""
+    """Frame of characters at an end of the line."""
 
     baud: float = 9600.0
     """Bits a second, start and stop bits counted."""
@@ -124,7 +124,7 @@ class _Traffic:
 
     @property
     def mark_s(self) -> float:
-        """When the next that a program may act on will be there: a control character, or the last of a message."""
+        """Instant of the next character that a program may act on: a control character, or the last of a message."""
         instant_s = self.next_s
         for place, (_, duration_s, marks) in enumerate(self._waiting):
             instant_s += duration_s if place else 0.0
@@ -222,7 +222,7 @@ class LineEnd:
 
     @property
     def heeds(self) -> bool:
-        """Whether the controller stops when the instrument says so in its way."""
+        """True if the controller stops when the instrument says so in its way."""
         return False
 
     @property
@@ -244,12 +244,12 @@ class LineEnd:
 
     @property
     def next_s(self) -> float:
-        """When the next character arrives at either end, inf while none is on its way."""
+        """Instant at which the next character arrives at either end, inf while none is on its way."""
         return min(self._to_instrument.next_s, self._to_controller.next_s)
 
     @property
     def under_way(self) -> bool:
-        """Whether anything waits to be sent, or to arrive."""
+        """True if anything waits to be sent, or to arrive."""
         return bool(self._to_instrument or self._to_controller)
 
     @property
@@ -298,7 +298,7 @@ class LineEnd:
 
     @property
     def _stop_s(self) -> float:
-        """When time has to stop next for what is on the line."""
+        """Next instant at which time has to stop for the line."""
         return min(self._to_instrument.mark_s, self._to_controller.mark_s) if self._by_message else self.next_s
 
     def clear(self) -> None:

@@ -245,7 +245,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @staticmethod
     def _will_act(opened: OpenSession) -> bool:
-        """Tell whether a device will do something by itself; it is not waited for for ever where it will not."""
+        """Return True if a device will do something by itself; it is not waited for for ever where it will not."""
         with opened.bench.lock:
             wake_s = opened.place.device.wake_at()
         return wake_s is not None and opened.bench.clock.now() < wake_s < math.inf

@@ -25,7 +25,7 @@ _KINDS = {EventType.service_request, EventType.all_enabled}
 
 
 class Announcements:
-    """What a session is told of its instrument's service requests."""
+    """Service requests of a session's instrument."""
 
     def __init__(self, session: VISASession, opened: OpenSession, contexts: Iterator[int]) -> None:
         self._session, self._opened, self._contexts = session, opened, contexts

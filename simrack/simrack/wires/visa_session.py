@@ -63,13 +63,13 @@ class VisaPlace:
         self.sharers: set[VISASession] = set()
 
     def locked_against(self, session: VISASession) -> bool:
-        """Tell whether somebody else holds a lock in which `session` has no part."""
+        """Return True if somebody else holds a lock in which `session` has no part."""
         if self.owner is not None:
             return self.owner != session
         return bool(self.sharers) and session not in self.sharers
 
     def lock_state(self) -> AccessModes:
-        """Return how it is locked."""
+        """Return the state of its lock."""
         if self.owner is not None:
             return AccessModes.exclusive_lock
         return AccessModes.shared_lock if self.sharers else AccessModes.no_lock
@@ -195,7 +195,7 @@ def take_arrived(opened: OpenSession, count: int, terminator: int | None) -> tup
 
 
 def available(opened: OpenSession) -> int:
-    """Return how many received bytes wait to be read."""
+    """Return the number of received bytes that wait to be read."""
     if not opened.rest:
         with opened.bench.lock:
             opened.rest, opened.ended = opened.read(1 << 20)

@@ -204,7 +204,7 @@ def test_a_late_answer_is_never_taken_for_another(name: str, late_s: float) -> N
         assert rate_deg_s == pytest.approx(10.0, abs=2e-3)
 
 
-def test_at_rate_and_at_rest_are_told_of_a_table_that_was_left_with_a_low_jerk_limit() -> None:
+def test_low_jerk_limit_delays_at_rate_and_rest() -> None:
     """Of 100 deg/s3 a ramp to 60 deg/s at 100 deg/s2 takes 2 sqrt(60/100) = 1.55 s instead of 0.6."""
     bench = Bench("acl")
     bench.twin.write(b":Limit:Jerk R,1,100;Jerk Off,1,100\n")

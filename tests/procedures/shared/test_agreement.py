@@ -62,7 +62,7 @@ def test_levels_that_were_measured_are_no_fault_however_far_the_generator_is_off
         require_steady_slope(faulty(points, 4, lambda _: 0.0), (points[3], points[-1]))
 
 
-def test_small_levels_on_two_ranges_of_a_generator_are_no_fault_where_they_are_believed_as_set() -> None:
+def test_small_levels_on_two_ranges_are_no_fault() -> None:
     """Seen: offsets of 3.6 and -4.3 mV, each within 2 % and 4 mV, between 15 and 37 mV."""
     per_v = -1.88
     levels = [-0.067, -0.037, -0.015, 0.0, 0.015, 0.037, 0.067]
@@ -165,9 +165,7 @@ def test_a_step_is_allowed_as_far_as_the_noise_of_two_means_goes(by_v: float, *,
 
 @pytest.mark.parametrize(("by_v", "found"), [(0.99, False), (1.01, True)])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_level_that_is_believed_as_set_may_be_off_by_the_limits_of_both(
-    by_v: float, sign: float, *, found: bool
-) -> None:
+def test_level_as_set_may_be_off_by_both_limits(by_v: float, sign: float, *, found: bool) -> None:
     """Half a step of 0.1 V, 5 mV at 0 V and 6 mV at -0.1 V."""
     levels = [point(4, 0.0, sign * K * 150.0 * v, v) for v in (-0.1, 0.0, 0.1, 0.2)]
     bound_v = abs(K) * 150.0 * (0.5 * 0.1 + 0.005 + 0.006)

@@ -69,7 +69,7 @@ def test_an_output_as_a_rate_has_the_scale_factor_s_uncertainty_too() -> None:
     assert (without.value, without.missing) == (pytest.approx(-15.0), ("flicker", "scale factor"))
 
 
-def test_a_flicker_goes_into_a_value_by_what_a_degree_an_hour_does_to_it() -> None:
+def test_flicker_enters_a_value_by_its_sensitivity() -> None:
     part = flicker_part(Flicker(4.0, 20.0, "this record"), 0.25)
     assert part == UncertaintyPart("flicker: B 4 deg/h (this record)", 1.0, 20.0)
     assert flicker_part(Flicker(4.0, math.inf, "told"), 0.25).dof is None
@@ -83,7 +83,7 @@ def test_a_square_well_above_0_is_as_it_was_found(u_square: float) -> None:
     assert flicker_counted(None, 9.0, 0.0, "run") == Flicker(3.0, math.inf, "run, dof inf")
 
 
-def test_a_square_near_0_is_the_mean_of_what_is_above_0_of_its_normal_distribution() -> None:
+def test_square_near_0_is_the_mean_above_0() -> None:
     """Numerically: mean and variance of a normal distribution about 6 of u 10, cut off at 0."""
     n = 200_000
     x = [100.0 * (k + 0.5) / n for k in range(n)]

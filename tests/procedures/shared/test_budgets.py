@@ -105,7 +105,7 @@ def test_a_value_is_kept_with_its_parts_as_shares() -> None:
     assert [(each.source, each.u, each.of, each.dof) for each in kept.shares] == [("meter", 3.0, "M1", 9.0)]
 
 
-def test_a_budget_has_a_row_for_each_part_with_degrees_of_freedom_and_what_it_is_shared_with() -> None:
+def test_budget_has_a_row_for_each_part() -> None:
     found = measurand(0.0, "V", [UncertaintyPart("meter", 3.0, 9.0, "M1"), UncertaintyPart("readings", -4.0)], ["tilt"])
     table = budget_table("bias", found)
     assert [row[2:] for row in table.rows] == [

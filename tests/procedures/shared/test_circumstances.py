@@ -62,7 +62,7 @@ def circumstances(known: Sources) -> Circumstances:
     return Circumstances.of(replace(settings, station=replace(settings.station, sources=known)))
 
 
-def test_the_warm_up_counts_as_far_as_it_is_to_go_when_the_first_window_begins() -> None:
+def test_warm_up_counts_from_the_first_window() -> None:
     sources = {source.name: source.u * math.sqrt(3.0) for source in circumstances(KNOWN).sources}
     start_up_s = make_settings(warm_up_s=200.0).start_up_s
     assert sources == pytest.approx(

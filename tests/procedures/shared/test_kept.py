@@ -139,7 +139,7 @@ def test_a_mean_is_one_over_the_horizon() -> None:
     assert about_horizon([0.0], [600.0], 24.0) / about_horizon([0.0, 300.0, 590.0], [10.0, 310.0, 600.0], 0.25) > 1.5
 
 
-def test_a_run_is_told_the_kind_of_its_bench_and_goes_by_entries_of_that_kind(store: DeviceStore) -> None:
+def test_run_uses_entries_of_its_kind_of_bench(store: DeviceStore) -> None:
     def known_on(*, simulated: bool) -> str:
         settings = KVcSettings(dut="G-1", devices=str(store.root))
         settings = structs.replace(settings, station=structs.replace(settings.station, simulated=simulated))
@@ -161,7 +161,7 @@ def test_what_is_left_out_is_said_as_the_run_begins(store: DeviceStore, tmp_path
     assert "static record 0002" in run.header["settings"]["station"]["sources"]["bias_instability_from"]
 
 
-def test_a_certificate_from_a_bench_of_the_other_kind_is_refused_as_a_file_too(tmp_path: Path) -> None:
+def test_certificate_file_of_the_other_kind_is_refused(tmp_path: Path) -> None:
     curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-2.0, v_vc_max_v=2.0)
     real = structs.replace(FOUND.conditions, simulated=False)
     found = Certificate(serial="G-1", issued=DAY, procedure="kvc", k_vc=curve, conditions=real)

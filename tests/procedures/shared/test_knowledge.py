@@ -222,7 +222,7 @@ def test_a_room_beyond_18_to_28_degc_counts_by_the_kelvin(room: str, gain: float
 
 
 @pytest.mark.parametrize("seed", few(range(3), 0))
-def test_what_a_meter_loads_an_output_by_is_nothing_up_to_10_v_and_within_u95_above(seed: int) -> None:
+def test_load_of_a_meter_is_within_u95_above_10_v(seed: int) -> None:
     """An output of up to 10 kohm: at the 34401A's 10 Mohm it would be read 1000 ppm low."""
     output_ohm = 10.0 ** np.random.default_rng(seed).uniform(3.0, 4.0)
     quick = {"samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5, "rates_deg_s": (100.0, 10.0, 0.0, -10.0, -100.0)}
@@ -243,7 +243,7 @@ def test_what_a_meter_loads_an_output_by_is_nothing_up_to_10_v_and_within_u95_ab
 
 
 @pytest.mark.parametrize("limits", ["sheet", "rectangular"])
-def test_errors_of_a_meter_within_its_limits_are_covered_by_the_rule_that_was_chosen(limits: str) -> None:
+def test_chosen_rule_covers_errors_of_a_meter(limits: str) -> None:
     """A 34401A's are a quarter of its limits, says its maker; where any error is as likely that covers 80 %."""
     known = embedded_text("paper").replace("[uncertainty]", f'[uncertainty]\nmeter_limits = "{limits}"')
     sources = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(known), "")).station.sources

@@ -31,7 +31,7 @@ def test_no_ranges_make_a_sum_less_certain_than_unknown_ones() -> None:
         assert spread(of(*ends, 10.0), volts, weights) <= spread(unknown, volts, weights) * (1.0 + 1e-12)
 
 
-def test_zero_and_a_level_share_an_offset_only_where_they_are_known_to_lie_on_one_range() -> None:
+def test_offset_is_shared_only_on_one_known_range() -> None:
     pair, difference = np.array([0.067, 0.0]), np.array([1.0, -1.0])
 
     def apart(low_v: float) -> float:
@@ -72,7 +72,7 @@ def test_of_all_ways_to_divide_levels_into_ranges_the_worst_counts() -> None:
             assert sum(found) == pytest.approx(max(squares))
 
 
-def test_the_offset_of_a_range_has_the_variance_of_what_its_lowest_level_leaves_room_for() -> None:
+def test_offset_of_a_range_has_its_variance() -> None:
     random, low_v = np.random.default_rng(3), 1.0
     gain = random.uniform(-0.02, 0.02, 200_000)
     offset_v = random.uniform(-1.0, 1.0, gain.size) * (4e-3 + (0.02 - np.abs(gain)) * low_v)
@@ -127,7 +127,7 @@ def test_a_level_that_was_set_is_off_by_a_step_of_its_range(
     assert known.u_besides_v(level_v) == known.u_mean_v(level_v, 0.25) == pytest.approx(step_v / np.sqrt(12.0))
 
 
-def test_a_level_that_was_measured_has_the_meter_s_errors_and_the_mean_scatter_of_its_readings() -> None:
+def test_measured_level_has_errors_and_scatter_of_the_meter() -> None:
     """Scatters are pooled; the windows may have more readings than others, the fewest count."""
     meter = Sources(v_vc_gain=3e-5, v_vc_offset_v=5e-5, v_vc_sigmas=2.0, generator_gain=0.02, generator_bits=14)
     points = [Point(4, 0.0, 1.0, 0.0, 0.0, n, v_vc_measured_v=1.0, v_vc_std_v=s) for n, s in ((25, 3e-3), (16, 4e-3))]
@@ -145,7 +145,7 @@ def test_a_level_that_was_measured_has_the_meter_s_errors_and_the_mean_scatter_o
     assert (gain[2].tolist(), offset[2].tolist(), gain[3].u) == ([6.0, 2.0], [3.0, 1.0], 3e-5 / 2.0)
 
 
-def test_levels_are_on_the_range_that_ends_at_or_above_them_the_largest_on_the_last() -> None:
+def test_levels_are_on_the_range_that_ends_above_them() -> None:
     known, levels = of(0.1, 1.0), np.array([-0.05, 3.0])
     assert [known.range_of(each) for each in (0.0, -0.1, 0.11, 1.0, -3.0)] == [0, 0, 1, 1, 1]
     found = [(kind, where, effect[0], error.u) for kind, where, effect, error in known.shared(levels, np.ones((1, 2)))]

@@ -35,7 +35,7 @@ def line_of(rates: list[float], outputs: list[float], mixing: np.ndarray | None 
     )
 
 
-def test_a_line_is_the_least_squares_one_and_its_weights_make_it_of_the_outputs() -> None:
+def test_line_is_the_least_squares_one() -> None:
     outputs = [0.3, -0.1, -1.4, -3.9, -7.7]
     line = line_of(RATES, outputs)
     slope, bias = np.polyfit(RATES, outputs, 1)
@@ -53,9 +53,7 @@ def test_a_line_is_the_least_squares_one_and_its_weights_make_it_of_the_outputs(
 
 
 @pytest.mark.parametrize(("rates", "cubic"), [(RATES, True), ([*RATES[:4], 4.0], False)])
-def test_the_slope_at_each_rate_is_that_of_a_cubic_where_there_are_more_than_four_rates(
-    rates: list[float], *, cubic: bool
-) -> None:
+def test_slope_at_each_rate_is_that_of_a_cubic(rates: list[float], *, cubic: bool) -> None:
     outputs = [0.5 * x - 0.03 * x**3 + 1e-3 * x**4 for x in rates]
     expected = np.polyval(np.polyder(np.polyfit(rates, outputs, 3 if cubic else 1)), rates)
     assert line_of(rates, outputs).derivative == pytest.approx(expected)
@@ -85,7 +83,7 @@ def test_multimeter_and_table_are_sources_of_every_line() -> None:
     ]
 
 
-def test_what_is_left_of_the_earth_s_rate_is_in_the_bias_where_it_was_added() -> None:
+def test_rest_of_the_earths_rate_is_in_the_bias() -> None:
     """Its level part by the tilt of the axis; nothing where the bias keeps it."""
     tilted: dict[str, Any] = {"station": Station(latitude_deg=60.0), "axis_tilt_deg": 1.0}
     (source,) = earth_sources(make_settings(earth=Earth.RATE, **tilted), -0.0125)

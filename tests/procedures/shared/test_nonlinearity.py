@@ -43,7 +43,7 @@ def test_levels_move_residuals_by_their_own_errors_and_by_those_of_their_range()
     assert moved.only_bound == ""
 
 
-def test_where_no_range_is_known_those_that_are_worst_for_the_largest_residual_count_as_its_own() -> None:
+def test_unknown_generator_ranges_use_the_worst_case() -> None:
     known = of()
     moved = CurvedLine.of("it", LINE).with_errors(known, VOLTS, THROUGH)
     largest = int(np.abs(moved.ppm).argmax())
@@ -95,7 +95,7 @@ def test_three_rates_have_a_non_linearity() -> None:
     assert value.value == pytest.approx(1e6 * 0.01 * 2.0 / 3.0 / (0.0125 * 400.0))
 
 
-def test_of_a_generator_whose_ranges_nobody_knows_there_is_a_bound_however_bent_the_line_is() -> None:
+def test_unknown_generator_ranges_give_a_bound() -> None:
     known = Sources(generator_gain=1e-6, generator_offset_v=1e-9)
     points = four_steps_of(driven(np.array(RATES) / K_VC))
     stated = four_step_statement(settings(known), points, Matching.of(points, Match.ZERO, 10.0))

@@ -214,7 +214,7 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     assert len(bounds) == (1 if by is KvcBy.CURVE else 0)
 
 
-def test_a_match_next_to_the_end_of_a_range_has_the_errors_of_the_range_that_it_was_taken_on() -> None:
+def test_match_next_to_a_range_end_has_its_range() -> None:
     """At 50 deg/s the levels that would match lie between the ends of two ranges, where none can be set."""
     settings = make_settings(k_vc_by=KvcBy.CURVE, **TOLD)
     u = []

@@ -116,7 +116,7 @@ def test_asymmetry_is_that_of_the_column_with_the_u_of_its_outputs() -> None:
     assert stated.u == pytest.approx(np.std([asym(each) for each in drawn]), rel=0.04)  # 3.6 of its own u
 
 
-def test_the_warm_up_in_the_asymmetry_is_what_a_gyroscope_that_warms_through_the_run_shows() -> None:
+def test_asymmetry_has_the_warm_up_of_the_run() -> None:
     known = Sources(scale_factor_ppm_k=50.0, bias_deg_h_k=0.0, warm_up_k=10.0, warm_up_time_s=300.0)
     asked, rate = settings(known), np.array(RATES)
     window_s = asked.samples * asked.sample_interval_s + asked.settle_s

@@ -89,7 +89,7 @@ def test_a_linear_drift_leaves_abba_as_it_is(rates: list[float], zeros: Zeros, r
 
 
 @given(RATES)
-def test_a_loop_comes_by_every_rate_on_a_way_up_and_on_the_way_down(rates: list[float]) -> None:
+def test_loop_visits_every_rate_up_and_down(rates: list[float]) -> None:
     found, ways = ordered(rates, Order.LOOP), loop_directions(rates)
     assert len(found) == len(ways)
     for rate in rates:

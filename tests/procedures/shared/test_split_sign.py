@@ -174,7 +174,7 @@ def test_the_share_of_the_modes_counts_on_either_side(split_hz: float) -> None:
 
 
 @pytest.mark.parametrize("split_hz", [24.8, -24.8])
-def test_a_change_of_a_split_that_had_no_sign_is_that_of_the_sign_which_is_seen_now(split_hz: float) -> None:
+def test_split_without_sign_takes_the_sign_of_now(split_hz: float) -> None:
     then = structs.replace(measured(drawn(1)), split_hz=Measured(value=split_hz, u=0.01))
     now = Characteristics(split_hz=Measured(value=split_hz + 0.1, u=0.01))
     both, of_size = k_vc_change(then, now), k_vc_change(only_size(then), now)

@@ -147,7 +147,7 @@ def own_flicker(settings: SweepSettings, noises: NDArray[np.float64]) -> list[Fl
     return [WindowNoise.of(settings, moved(blank(settings), each), K).flicker for each in noises]
 
 
-def test_b_by_the_zeros_of_a_run_has_its_true_square_and_the_scatter_of_its_degrees_of_freedom() -> None:
+def test_b_of_zeros_has_true_square_and_scatter() -> None:
     settings = make_settings(zeros=Zeros.BRACKET, repeat=3, station=WHITE, samples=READINGS)
     every = [each for each in own_flicker(settings, flickering(settings, 40.0, 150)) if each is not None]
     squares = np.array([each.deg_h**2 for each in every])
@@ -266,7 +266,7 @@ def test_a_record_shows_the_same_again(drifting: dict[str, Any]) -> None:
         assert again.results == drifting[name].results
 
 
-def test_the_earth_s_rate_leaves_the_bias_where_it_is_added_to_the_table_s(tmp_path: Path) -> None:
+def test_added_earths_rate_leaves_the_bias(tmp_path: Path) -> None:
     bench = simulated("ideal", errors="none", overrides=STILL + NO_RIPPLE)
     bench = structs.replace(bench, site=structs.replace(bench.site, latitude_deg=52.0))
     measured, added = (

@@ -61,7 +61,7 @@ def test_frequency_and_quality_follow_the_temperature() -> None:
     assert mode.quality == pytest.approx(1395 * 0.98)
 
 
-def test_a_rail_held_below_brown_out_while_the_drive_would_start_draws_no_start_up_current() -> None:
+def test_rail_below_brown_out_draws_no_start_up_current() -> None:
     supply = PAPER.supply
     assert rail_current_a(supply, -3.5, 1.0) == pytest.approx(0.5 * supply.quiescent_a)
     assert rail_current_a(supply, 10.0, 0.5) == pytest.approx(supply.quiescent_a + 0.5 * supply.start_up_a)

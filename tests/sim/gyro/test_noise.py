@@ -225,7 +225,7 @@ def white_allan_variance(tau_s: float) -> float:
 
 
 @pytest.mark.exhaustive
-def test_white_part_of_the_allan_deviation_is_0_21_deg_per_root_hour_within_3_percent(record_deg_h: np.ndarray) -> None:
+def test_white_part_is_0_21_deg_per_root_hour(record_deg_h: np.ndarray) -> None:
     """Least squares of sigma^2 = N^2 w(tau) + (2 ln 2/pi) B^2 over 1 to 8 s, w the shape of the open-loop response."""
     taus = np.array([1, 2, 3, 4, 6, 8])
     variances = np.array([allan_deviation(record_deg_h, int(t)) ** 2 for t in taus])
@@ -335,7 +335,7 @@ def test_flutter_is_what_the_chain_answers_to_its_lines() -> None:
     assert np.max(np.abs(shaken.filtered.at(times).real - seen)) < 1e-6 * np.max(np.abs(seen))
 
 
-def test_the_variance_of_flutter_is_that_of_what_it_shows_once_the_chain_has_settled() -> None:
+def test_flutter_has_its_variance_after_settling() -> None:
     shaken = Shaking(locked_chain(PAPER), flutter_of(3)).shaken(steady(flutter_of(3), 0.05), 0.0, 12.0)
     assert shaken is not None
     seen = shaken.filtered.at(np.linspace(2.0, 12.0, 20_000)).real

@@ -191,7 +191,7 @@ def exchanges(ask: Any) -> list[str]:
     ]
 
 
-def test_a_lockstep_bench_gives_the_readings_of_a_simulation_in_one_process_to_the_last_digit() -> None:
+def test_lockstep_bench_gives_the_same_digits() -> None:
     clock = VirtualClock()
     alone = SimulatedBench.build(load_bench(None), 0, clock)
 
@@ -275,7 +275,7 @@ def test_what_is_taken_is_given_back_when_a_port_is_not_free() -> None:
 
 
 @needs_ptys
-def test_an_instrument_on_a_serial_line_is_in_remote_until_it_is_sent_to_local() -> None:
+def test_serial_instrument_is_remote_until_sent_to_local() -> None:
     with paper_bench(MAX_SPEED) as served:
         where = served.resource("pty", "power").removeprefix("ASRL").removesuffix("::INSTR")
         with serial.Serial(where, timeout=5.0) as port:

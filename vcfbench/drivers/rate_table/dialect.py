@@ -89,7 +89,7 @@ class TableDialect(Protocol):
         line.drain(deadline)
 
     def may_come_unasked(self, data: bytes) -> bool:
-        """Tell whether bytes that came between two exchanges leave them in step; empty lines do."""
+        """Return True if bytes that came between two exchanges leave them in step; empty lines do."""
         return not data.strip()
 
     def claim(self, line: TableLine, deadline: Deadline) -> None:
@@ -126,15 +126,15 @@ class TableDialect(Protocol):
         """Ramp to a rate; an infinite acceleration leaves the table's as it is. Asking for rate 0 may be repeated."""
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell whether the servo holds the axis."""
+        """Return True if the servo holds the axis."""
 
     def stands(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell by a flag of the table's own whether it stands; True where it has none that is independent."""
+        """Return True if an independent flag of the table says that it stands, or if it has none."""
         del line, deadline
         return True
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell whether the demanded rate is reached."""
+        """Return True if the demanded rate is reached."""
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
         """Read the rate."""

@@ -44,7 +44,7 @@ _BRAKING_S = 3.0
 
 
 class _Ramp(Struct, frozen=True):
-    """What the table was last told: from at most one rate to another, deg/s, with an acceleration, since an instant."""
+    """Last command to the table: from at most one rate to another, deg/s, with an acceleration, since an instant."""
 
     from_deg_s: float
     to_deg_s: float
@@ -190,7 +190,7 @@ class RateTableDriver(OverWire):
         return self._sign * self.dialect.realised_deg_s(self._sign * rate_deg_s)
 
     def at_rate(self) -> bool:
-        """Tell whether the table says that the demanded rate is reached."""
+        """Return True if the table says that the demanded rate is reached."""
         return self._ask(self.dialect.at_rate)
 
     def rate_deg_s(self) -> float:

@@ -41,7 +41,7 @@ class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
 
 def serial_port(url: str, link: Link, clock: Clock, timeout_s: float, baud_rate: int | None = None) -> Connect:
-    """Return what opens a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``).
+    """Return a function that opens a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``).
 
     The port is set as `link` says, `baud_rate` overrides its speed. What it returns raises ConnectFailed: there is no
     such port, it is in use, or nobody answers there.
@@ -128,7 +128,7 @@ def _lost(error: OSError) -> errors.LinkLost:
 
 
 class Language(Protocol):
-    """What a line must know of the language that is spoken on it."""
+    """Properties of a language that a line needs."""
 
     @property
     def gap_s(self) -> float:
@@ -138,11 +138,11 @@ class Language(Protocol):
         """Get answers and questions into step again after a failed exchange."""
 
     def may_come_unasked(self, data: bytes) -> bool:
-        """Tell whether bytes that came between two exchanges leave them in step."""
+        """Return True if bytes that came between two exchanges leave them in step."""
 
 
 class TableLine(Conversation):
-    """Exchanges that dialects are built on: questions, commands, and what replies are made of.
+    """Exchanges that dialects are built on: questions, commands, and readers of replies.
 
     `ask` and `command` are all that most languages need. They keep the line in step: what came unasked, what an
     exchange that failed has left, and what answers the words that were sent blind never becomes a later answer.
@@ -176,7 +176,7 @@ class TableLine(Conversation):
         shown: str | None = None,
         at_once: bool = False,
     ) -> _T:
-        """Send a message and return what `take` makes of the bytes that answer it.
+        """Send a message and return the reply as `take` reads it.
 
         The line is out of step after an error of `take` but a refusal, and after a DeadlineExceeded that it puts up
         with. `shown` is the message for errors; with `at_once` the message goes whatever has come before.
@@ -197,7 +197,7 @@ class TableLine(Conversation):
             return answer
 
     def _find_place(self, language: Language, deadline: Deadline, *, at_once: bool) -> bool:
-        """Get into step, unless it must go on `at_once`; tell whether it is still out of step."""
+        """Get into step, unless it must go on `at_once`; return True if it is still out of step."""
         unasked = self.take_unasked()
         if not (self.dirty or self._awaited or (unasked and not language.may_come_unasked(unasked))):
             return False

@@ -79,7 +79,7 @@ _TERMS = (
 
 
 def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
-    """Return the model equation (IEEE 952; 1431, 8.3: texts not at hand, unverified) with what was measured of it."""
+    """Return the model equation (IEEE 952; 1431, 8.3: texts not at hand, unverified) with its measured terms."""
     found: list[tuple[Any, ...]] = []
     missing = []
     for sign, name, quantity, unit in _TERMS:
@@ -148,7 +148,7 @@ Each has quantity and unit on the data sheet, the procedure that measures it, or
 
 
 def _ieee_2700(rows: Sequence[SheetRow], not_measured: Sequence[tuple[str, str]]) -> list[Table | Text]:
-    """Return the parameters of IEEE 2700 in its order; of each that was not measured why, or what measures it."""
+    """Return the parameters of IEEE 2700 in its order; of each unmeasured one the reason."""
     left_out, table = dict(not_measured), []
     for name, quantity, unit, procedure, why in _SHEET:
         row = _row_of(rows, quantity, unit) if quantity else None

@@ -345,7 +345,7 @@ class PartResult(Struct, frozen=True):
 
 
 class NotMeasured(Struct, frozen=True):
-    """A part that this bench does not allow, and why."""
+    """A part that this bench does not allow, and the reason."""
 
     name: str
     reason: str

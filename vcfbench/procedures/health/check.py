@@ -81,7 +81,7 @@ def at_phases(settings: S, measured: Collection[str]) -> S:
 
 
 def by_phases(settings: KnownDeviceSettings) -> list[UncertaintyPart]:
-    """Return what the phases may have done to a scale factor by K_Vc since its certificate, relative.
+    """Return the possible effect of the phases on a scale factor by K_Vc since its certificate, relative.
 
     Of limits that are assumed :func:`unmeasured` has what they do to K_Vc, and this what they do to the output.
     """

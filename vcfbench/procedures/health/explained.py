@@ -1,4 +1,4 @@
-"""What explains a change of the scale factor since the certificate, by how much, and what is left of it."""
+"""Explanation of a change of the scale factor since the certificate, with its size, and the rest."""
 
 import math
 from typing import NamedTuple
@@ -10,7 +10,7 @@ from vcfbench.values.value import Measurand
 
 
 class Rise(NamedTuple):
-    """By how much warmer the device is, K, its standard uncertainty, and what tells that."""
+    """Rise of the device's temperature, K, its standard uncertainty, and its source."""
 
     kelvin: float
     u: float
@@ -32,7 +32,7 @@ def rise_since(then: Characteristics, now: Characteristics) -> Rise | None:
 
 
 def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Characteristics | None) -> list[Text]:
-    """Say what of a change temperature and rails explain, and what is left; nothing where neither is known."""
+    """Return the part of a change that temperature and rails explain, and the rest; nothing if neither is known."""
     if then is None or now is None:
         return []
     causes: list[tuple[str, float, float, Measured | None, str]] = []

@@ -126,7 +126,7 @@ def carrier_over_drive(means: Sequence[SineRecord], turned: Sequence[SineRecord]
 
 
 def _at_rest(measured: Measured, level: float) -> tuple[float, float, UncertaintyPart]:
-    """Return amplitude (V) and phase against the drive's velocity (deg, with its u) of what V_Vc does at this level.
+    """Return amplitude (V) and phase against the drive's velocity (deg, with its u) of the response to V_Vc.
 
     They are those of half the difference of the sense signal's phasors at both signs.
     """

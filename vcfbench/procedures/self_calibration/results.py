@@ -149,11 +149,11 @@ class NotStated(Struct, frozen=True, kw_only=True):
     k_vc_from: str
 
     def refusal(self) -> str:
-        """Say why nothing is stated."""
+        """Say the reason that nothing is stated."""
         return f"K_Vc of {self.k_vc_from} does not hold any more: {'; '.join(self.health.refused)}"
 
     def stated(self) -> Iterator[Value | Unstated]:
-        """Yield the bias: what goes by K_Vc could not be found."""
+        """Yield the bias: values by K_Vc could not be found."""
         yield self.bias.called("bias", "bias_at_rest")
         kinds = ("scale_factor_small", "bias_at_rest_deg_s", "nonlinearity_by_v_vc", "drift_ppm", "e_n")
         yield from (Unstated(kind, kind) for kind in kinds)

@@ -59,7 +59,7 @@ def bent(coefficients: Floats, v_vc_v: Floats, output_v: Floats, covariance_v2: 
 
 
 def has_changed(orders: Floats, covariance: Floats, output: Floats, then: Characteristics) -> bool:
-    """Tell whether the output's curve is another than it was: by chi-square with two degrees, one in a thousand.
+    """Return True if the output's curve is another than it was: by chi-square with two degrees, one in a thousand.
 
     Of the modulator's orders then the certificate's curve has the uncertainty that counts.
     """

@@ -42,7 +42,7 @@ def combined(of_fit: FittedValue, stated: Measurand) -> FittedValue:
 
 
 def is_swept(settings: ProcedureSettings) -> TypeGuard[SweepSettings]:
-    """Tell whether the rates are visited otherwise than the paper does."""
+    """Return True if the rates are visited otherwise than the paper does."""
     return isinstance(settings, SweepSettings) and not settings.as_in_the_paper
 
 

@@ -1,4 +1,4 @@
-"""What is kept under a device's name: characteristics that K_Vc depends on, and its flicker, as `zero` found it."""
+"""Entries under a device's name: characteristics that K_Vc depends on, and its flicker, as `zero` found it."""
 
 from collections.abc import Callable
 from datetime import datetime

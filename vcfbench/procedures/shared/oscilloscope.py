@@ -28,7 +28,7 @@ _ROUNDS = 8.0
 
 
 def points_over(span_s: float, highest_hz: float, a_period: float) -> int:
-    """Return how many points show a sine with so many in a period: 1, 2 or 5 times 10^n of them."""
+    """Return the number of points that show a sine with so many in a period: 1, 2 or 5 times 10^n of them."""
     periods = span_s * highest_hz
     return round(one_two_five(max(_LEAST_A_PERIOD * periods, min(a_period * periods, _MANY_POINTS))))
 
@@ -53,7 +53,7 @@ def amplitudes(settings: ProcedureSettings, *channels: int, points: int = _SCREE
 
 
 def points_that_show(span_s: float, drive_hz: float) -> int:
-    """Return how many points over a slow screen show how large a sine of the drive's frequency is.
+    """Return the number of points that over a slow screen show how large a sine of the drive's frequency is.
 
     Those of the screen may be too few to show the sine itself. They do show its size, unless they meet the same few of
     its phases again and again: where four periods of the sine are close to a whole number of points.

@@ -23,7 +23,7 @@ def sampled_every_s(frequency_hz: float) -> float:
 
 
 def stands_off_mains(frequency_hz: float, mains_hz: float, record_samples: int) -> bool:
-    """Tell whether a record of so many samples takes a tone and the mains, which the leads pick up, apart."""
+    """Return True if a record of so many samples takes a tone and the mains, which the leads pick up, apart."""
     return abs(frequency_hz - mains_hz) > _APART / (record_samples * _FAST_S)
 
 

@@ -23,7 +23,7 @@ def windows_without_times(settings: ProcedureSettings) -> Iterator[InvalidValue]
 def noise_v(
     settings: AtRestSettings, windows: Sequence[Window], weights: Mapping[int, float], scattering: Sequence[Point]
 ) -> list[UncertaintyPart]:
-    """Return what readings, flicker and the last digit make of it, V.
+    """Return the effect of readings, flicker and the last digit, V.
 
     `weights` are by the place in `windows` and add up to 0; the scatter of one reading is that of `scattering`.
     """

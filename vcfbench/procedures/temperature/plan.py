@@ -113,7 +113,7 @@ def _reached(settings: TemperatureSettings, temperature_c: float, ramp_s: float 
 
 
 def stands_still(points: Sequence[Point], settings: TemperatureSettings) -> bool:
-    """Tell whether the output at the level moved by less than `steady_ppm_min` from the first to the last mean.
+    """Return True if the output at the level moved by less than `steady_ppm_min` from the first to the last mean.
 
     The level itself is about the output; what the noise of the readings alone would move it by is let through.
     """

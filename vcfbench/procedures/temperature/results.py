@@ -287,7 +287,7 @@ def _at_all(settings: TemperatureSettings, source: str, u: float) -> _Cause:
 
 
 def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[_Cause]:
-    """Return the causes of a bias: its readings, and how it wanders from one temperature to the next.
+    """Return the causes of a bias: its readings, and its wander from one temperature to the next.
 
     Flicker of coefficient B has the density (B^2 / pi) / f: no variance, but that of differences, by the logarithm of
     the time between them, which is all that slopes and hysteresis are made of.

@@ -56,7 +56,7 @@ _Found: TypeAlias = tuple[LevelEffects, list[OutputSum], Callable[[_Quantities],
 def four_step_statement(
     settings: ProcedureSettings, points: Sequence[Point], matching: Matching | NullMatching
 ) -> Statement:
-    """Return the budget of a four-step calibration: K_Vc, both lines, and how they differ."""
+    """Return the budget of a four-step calibration: K_Vc, both lines, and their difference."""
     sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
     table, virtual = map(lines.Line.of, sweeps)
     known = settings.station.sources
@@ -153,7 +153,7 @@ _ZEROS_APART = "difference of the zeros, generator off and on"
 
 
 def _apart(matching: Matching, span_v: float) -> Source:
-    """Return what the difference of both zeros, which the run has, does to a match of outputs as they are, relative.
+    """Return the effect of the difference of both zeros on a match of outputs as they are, relative.
 
     It is no limit but a known effect, so its u is the whole: that on K_Vc or on the slope, whichever is larger. Beyond
     the span of the match nothing can be said.

@@ -109,11 +109,11 @@ class Matching(Struct, frozen=True):
         return math.hypot(*(mean.u_output_v for mean in self.compared))
 
     def equal(self) -> bool:
-        """Tell whether the outputs are equal within their noise, or nearly enough to interpolate."""
+        """Return True if the outputs are equal within their noise, or nearly enough to interpolate."""
         return abs(self.residual_v) <= max(3.0 * self.u_residual_v, _CLOSE_ENOUGH * abs(self.span_v))
 
     def usable(self) -> bool:
-        """Tell whether the best try is near enough to the target for K_Vc to mean anything."""
+        """Return True if the best try is near enough to the target for K_Vc to mean anything."""
         away_v = [attempt.output_v - self.target_v for attempt in self.tries]
         share = _BETWEEN_RANGES if min(away_v) < 0.0 < max(away_v) else _USABLE
         return abs(self.residual_v) <= max(3.0 * self.u_residual_v, share * abs(self.span_v))

@@ -79,7 +79,7 @@ class NullMatching(Struct, frozen=True):
         return float(np.polynomial.polynomial.polyval(v_vc_v, [0.0, *self.coefficients]))
 
     def slope_of(self, v_vc_v: Floats) -> Floats:
-        """Return how that rate grows with V_Vc, (deg/s)/V."""
+        """Return the slope of that rate with V_Vc, (deg/s)/V."""
         derivative = np.polynomial.polynomial.polyder(np.array([0.0, *self.coefficients]))
         return np.asarray(np.polynomial.polynomial.polyval(v_vc_v, derivative) + 0.0 * v_vc_v)
 

@@ -176,7 +176,7 @@ def record_noise(
 def _remarks(
     model: NoiseModel, curve: Sequence[allan.AllanPoint], coefficients: Sequence[NoiseCoefficient]
 ) -> Iterator[str]:
-    """Yield what a reader of the coefficients must know of the curve that they come of."""
+    """Yield remarks for a reader of the coefficients on the curve behind them."""
     last, begin = curve[-1].tau_s, curve[model.begin].tau_s
     if not model.started:
         yield (
@@ -244,7 +244,7 @@ def by_scatter(fit: NoiseFit, rates_deg_s: Floats, sampling: Sampling) -> NoiseF
 
 
 def without_meter(fit: NoiseFit, sampling: Sampling, meter_deg_s: float) -> NoiseFit:
-    """Return the fit with N less what the meter's own scatter may make of it: between none and all that it may be.
+    """Return the fit with N less the meter's own scatter: between none and all that it may be.
 
     No data sheet says how much: the middle is stated, and what it may be off by is a rectangular limit (ours). Where
     little else is left, N has a bound alone.

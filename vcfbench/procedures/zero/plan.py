@@ -44,7 +44,7 @@ def zero(settings: ZeroSettings) -> steps.Plan:
 
 
 def results(settings: ZeroSettings, measured: Measured) -> Any:
-    """Return the results of the record, or what a dry run expects of it."""
+    """Return the results of the record, or the expectation of a dry run."""
     if isinstance(measured, Foreseen):
         return foreseen_zero(settings, measured[0].output_v, measured.white_v_sqrt_s)
     (window,) = measured.readings.windows

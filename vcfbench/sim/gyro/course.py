@@ -65,7 +65,7 @@ class Acting(Struct, frozen=True):
 
     @property
     def alive(self) -> bool:
-        """Tell whether the PCB has enough power to show anything."""
+        """Return True if the PCB has enough power to show anything."""
         positive, negative = self.pins
         return weaker_v((positive.approach, negative.approach), self.since_s) >= self.bench.supply.dead_v
 
@@ -192,7 +192,7 @@ def chain_at(design: ChainDesign, bench: BenchParameters, temperature_c: float, 
 
 
 def _past_dead_band(forcing: Forcing, chain: Chain, half_deg_s: float) -> Forcing:
-    """Return what a forcing leaves of itself beyond the dead band: it is less by its half width, or nothing.
+    """Return the part of a forcing beyond the dead band.
 
     It acts on the rate that, steady, would move the output as rate and modulator voltage together. Exact while that
     stays on one side of an edge. What changes within less than a second, or turns (a table's ripple), counts by its

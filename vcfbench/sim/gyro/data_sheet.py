@@ -120,7 +120,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
 
     @property
     def in_phase_split_hz(self) -> float:
-        """How far the in-phase sense mode is below the drive mode, Hz."""
+        """Amount by which the in-phase sense mode is below the drive mode, Hz."""
         usual = 1.0 - PERFECT.sense_in_phase.frequency_hz / PERFECT.drive_mode.frequency_hz
         return max(usual * self.drive_hz, 6.0 * abs(self.split_hz))
 
@@ -264,7 +264,7 @@ def in_phase_share(sheet: DataSheet) -> float:
 
 
 def noise_bandwidth_hz(sheet: DataSheet, aperture_s: float) -> float:
-    """Return the noise bandwidth of readings: what white forces of both side bands make of it."""
+    """Return the noise bandwidth of readings, from the white forces of both side bands."""
     bench = _modes(PERFECT, sheet)
     half_hz, split_hz, most_hz = 0.5 * sheet.drive_hz / sheet.q_sense, abs(sheet.split_hz), 8.0 * sheet.low_pass_hz
     near = split_hz + half_hz * np.sinh(np.linspace(-9.0, 9.0, 4001))  # close where the modes are

@@ -1,4 +1,4 @@
-"""How the shipped parameter sets were chosen: round physical values, and gains that follow from targets.
+"""Choice of the shipped parameter sets: round physical values, and gains that follow from targets.
 
 The structure's frequencies, quality factors and noise are the paper's. Everything else is chosen; gains that must
 meet a figure are computed here from that figure by the closed form of the steady state, so no magic constant is left

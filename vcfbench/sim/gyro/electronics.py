@@ -198,7 +198,7 @@ def curved(stage: OutputStage, filtered_v: _Volts) -> _Volts:
 
 
 class OutputLimits(Struct, frozen=True):
-    """Where the output saturates on its rails; times from the origin of both, ripple left out."""
+    """Levels at which the output saturates on its rails; times from the origin of both, ripple left out."""
 
     stage: OutputStage
     positive: Oscillation
@@ -206,7 +206,7 @@ class OutputLimits(Struct, frozen=True):
 
     @property
     def moving(self) -> bool:
-        """Tell whether a rail moves."""
+        """Return True if a rail moves."""
         return bool(self.positive.terms or self.negative.terms)
 
     def at(self, elapsed_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -104,7 +104,7 @@ class Gyro:
     # -- commands, all at `now_s` --
 
     def set_rails(self, positive: Approach, negative: Approach) -> None:
-        """Set how both rails go on, signed; of the wrong polarity they count as 0 V."""
+        """Set the course of both rails, signed; of the wrong polarity they count as 0 V."""
         self._pins = (replace(self._pins[0], approach=positive), replace(self._pins[1], approach=negative))
         self._follow_rails()
 
@@ -165,7 +165,7 @@ class Gyro:
 
     @property
     def up(self) -> tuple[float, ...]:
-        """Where up is, by the axes of the case."""
+        """Direction of up, by the axes of the case."""
         return self._bench.site.up
 
     def set_up(self, up: tuple[float, ...]) -> None:
@@ -335,7 +335,7 @@ class Gyro:
         return 0.5 * (self._weaker_at(self.now_s) + self._weaker_at(stop)), stop
 
     def _rail_step_v(self) -> float:
-        """Return by how much the rails may move before the locked drive's amplitude follows."""
+        """Return the amount by which the rails may move before the locked drive's amplitude follows."""
         weakest = min(self._weaker_at(self.now_s), *(abs(rail.goal_v) for rail in self._rails))
         weakest = max(weakest, self._bench.supply.brown_out_v)  # below, the drive is not locked any more
         if wanted_m(self._bench, weakest) > strongest_m(self._bench, self._drive_mode, weakest):

@@ -270,7 +270,7 @@ class NoisyChain:
 def _gathered(
     inputs: NDArray[np.complex128], exponents: NDArray[np.complex128], other: np.ufunc | _AsArray = np.asarray
 ) -> Callable[[float], NDArray[np.complex128]]:
-    """Return a function of a time, s: what inputs gather by then in pairs of modes, or of modes and conjugates."""
+    """Return a function of a time, s: the sum of inputs by then in pairs of modes, or of modes and conjugates."""
     speed = np.add.outer(exponents, other(exponents))
     strength, still = inputs @ other(inputs).T, speed == 0
     apart = np.where(still, -1.0, speed)

@@ -67,7 +67,7 @@ class Stretch(Struct, frozen=True):
         return source
 
     def fed(self, node: str) -> bool:
-        """Tell whether a node's voltage is put on it from outside the PCB."""
+        """Return True if a node's voltage is put on it from outside the PCB."""
         return self._source(node) is not None
 
     def source(self, node: str) -> tuple[Played, float] | None:

@@ -37,7 +37,7 @@ _IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again a
 
 
 class Verdict(Struct, frozen=True):
-    """Faults found in a draw; nothing: it held. `ends` says in words how each start ended."""
+    """Faults found in a draw; none: it held. `ends` has the end of each start in words."""
 
     draw: Draw
     wrong: tuple[str, ...]
@@ -107,7 +107,7 @@ class _Lives:
             self.wrong.append("it is not complete after a start without a fault")
 
     def _is_over(self, life: int) -> bool:
-        """Start the program once; tell whether nothing is left to be done, or nothing can be."""
+        """Start the program once; return True if nothing is left to be done, or nothing can be."""
         earlier, known = self._earlier, set(self._folder.iterdir())
         before = self._read(earlier)
         ended = start(self._draw, life, self._clean, self._folder, earlier)
@@ -148,7 +148,7 @@ class _Lives:
 
 
 def _is_short(record: JournalRecord) -> bool:
-    """Tell whether a record was cut before it had taken over the one that it goes on with, which counts then."""
+    """Return True if a record was cut before it had taken over the one that it goes on with, which counts then."""
     resumed_from = record.header.get("resumed_from") or {}
     return len(record.steps) < int(resumed_from.get("steps", 0))
 

@@ -38,7 +38,7 @@ def reaches_of(results: Any) -> dict[str, tuple[float, float]]:
 
 
 def _reach(u95: float, dof: float | None) -> float:
-    """Return half of how far two runs may differ by noise: Student's t has longer tails the fewer the readings."""
+    """Return half of the noise that two runs may differ by: Student's t has longer tails the fewer the readings."""
     student = t(math.inf if dof is None else dof)
     return u95 * float(student.isf(_ONE_IN) / student.isf(0.025)) / math.sqrt(2.0)
 
@@ -106,7 +106,7 @@ def wrong_record(ended: Ended, record: JournalRecord | None, draw: Draw) -> Iter
 
 
 def shifted_throughout(ended: Ended) -> bool:
-    """Tell whether the meter had an offset in all windows of a start: nothing in them contradicts the bias."""
+    """Return True if the meter had an offset in all windows of a start: nothing in them contradicts the bias."""
     begun_s, over_s = ended.measured_s or (0.0, 0.0)
     offsets = [each.fault for each in ended.faults if each.fault is not None and each.fault.kind == "offset"]
     return any(each.at_s <= begun_s and each.at_s + (each.duration_s or math.inf) >= over_s for each in offsets)

@@ -55,7 +55,7 @@ class PlayedCycle(Protocol):
 
     @property
     def phase(self) -> Phase:
-        """Where in the cycle it is when."""
+        """Place in the cycle at a time."""
 
     @property
     def envelope(self) -> Envelope | None:
@@ -132,7 +132,7 @@ class Banded(Struct, frozen=True):
 
     @property
     def _idle(self) -> float:
-        """Where the shape stands between bursts."""
+        """Level of the shape between bursts."""
         return float(self.playing.waveform.values(np.array([self.playing.phase.cycles % 1.0]))[0])
 
     def _peak_v(self, edges_s: Values) -> float | Values:
@@ -149,7 +149,7 @@ class Banded(Struct, frozen=True):
         return np.asarray(playing.offset_v + swung_v), np.asarray(squares)
 
     def _lost(self, path: Path, edges_s: Values) -> float | Values:
-        """Return how much of the square of the shape the path keeps back in each stretch."""
+        """Return the part of the square of the shape that the path keeps back in each stretch."""
         playing, times_s = self.playing, (edges_s[1:] + edges_s[:-1]) / 2
         if playing.width is not None:
             duties = playing.width.values(times_s)
@@ -217,7 +217,7 @@ class Banded(Struct, frozen=True):
         return whole - 2.0 * passed
 
     def peak_v(self, path: Path) -> float:
-        """Return how far it goes from the mean of a cycle, at the lowest of its frequencies."""
+        """Return the amount by which it goes from the mean of a cycle, at the lowest of its frequencies."""
         playing = self.playing
         hertz = max(playing.phase.slowest_hz, 0.0) or playing.phase.highest_hz
         count = min(max(math.ceil(_HIGHEST_HZ / hertz), 1), _CYCLE_POINTS // 2)

@@ -195,7 +195,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
             self.update()
 
     def _triggered(self) -> bool:
-        """Tell whether bursts or sweeps begin with a trigger from outside."""
+        """Return True if bursts or sweeps begin with a trigger from outside."""
         state = self.state
         gated = state.mode == "BURS" and state.burst_mode == "GAT"
         return state.mode in {"BURS", "SWE"} and state.trigger != "IMM" and not gated
@@ -217,7 +217,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         self.update()
 
     def put_out(self, source: Drive | Played) -> Drive | Played | None:
-        """Return what comes out where the function makes `source`."""
+        """Return the output of the function `source`."""
         return source
 
     def update(self) -> None:

@@ -220,7 +220,7 @@ class Player:
         return replace(self._phase, cycles=self._phase.cycles + added) if added else self._phase
 
     def _gate_open(self) -> bool:
-        """Tell whether it runs on: no burst at all, or one gated by an open input, which is low."""
+        """Return True if it runs on: no burst at all, or one gated by an open input, which is low."""
         settings = self._settings
         gated = settings.burst_mode == "GAT" and settings.gate == "INV"
         return bool(settings.mode != "BURS" or gated)

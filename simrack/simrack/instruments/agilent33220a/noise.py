@@ -1,4 +1,4 @@
-"""Noise that is the same for whoever looks: each of its values follows from a seed and its number alone.
+"""Noise that is the same for every observer: each of its values follows from a seed and its number alone.
 
 White noise is a sum over scales. The mean over 512 ticks is a Gaussian of its own; its halves differ from it by plus
 and minus another, their halves again, down to a tick. So a piece of a millisecond needs no ticks, and what an
@@ -157,7 +157,7 @@ def _blocks(times_s: Values) -> NDArray[np.int64]:
 
 
 def _heard(ticks: Values) -> Values:
-    """Return how loud a tick is so many ticks after it, up to half of `_TICKS`."""
+    """Return the size of a tick so many ticks after it, up to half of `_TICKS`."""
     bell = np.cos(math.pi * ticks / _TICKS) ** 2
     return np.where(np.abs(ticks) < _TICKS / 2, np.sinc(2 * _CORNER_HZ * _TICK_S * ticks) * bell, 0.0)
 

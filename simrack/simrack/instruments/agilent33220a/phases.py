@@ -1,4 +1,4 @@
-"""How the phase of a function generator goes on: steadily, modulated, keyed, swept, in bursts. In cycles, at any time.
+"""Phase of a function generator: steady, modulated, keyed, swept, in bursts. In cycles, at any time.
 
 All of them are continuous but for shifts of phase that are asked for, as a direct digital synthesis is. Frequencies
 move smoothly: the steps of the real accumulator, below 1 uHz every 20 ns, are not there.

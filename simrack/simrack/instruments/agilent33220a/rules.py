@@ -44,7 +44,7 @@ def longest_edge_s(settings: GeneratorSettings, kind: GeneratorKind) -> float:
 
 
 def widest_swing_s(settings: GeneratorSettings, kind: GeneratorKind) -> float:
-    """Return how far a pulse's width may be modulated: high and low keep their least width."""
+    """Return the amount by which a pulse's width may be modulated: high and low keep their least width."""
     least, longest = width_limits_s(settings, kind)
     least = max(least, settings.edge_s / _EDGE_SHARE)
     return float(max(min(settings.width_s - least, longest - settings.width_s), 0.0))

@@ -154,7 +154,7 @@ class Segments(Struct, frozen=True, eq=False):
 
     @property
     def corners(self) -> tuple[float, ...]:
-        """Where the segments start."""
+        """Starts of the segments."""
         return tuple(self.starts.tolist())
 
     def values(self, places: Values, duty: float | Values | None = None) -> Values:

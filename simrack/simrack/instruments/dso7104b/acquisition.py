@@ -1,4 +1,4 @@
-"""How an oscilloscope gets a record out of the World: arm, look for the trigger, keep the stretch around it."""
+"""Acquisition of a record out of the World: arm, look for the trigger, keep the stretch around it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _AVERAGED_SHARE = 0.01
 
 
 class Pace(Struct, frozen=True):
-    """How acquisitions follow each other.
+    """Pace of the acquisitions.
 
     Args:
         auto: trigger by itself where nothing does for a while.

@@ -29,7 +29,7 @@ _STEPS = 8.0
 
 
 def gate_s(range_s: float) -> float:
-    """Return how long it counts: 100 ms or twice the time window, whichever is longer, up to 1 s."""
+    """Return the time for which it counts: 100 ms or twice the time window, whichever is longer, up to 1 s."""
     return min(max(_SHORTEST_S, 2.0 * range_s), _LONGEST_S)
 
 
@@ -61,7 +61,7 @@ def five_digits(frequency_hz: float) -> float:
 
 
 class _Part(Struct, frozen=True):
-    """A part of the gate, and in how many steps it is looked at."""
+    """A part of the gate, and in the number of steps that it is looked at."""
 
     start_s: float
     stop_s: float
@@ -81,7 +81,7 @@ def _parts(start_s: float, stop_s: float, step_s: float) -> list[_Part]:
 def _periods(
     signals: Signals, channel: int, comparator: Comparator, part: _Part
 ) -> Generator[None, None, tuple[int, float]]:
-    """Return, after slices of work, how many whole periods there are, and how long they take."""
+    """Return, after slices of work, the number of whole periods, and their duration."""
     step_s = (part.stop_s - part.start_s) / part.steps
     at_once = signals.at_once(channel, step_s, _BLOCK_POINTS)
     first = last = -math.inf

@@ -1,4 +1,4 @@
-"""How the DSO7104B's commands are declared: settings kept by name, sources, numbers in its NR3."""
+"""Declarations of the DSO7104B's commands: settings kept by name, sources, numbers in its NR3."""
 
 from __future__ import annotations
 

@@ -146,7 +146,7 @@ class LowPass:
 
 
 def looks(step_s: float, tau_s: float, finest_s: float) -> int:
-    """Return how often a waveform is looked at for each of its values behind a low-pass."""
+    """Return the number of looks at a waveform for each of its values behind a low-pass."""
     if finest_s >= _SMOOTH * tau_s:
         return len(_LAGUERRE)
     share = step_s / min(tau_s / _STEPS, finest_s or math.inf)

@@ -41,7 +41,7 @@ class ChannelCapture(Protocol):
         """Return a time in which the node's voltage bends so little that a cubic tells it; 0 where that is unknown."""
 
     def whole(self, start_s: float, stop_s: float) -> bool:
-        """Tell whether nothing happened between two times that could make a node jump."""
+        """Return True if nothing happened between two times that could make a node jump."""
 
     def pieces(self, node: str) -> list[Piece]:
         """Return the pieces known of a node up to now, oldest first."""
@@ -98,7 +98,7 @@ class Screen(Struct, frozen=True):
 
 
 class ChannelView(Struct, frozen=True):
-    """How a channel looks at its node."""
+    """View of a channel on its node."""
 
     node: str | None
     """Node of the PCB; None for an open input."""
@@ -122,7 +122,7 @@ class ChannelView(Struct, frozen=True):
 
     @property
     def remembered_s(self) -> float:
-        """How much from before a time its filters need, s; nor is it shown when it is."""
+        """Time before an instant that its filters need, s; nor is it shown when it is."""
         return abs(self.skew_s) + (20.0 * time_constant_s(self.limit_hz) if math.isfinite(self.limit_hz) else 0.0)
 
 

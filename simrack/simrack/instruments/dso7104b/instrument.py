@@ -187,7 +187,7 @@ class SimulatedDso7104B(scpi.ScpiTwin):
 
     @property
     def running(self) -> bool:
-        """Whether it acquires again and again."""
+        """True if it acquires again and again."""
         return self._run_state == "run"
 
     def run(self) -> None:
@@ -243,12 +243,12 @@ class SimulatedDso7104B(scpi.ScpiTwin):
             self._acquisition.force()
 
     def armed(self) -> bool:
-        """:AER?: tell whether the trigger was armed since the last time, and forget."""
+        """:AER?: return True if the trigger was armed since the last time, and forget."""
         armed, self._armed_event = self._armed_event, False
         return armed
 
     def was_triggered(self) -> int:
-        """:TER?: tell whether there was a trigger since the last time, and forget; a run then looks for the next."""
+        """:TER?: return True if there was a trigger since the last time, and forget; a run then looks for the next."""
         triggered = self.triggered.read_event()
         if self.running and self._acquisition is None:
             self._arm()

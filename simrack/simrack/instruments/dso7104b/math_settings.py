@@ -65,7 +65,7 @@ def math_trace(state: ScopeSettings, record: Record, points: int) -> MathTrace:
 
 
 def fft_points(range_s: float, rate_hz: float) -> int:
-    """Return how many samples an FFT is of: those on the screen, thinned out to at most `FFT_POINTS`."""
+    """Return the number of samples that an FFT is of: those on the screen, thinned out to at most `FFT_POINTS`."""
     return max(2, min(FFT_POINTS, round(range_s * rate_hz)))
 
 

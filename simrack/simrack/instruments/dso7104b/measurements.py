@@ -112,14 +112,14 @@ class MeasuredTrace:
         return None if square is None else math.sqrt(square)
 
     def overshoot(self) -> float | None:
-        """Return how far the maximum lies above the top, percent of the amplitude."""
+        """Return the amount by which the maximum lies above the top, percent of the amplitude."""
         base, top = self._levels()
         if self.clipped or top == base:
             return None
         return 100.0 * (float(self._peaks.max()) - top) / (top - base)
 
     def preshoot(self) -> float | None:
-        """Return how far the minimum lies below the base, percent of the amplitude."""
+        """Return the amount by which the minimum lies below the base, percent of the amplitude."""
         base, top = self._levels()
         if self.clipped or top == base:
             return None

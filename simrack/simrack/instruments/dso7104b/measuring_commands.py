@@ -175,7 +175,7 @@ def averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) 
 
 
 def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
-    """Tell whether one cycle is meant: by default where there is one on the screen (5000 series guide: AUTO)."""
+    """Return True if one cycle is meant: by default where there is one on the screen (5000 series guide: AUTO)."""
     return "CYCL" in words or ("DISP" not in words and trace.period() is not None)
 
 

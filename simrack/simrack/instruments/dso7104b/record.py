@@ -71,7 +71,7 @@ class ScopeErrors(Struct, frozen=True):
 
 
 class Digitised(Struct, frozen=True):
-    """A channel's samples in volts after the converter, and whether any was beyond it."""
+    """A channel's samples in volts after the converter, and True if any was beyond it."""
 
     volts: NDArray[np.float64]
     clipped: bool
@@ -131,7 +131,7 @@ class Record:
         return Digitised(volts, clipped, self._step_v(view))
 
     def _at_once(self, channel: int, points: int) -> int:
-        """Return how many of so many samples over the screen are one slice."""
+        """Return the number of samples, of so many over the screen, in one slice."""
         node, step_s = self.views[channel].node, self.screen.range_s / points
         fine = node is not None and self._capture.finest_s(node) < _LEAST_SAVING * step_s
         return self._signals.at_once(channel, step_s, _BLOCK_POINTS if fine else _INTERPOLATED_POINTS)

@@ -1,4 +1,4 @@
-"""How the settings of the DSO7104B have the inputs sampled: screen, channels, memory, sample rate, pace."""
+"""Sampling of the inputs by the settings of the DSO7104B: screen, channels, memory, sample rate, pace."""
 
 from __future__ import annotations
 

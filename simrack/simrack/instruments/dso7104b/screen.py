@@ -28,7 +28,7 @@ _BANDS = 16
 
 
 class PictureStyle(Struct, frozen=True):
-    """How the picture is made: palette COL, GRAY or MON; the ink saver makes the background white."""
+    """Style of the picture: palette COL, GRAY or MON; the ink saver makes the background white."""
 
     palette: str = "COL"
     ink_saver: bool = False

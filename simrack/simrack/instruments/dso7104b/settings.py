@@ -41,7 +41,7 @@ class Timebase(Struct):
 
 
 class Acquiring(Struct):
-    """How records are acquired."""
+    """Acquisition of records: type, count, segments."""
 
     type: str = "NORM"
     mode: str = "RTIM"
@@ -111,7 +111,7 @@ class MathFunction(Struct):
 
 
 class WaveformOutput(Struct):
-    """How records are sent."""
+    """Form in which records are sent."""
 
     source: str = "CHAN1"
     format: str = "BYTE"
@@ -207,7 +207,7 @@ class ScopeSettings(Settings, forbid_unknown_fields=True):
         return self.channel[int(source[4:])]
 
     def is_shown(self, source: str) -> bool:
-        """Return whether a channel or the math trace (`FUNC`) is on the screen."""
+        """Return True if a channel or the math trace (`FUNC`) is on the screen."""
         return self.function.shown if source == "FUNC" else self.channel_of(source).shown
 
     def show(self, source: str, shown: bool) -> None:  # noqa: FBT001

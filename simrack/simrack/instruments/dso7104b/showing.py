@@ -47,7 +47,7 @@ class ShownRecords:
         return self.records[min(index, len(self.records)) - 1]
 
     def segments(self) -> int:
-        """Return how many segments were acquired; 0 of an acquisition that was not segmented."""
+        """Return the number of acquired segments; 0 of an acquisition that was not segmented."""
         return len(self.records) if self._segmented else 0
 
     def time_tag_s(self) -> float:

@@ -168,7 +168,7 @@ class _Follower:
 
 
 def held(heights: NDArray[np.float64], comparator: Comparator, *, high_before: bool = False) -> NDArray[np.bool_]:
-    """Return whether the output is high at each sample: between the thresholds it is as it was."""
+    """Return True if the output is high at each sample: between the thresholds it is as it was."""
     if comparator.low_v == comparator.high_v:
         return np.asarray(heights >= comparator.high_v)
     above, below = heights >= comparator.high_v, heights < comparator.low_v

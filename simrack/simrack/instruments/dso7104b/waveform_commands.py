@@ -32,7 +32,7 @@ def _listed(model: SimulatedDso7104B, wanted: float) -> int:
 
 
 def _points(model: SimulatedDso7104B) -> int:
-    """Return how many points :WAVeform:DATA? sends: a listed number, rounded down."""
+    """Return the number of points that :WAVeform:DATA? sends: a listed number, rounded down."""
     state = model.state
     wanted = state.waveform.points
     # RAW and MAX read the memory, which only a stopped acquisition of NORM or HRES type holds: averages have at most
@@ -92,7 +92,7 @@ def _scaling(model: SimulatedDso7104B) -> tuple[float, float, int, float, float,
 
 
 def _signed(model: SimulatedDso7104B) -> bool:
-    """Tell whether codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
+    """Return True if codes are sent as signed integers; of ASCii numbers :WAVeform:UNSigned says nothing."""
     return model.state.waveform.format != "ASC" and not model.state.waveform.unsigned
 
 
@@ -181,7 +181,7 @@ def _asked(model: SimulatedDso7104B) -> tuple[Any, ...]:
 
 
 def _shown(model: SimulatedDso7104B) -> bool:
-    """Tell whether the source is shown: a source that is off has holes alone.
+    """Return True if the source is shown: a source that is off has holes alone.
 
     PyMeasure's tests for a real DSOX1102G expect something that can be read; a hole is a place without data (5000
     series guide). That holes are what is sent is unverified.

@@ -88,7 +88,7 @@ class SimulatedE36312A(SimulatedE3631A):
         super().reset()
 
     def is_on(self, name: str) -> bool:
-        """Tell whether output `name` gives its level: each has a switch of its own, and a delay."""
+        """Return True if output `name` gives its level: each has a switch of its own, and a delay."""
         return self.switched[name] and self.world.clock.now() >= self.switched_s[name] + self.rise_delay_s[name]
 
     def plan(self) -> None:

@@ -194,7 +194,7 @@ class SimulatedE3631A(ScpiTwin):
         return [Adjustment("fan_failed", "", "whether its fan has stopped", self.fan_failed, self.fail_fan)]
 
     def fan_failed(self) -> bool:
-        """Whether the fan has stopped."""
+        """True if the fan has stopped."""
         return bool(self.questionable.condition & _FAN)
 
     def fail_fan(self, failed: object) -> None:
@@ -209,7 +209,7 @@ class SimulatedE3631A(ScpiTwin):
         return self.outputs[self.selected]
 
     def is_on(self, name: str) -> bool:
-        """Tell whether output `name` is on: one switch has all three."""
+        """Return True if output `name` is on: one switch has all three."""
         del name
         return self.output_on
 

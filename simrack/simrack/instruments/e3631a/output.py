@@ -181,11 +181,11 @@ class SupplyOutput:
 
     @property
     def at_rest(self) -> bool:
-        """Whether it is under way to nowhere, at a constant voltage."""
+        """True if it is under way to nowhere, at a constant voltage."""
         return self.ramp is None and self._followed is None and not self.limited
 
     def _rests_at(self, here: _Regulated) -> bool:
-        """Whether it goes to this working point since the last look, and no ramp with it: nothing has changed."""
+        """True if it goes to this working point since the last look, and no ramp with it: nothing has changed."""
         if self.ramp is not None or self._followed is not None:
             return False
         same = here.limited == self.limited and here.current_a == self.current_a

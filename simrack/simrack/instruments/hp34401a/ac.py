@@ -124,7 +124,7 @@ def phasors(piece: Piece, response: AcResponse) -> Phasors:
 
 
 def detect(pieces: Iterable[Piece], start_s: float, stop_s: float, response: AcResponse) -> Detected:
-    """Return what :func:`detecting` comes to, worked out at once."""
+    """Return the result of :func:`detecting`, worked out at once."""
     return ended(detecting(pieces, start_s, stop_s, response))
 
 
@@ -235,7 +235,7 @@ class _Spectrum(Struct, frozen=True):
         return float(_bell(len(squares)) @ squares)
 
     def change(self, part: Callable[[NDArray[np.float64]], NDArray[np.complex128]]) -> float:
-        """Return by how much a part of the response changes the power."""
+        """Return the amount by which a part of the response changes the power."""
         return float(self.powers @ (np.abs(part(self.frequencies_hz)) ** 2 - 1.0))
 
 

@@ -88,7 +88,7 @@ class Math:
         return self._sum / self._count if self._count else 0.0
 
     def count(self) -> int:
-        """Return how many readings there were."""
+        """Return the number of readings that there were."""
         return self._count
 
     def apply(self, value: float) -> MathResult:

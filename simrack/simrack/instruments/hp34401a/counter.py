@@ -109,7 +109,7 @@ class _Behind:
         return means, np.asarray((first_v + np.concatenate(([0.0], taken[:-1]))) / grown)
 
     def finest_s(self, start_s: float, stop_s: float) -> float:
-        """Return how finely it has to be looked at between two times."""
+        """Return the spacing that it needs between two times."""
         within = [parts for begin, end, parts in self._parts if begin < stop_s and end > start_s]
         return min((each.finest_s for parts in within for each in parts), default=math.inf)
 
@@ -257,7 +257,7 @@ def _repeated(events_s: Values, hertz: float, stop_s: float, known_s: float) -> 
 
 
 def _decides(cycle: Values, beside_v: float, threshold_v: float) -> bool:
-    """Tell whether each cycle rises once, whatever is added up to `beside_v`."""
+    """Return True if each cycle rises once, whatever is added up to `beside_v`."""
     levels = (threshold_v + beside_v, max(threshold_v - beside_v, 0.0))
     return all(len(_coming(np.tile(cycle, 3), len(cycle), level)) == 2 for level in levels)
 

@@ -67,12 +67,12 @@ class Function(Struct, frozen=True):
 
     @property
     def alternating(self) -> bool:
-        """Whether it goes through the ac path."""
+        """True if it goes through the ac path."""
         return not self.integrating and not self.fixed
 
     @property
     def fixed(self) -> bool:
-        """Whether it has one range and one integration time: continuity and diode test (p. 51)."""
+        """True if it has one range and one integration time: continuity and diode test (p. 51)."""
         return not self.ranges and not self.gated
 
     @property

@@ -240,7 +240,7 @@ class Inputs:
         return _Scale(range_, function.over_range_of(range_), fraction * range_, added)
 
     def _peak(self, start_s: float, stop_s: float) -> Callable[[], float]:
-        """Look at the terminals between two times, and return how to ask for the voltage farthest from 0.
+        """Look at the terminals between two times, and return a function that finds the voltage farthest from 0.
 
         Of a node of the PCB itself that is not said, 0: its noise would have to be drawn for it, reading by reading.
         """

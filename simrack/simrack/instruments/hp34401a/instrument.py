@@ -1,4 +1,4 @@
-"""Simulated 34401A multimeter: settings of its functions, and how a reading comes about.
+"""Simulated 34401A multimeter: settings of its functions, and the making of a reading.
 
 Source: HP 34401A User's Guide 34401-90004, ed. 4, 1996 (p. 51-101 functions, 105-147 commands, 173-182 errors,
 216-227 specifications). What the guide leaves open is marked *unverified*. The parts: `functions` what there is to

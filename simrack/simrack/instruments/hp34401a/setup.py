@@ -1,4 +1,4 @@
-"""Settings of a function of the 34401A, and how CONFigure chooses them (User's Guide p. 53-61, 111-117)."""
+"""Settings of a function of the 34401A, and their choice by CONFigure (User's Guide p. 53-61, 111-117)."""
 
 from __future__ import annotations
 

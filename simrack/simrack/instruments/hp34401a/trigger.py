@@ -77,7 +77,7 @@ class TriggerSystem:
 
     @property
     def readings_to_come(self) -> float:
-        """How many readings a sequence gives, infinity for ever."""
+        """Number of readings of a sequence, infinity for ever."""
         return self.sample_count * self.trigger_count
 
     def start(self, *, stored: bool) -> TriggerSequence:
@@ -102,7 +102,7 @@ class TriggerSystem:
         self._external_pending = False
 
     def waiting(self) -> bool:
-        """Whether a trigger would be taken."""
+        """True if a trigger would be taken."""
         return self.sequence is not None and not self.sequence.triggered
 
     def fire(self) -> None:
@@ -131,7 +131,7 @@ class TriggerSystem:
             sequence = self.sequence
 
     def streams(self) -> bool:
-        """Whether a reading can go out while others are taken."""
+        """True if a reading can go out while others are taken."""
         return self.sequence is not None and self.sequence.streamed and len(self.sequence.readings) > 1
 
     def take_streamed(self) -> list[float]:
@@ -167,7 +167,7 @@ class TriggerSystem:
         self._work_out(labour())
 
     def _take(self, sequence: TriggerSequence, outcome: float | MeterReading) -> None:
-        """Keep what has been read, and begin what comes next."""
+        """Keep the reading, and begin the next."""
         if isinstance(outcome, MeterReading):
             sequence.current = outcome
             return

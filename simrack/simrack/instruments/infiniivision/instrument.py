@@ -100,7 +100,7 @@ def _edges(trace: MeasuredTrace, *, rising: bool) -> float:
 
 
 def _pulses(trace: MeasuredTrace, *, positive: bool) -> float:
-    """Return how many edges have the opposite one behind them: edges alternate."""
+    """Return the number of edges that have the opposite one behind them: edges alternate."""
     return float(np.count_nonzero(trace.edges().rising[:-1] == positive))
 
 

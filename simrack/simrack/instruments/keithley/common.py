@@ -99,14 +99,14 @@ def formula_commands(root: str, path: str, forms: tuple[str, ...], inner: str = 
 
 
 class SimulatedKeithley(SimulatedTruevolt):
-    """What both have beside a Truevolt: filter and formula of each function, and a unit of voltages."""
+    """Common parts of both beside a Truevolt: filter and formula of each function, and a unit of voltages."""
 
     kept: dict[str, KeptOfFunction]
     formulas: dict[str, Formula]
     unit: str
 
     def averages_over(self) -> int:
-        """Return over how many readings the filter of the function moves."""
+        """Return the number of readings that the filter of the function moves over."""
         own = self.kept.get(self.function.name)
         return own.count if own is not None and own.average and own.averaging == "MOV" else 1
 
@@ -176,7 +176,7 @@ FILTERS = MappingProxyType({3.0: 3.0, 30.0: 20.0, 300.0: 200.0})
 
 
 class Words(Struct, frozen=True):
-    """What one of the meters calls the settings of its functions, and where they end.
+    """Words of one of the meters for the settings of its functions, and their ends.
 
     Args:
         relative: its word for what is taken off readings.

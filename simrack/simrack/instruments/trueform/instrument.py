@@ -57,7 +57,7 @@ class TrueformErrors(GeneratorErrors, frozen=True):
 
 
 class _Unwired(Struct, frozen=True):
-    """What is around an output that leads nowhere."""
+    """Surroundings of an output that leads nowhere."""
 
     clock: Clock
 

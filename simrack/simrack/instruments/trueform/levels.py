@@ -45,7 +45,7 @@ class LimitedLevels(Levels):
     _settings: TrueformSettings
 
     def within_limits(self) -> bool:
-        """Tell whether the levels that are set lie within the limits, whether those are on or not."""
+        """Return True if the levels that are set lie within the limits, whether those are on or not."""
         settings, peak = self._settings, self.peak_v()
         high, low = settings.offset_v + peak, settings.offset_v - peak
         return bool(high <= settings.limit_high_v + _ROUND_OFF and low >= settings.limit_low_v - _ROUND_OFF)

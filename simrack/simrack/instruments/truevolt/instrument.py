@@ -146,7 +146,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
 
     @property
     def autozero(self) -> bool:
-        """Whether the present function takes a zero with each reading; the 34401A has one setting for all."""
+        """True if the present function takes a zero with each reading; the 34401A has one setting for all."""
         return self._autozero[self.function.name]
 
     @autozero.setter
@@ -154,7 +154,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self._autozero[self.function.name] = on
 
     def autozeroes(self, name: str) -> bool:
-        """Return whether a function takes a zero with each reading."""
+        """Return True if a function takes a zero with each reading."""
         return self._autozero[name]
 
     def set_autozero(self, name: str, *, on: bool) -> None:
@@ -170,7 +170,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         setup.auto = False
 
     def shortest_interval_s(self) -> float:
-        """Return how long a reading takes at most as it is set up: the least of SAMPle:TIMer."""
+        """Return the time for which a reading takes at most as it is set up: the least of SAMPle:TIMer."""
         setup, function = self.setup, self.function
         window_s = setup.aperture_s if function.gated else self.inputs.aperture_s(setup.nplc) * (1 + self.autozero)
         return self.delay_s() + window_s + function.autorange_s * (setup.auto and bool(function.ranges))
@@ -189,7 +189,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.statistics, self.limit_test = Statistics(), LimitTest()
 
     def averages_over(self) -> int:
-        """Return over how many readings a mean moves: CALCulate:SMOothing, which the 34465A has."""
+        """Return the number of readings of a moving mean: CALCulate:SMOothing, which the 34465A has."""
         kept = self.engine.remembered
         on = kept.get(("CALCulate:SMOothing[:STATe]",), False)
         return _SMOOTHED[kept.get(("CALCulate:SMOothing:RESPonse",), "FAST")] if on else 1

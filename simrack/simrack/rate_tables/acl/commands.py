@@ -255,14 +255,14 @@ class ModeCommands:
         self._profiler = profiler
 
     def commands(self) -> dict[str, language.Action]:
-        """Return how a mode is selected."""
+        """Return the commands that select a mode."""
         return {
             "Mode": self._set,
             **{f"Mode:{mode}": partial(self._select, mode) for mode in language.MODES if mode != "Abort"},
         }
 
     def queries(self) -> dict[str, language.Query]:
-        """Return how the mode is asked for."""
+        """Return the query of the mode."""
         return {"Mode": self._ask}
 
     def _select(self, mode: str, arguments: language.Arguments) -> None:
@@ -346,7 +346,7 @@ class Registers:
         }
 
     def queries(self) -> dict[str, language.Query]:
-        """Return how a register is asked for."""
+        """Return the query of a register."""
         return {"Status:CSR": self._ask}
 
     def _ask(self, arguments: language.Arguments) -> str:

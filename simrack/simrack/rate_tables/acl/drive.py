@@ -41,21 +41,21 @@ class AclDrive:
 
     @property
     def servoed(self) -> bool:
-        """Tell whether the servo holds the axis."""
+        """Return True if the servo holds the axis."""
         return self.motion.servo_closed
 
     @property
     def servoed_or_closing(self) -> bool:
-        """Tell whether the servo holds the axis or is about to."""
+        """Return True if the servo holds the axis or is about to."""
         return self.servoed or self.closing_at_s is not None
 
     @property
     def follows(self) -> bool:
-        """Tell whether the axis takes demands."""
+        """Return True if the axis takes demands."""
         return self.servoed and not self.aborting and not self.locked
 
     def at_rest(self) -> bool:
-        """Tell whether the measured rate is one of rest."""
+        """Return True if the measured rate is one of rest."""
         return abs(self.axis.rate_deg_s()) <= _AT_REST_DEG_S
 
     def close(self) -> None:
@@ -65,7 +65,7 @@ class AclDrive:
         self.closing_at_s = self.clock.now() + _ENABLE_DELAY_S
 
     def close_when_due(self) -> bool:
-        """Close the servo if it is time; return whether it was."""
+        """Close the servo if it is time; return True if it was."""
         if self.closing_at_s is None or self.clock.now() < self.closing_at_s:
             return False
         self.closing_at_s = None

@@ -104,7 +104,7 @@ class AclTable(LineDevice):
         self._advance()
 
     def misread(self, how: Any) -> Callable[[], None]:
-        """Let rate and angle be read wrongly from now on; return what ends it."""
+        """Let rate and angle be read wrongly from now on; return a function that ends it."""
         return self._drive.axis.misread(how)
 
     def adjustments(self) -> Iterable[Adjustment]:

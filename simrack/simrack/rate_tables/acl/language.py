@@ -98,7 +98,7 @@ class BadCommand(Exception):
 
 
 class AclRequest(Struct, frozen=True):
-    """One command of a message: full path (``Demand:Rate`` or ``*IDN``), whether it is a query, its arguments."""
+    """One command of a message: full path (``Demand:Rate`` or ``*IDN``), True if it is a query, its arguments."""
 
     path: str
     query: bool
@@ -272,7 +272,7 @@ def word(text: str, words: tuple[str, ...]) -> str:
 
 
 def switch(arguments: Arguments) -> bool:
-    """Return whether the only argument is ON, and not OFF."""
+    """Return True if the only argument is ON, and not OFF."""
     text = one(arguments).upper()
     if text not in {"ON", "OFF"}:
         raise Refusal(OUT_OF_RANGE)
@@ -280,7 +280,7 @@ def switch(arguments: Arguments) -> bool:
 
 
 def message_count(text: str) -> int:
-    """Return how many messages are wanted: a number, or ALL."""
+    """Return the number of messages that are wanted: a number, or ALL."""
     return 64 if text.upper() == "ALL" else integer(text, 1, 64)
 
 

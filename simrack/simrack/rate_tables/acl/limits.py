@@ -32,7 +32,7 @@ class AxisLimits(Struct, frozen=True):
 
     @property
     def inhibits(self) -> bool:
-        """Whether nothing may change, not even to stop: acceleration or jerk is 0."""
+        """True if nothing may change, not even to stop: acceleration or jerk is 0."""
         return self.acceleration_deg_s2 == 0.0 or self.jerk_deg_s3 == 0.0
 
     def values(self) -> tuple[float, float, float]:

@@ -129,12 +129,12 @@ class Oscillator:
         self._motion.oscillate(self._swing)
 
     def _per_degree(self, frequency_hz: float) -> float:
-        """Return how much of the regulated state a degree of amplitude is."""
+        """Return the share of a degree of amplitude in the regulated state."""
         power = {"Position": 0, "Rate": 1, "Acceleration": 2}[self._setup.amplitude_of]
         return (2 * math.pi * frequency_hz) ** power
 
     def commands(self) -> dict[str, language.Action]:
-        """Return how it can be configured."""
+        """Return the commands that configure it."""
         return self._COMMANDS.bound(self)
 
     def queries(self) -> dict[str, language.Query]:
@@ -195,7 +195,7 @@ class Profiler:
 
     @property
     def regulates_rate(self) -> bool:
-        """Tell whether the present mode follows a demanded rate."""
+        """Return True if the present mode follows a demanded rate."""
         return self.mode in _RATE_MODES
 
     # --- what the mode makes of the demand --------------------------------------------------------------------

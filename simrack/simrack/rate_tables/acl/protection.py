@@ -51,12 +51,12 @@ class Protection:
 
     @property
     def tripped(self) -> bool:
-        """Tell whether anything that is latched has shut the axis down."""
+        """Return True if anything that is latched has shut the axis down."""
         return bool(self.faults or self._latched)
 
     @property
     def faulted(self) -> bool:
-        """Tell whether anything bars the servo from closing."""
+        """Return True if anything bars the servo from closing."""
         return bool(self.faults or self.interlocks)
 
     def broken(self) -> list[str]:
@@ -121,12 +121,12 @@ class Protection:
             self._drive.abort(SOFTWARE_ABORT_BIT)
 
     def _may_trip(self) -> bool:
-        """Whether the rate may be near the trip: no overshoot, ripple or flutter makes up for half of it."""
+        """True if the rate may be near the trip: no overshoot, ripple or flutter makes up for half of it."""
         far_deg_s, motion = 0.5 * self._limits.overall.trip_deg_s, self._motion
         return motion.oscillating or max(abs(motion.goal_deg_s()), abs(motion.profile_rate_deg_s())) > far_deg_s
 
     def _lost(self) -> bool:
-        """Tell whether the tracking error has tripped."""
+        """Return True if the tracking error has tripped."""
         return bool(self.faults >> _TRACKING_BIT & 1)
 
     def _trip_due_s(self) -> float | None:

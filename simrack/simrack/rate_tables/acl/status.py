@@ -60,12 +60,12 @@ class AclStatus:
 
     @property
     def empty(self) -> bool:
-        """Tell whether there is no message."""
+        """Return True if there is no message."""
         return not self._messages
 
     @property
     def full(self) -> bool:
-        """Tell whether the next message drives out the oldest."""
+        """Return True if the next message drives out the oldest."""
         return len(self._messages) == self._messages.maxlen
 
     def refuse(self, code: int, *details: str) -> None:

@@ -115,7 +115,7 @@ def test_the_current_limit_is_met_on_the_way_without_a_jump() -> None:
     assert np.abs(volts - np.minimum(open_v, 2.5)).max() < 1e-5
 
 
-def test_a_load_that_takes_the_voltage_down_discharges_the_capacitor_and_letting_go_charges_it() -> None:
+def test_load_discharges_the_capacitor() -> None:
     """470 uF (guide p. 187) and 5 ohm on the way to 2.5 V; back as a rise at half of the largest current."""
     world, _, talk = bench()
     talk.write("APPL P25V,10,0.5;:OUTP ON")

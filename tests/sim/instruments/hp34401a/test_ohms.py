@@ -226,7 +226,7 @@ def test_on_the_world_a_node_presents_what_hangs_on_it(world: World) -> None:
     assert float(talk.ask("MEAS:RES?") or "nan") == pytest.approx(1 / (1 / pull_down + 1 / 50 + 1 / 100), rel=1e-6)
 
 
-def test_on_the_world_a_free_lead_is_open_and_a_powered_node_is_no_resistor(world: World) -> None:
+def test_free_lead_is_open_and_powered_node_no_resistor(world: World) -> None:
     leads = Leads(world, "multimeter", {"input": "rail_positive"})
     talk = Conversation(Hp34401ATwin(leads, node="input", errors=MeterErrors.none()), world.clock)
     assert float(talk.ask("MEAS:CONT?") or "nan") == pytest.approx(world.parameters.supply.input_ohm, rel=1e-6)

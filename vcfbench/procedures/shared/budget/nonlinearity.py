@@ -82,7 +82,7 @@ class ResidualSpread(Struct, frozen=True):
         return np.flatnonzero(near)
 
     def largest(self) -> LargestResidual:
-        """Return how far the largest of all moves, by trials (JCGM 101) of a fixed seed."""
+        """Return the amount by which the largest of all moves, by trials (JCGM 101) of a fixed seed."""
         rng = np.random.default_rng(0)
         errors = _normal(rng, self.scattered) * np.sqrt(self.dof / rng.chisquare(self.dof, (_TRIALS, 1)))
         errors += _normal(rng, self.normal)

@@ -55,7 +55,7 @@ class Here(Struct, frozen=True):
 
 
 class Moved(NamedTuple):
-    """What other conditions did to a scale factor, ppm, the parts of its uncertainty, and words for each."""
+    """Effect of other conditions on a scale factor, ppm, the parts of its uncertainty, and words for each."""
 
     ppm: float
     parts: tuple[UncertaintyPart, UncertaintyPart]
@@ -76,7 +76,7 @@ class Drift(Change, frozen=True):
     """Limits of its verdict."""
 
     def stated(self) -> Iterator[Value]:
-        """Yield the change, and what of it is held against limits; an E_n is by the U95 of the change."""
+        """Yield the change, and its quantities with limits; an E_n is by the U95 of the change."""
         missing = self.change_ppm.missing
         yield self.change_ppm.called("drift_ppm")
         yield Value("e_n", self.e_n, kind="e_n", missing=missing)
@@ -146,7 +146,7 @@ def drift_of(
 
 
 def _moved(then: Reference, known: KnownDevice, here: Here) -> Moved:
-    """Return what other conditions did to the scale factor since an earlier entry."""
+    """Return the effect of other conditions on the scale factor since an earlier entry."""
     of = known.characteristics or Characteristics()
     then_c, here_c = then.temperature_c, here.temperature_c
     warmer_k = 0.0 if then_c is None or here_c is None else here_c - then_c
@@ -166,7 +166,7 @@ def _moved(then: Reference, known: KnownDevice, here: Here) -> Moved:
 
 
 def _change(scale_factor: Measurand, reference: Reference, known: KnownDevice, here: Here) -> Change:
-    """Return how far `scale_factor` is from that of an earlier entry, other conditions taken off."""
+    """Return the amount by which `scale_factor` is from that of an earlier entry, other conditions taken off."""
     moved = _moved(reference, known, here)
     change = 1e6 * (scale_factor.value / reference.scale_factor_v_per_deg_s.value - 1.0) - moved.ppm
     owners: dict[str, list[UncertaintyPart]] = {}

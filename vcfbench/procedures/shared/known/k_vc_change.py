@@ -67,7 +67,7 @@ class KvcPart(Struct, frozen=True):
 
 
 class KvcChange(Struct, frozen=True):
-    """By how much K_Vc is larger than it was, ppm; `parts` are those of each quantity alone, the largest first.
+    """Amount by which K_Vc is larger than it was, ppm; `parts` are those of each quantity alone, the largest first.
 
     `together_ppm` is what they do beyond their sum. What was not measured both times is in no part.
     """
@@ -159,7 +159,7 @@ def _moved(values: Mapping[str, float], name: str, by: float) -> dict[str, float
 
 
 def temperature_coefficient(known: Characteristics, seen: Collection[str] = ()) -> tuple[Measured, bool]:
-    """Return the temperature coefficient of K_Vc, ppm/K, and whether it rests on measurements.
+    """Return the temperature coefficient of K_Vc, ppm/K, and True if it was measured.
 
     As measured on a table, or else by the closed form from the coefficients of drive frequency, split and Q. What split
     and Q do is left out where they are among those `seen`, which have it.

@@ -76,7 +76,7 @@ def with_temperature(of_output: Mapping[str, float], since: Sequence[Uncertainty
 
 
 def drift_words(known: Sources) -> str:
-    """Say how far K_Vc may drift, and where that is from."""
+    """Say the amount by which K_Vc may drift, and where that is from."""
     key = "k_vc_drift_ppm_per_year"
     return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm a year")
 

@@ -46,7 +46,7 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 
 
 def not_on_bench(by: ScaleFactorBy, station: Station) -> Iterator[InvalidValue]:
-    """Yield the setting `by` where the bench has not what it names."""
+    """Yield the setting `by` if the bench has no instrument for it."""
     if by is ScaleFactorBy.TABLE and station.limits.max_rate_deg_s is None:
         yield InvalidValue("by", "v-vc: the bench has no rate table", by.value)
     if by is ScaleFactorBy.V_VC and station.instruments and "rate_source" not in station.instruments:
@@ -54,7 +54,7 @@ def not_on_bench(by: ScaleFactorBy, station: Station) -> Iterator[InvalidValue]:
 
 
 class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
-    """Settings of procedures that take the scale factor at a level of both signs, and keep what they find."""
+    """Settings of procedures that take the scale factor at a level of both signs, and keep the result."""
 
     by: Annotated[ScaleFactorBy, said("what the scale factor is taken with: V_Vc or the table", option=True)] = (
         ScaleFactorBy.V_VC
@@ -84,7 +84,7 @@ class ScaleFactor(Struct, frozen=True):
 
 
 def tells_scale_factor(settings: AtRestSettings) -> bool:
-    """Tell whether settings or bench file have the scale factor of this gyroscope."""
+    """Return True if settings or bench file have the scale factor of this gyroscope."""
     return settings.scale_factor_v_per_deg_s is not None or settings.expected.scale_factor_v_per_deg_s is not None
 
 

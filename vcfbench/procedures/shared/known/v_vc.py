@@ -48,7 +48,7 @@ A sine of the mains of 50 mV makes a modulator of 1.5 % a volt off by 20 uV."""
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:
-    """Tell whether V_Vc is measured beside the output, by a meter of its own."""
+    """Return True if V_Vc is measured beside the output, by a meter of its own."""
     believed = isinstance(settings, KnownVvcSettings) and settings.v_vc is VvcKnown.SET
     return "v_vc_meter" in settings.station.instruments and not believed
 
@@ -133,7 +133,7 @@ def at_measured_levels(points: Sequence[Point]) -> Sequence[Point]:
 
 
 def mean_levels_v(settings: Sequence[Hashable], points: Sequence[Point]) -> list[float]:
-    """Return V_Vc of each point, V: the mean of what was measured at those with its setting, else as it was set."""
+    """Return V_Vc of each point, V: the mean of the measured values with its setting, else as it was set."""
     seen: dict[Hashable, list[float]] = {}
     for setting, point in zip(settings, points, strict=True):
         if point.v_vc_measured_v is not None:

@@ -82,7 +82,7 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
 def mean_differences(
     points: Sequence[Point], step: int, cycles: int, magnitudes: int
 ) -> tuple[list[Sequence[Point]], list[Block], Floats]:
-    """Return the windows of `step` in blocks, what they give, and the means of that over the cycles, +, -, +, ..., V.
+    """Return the windows of `step` in blocks, their differences, and the means over the cycles, +, -, +, ..., V.
 
     ConfigError: they are not as many as cycles and rates make.
     """

@@ -106,7 +106,7 @@ def groups(walk: Walk) -> Iterator[list[Seen]]:
 
 
 def refused_from(walk: Walk) -> float:
-    """Return how many standard uncertainties a fault must have to be refused with 95 %."""
+    """Return the number of standard uncertainties that a fault must have to be refused with 95 %."""
     return sigmas(walk.dof) - _HALF + _ONE_SIDED
 
 
@@ -177,7 +177,7 @@ def _abscissa(windows: Sequence[Seen]) -> Floats:
 
 
 class _ByVvc(Struct, frozen=True):
-    """What V_Vc, as it was measured, does to the outputs of windows, V."""
+    """Effect of V_Vc, as it was measured, on the outputs of windows, V."""
 
     apart_v: Floats
     """By being apart from its mean at each setting: what the generator does goes out with it."""
@@ -190,7 +190,7 @@ class _ByVvc(Struct, frozen=True):
 
 
 def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
-    """Return what V_Vc does to the outputs; None where no meter is on it."""
+    """Return the effect of V_Vc on the outputs; None without a meter on it."""
     points = [each.point for each in windows]
     measured = np.array([each.v_vc_measured_v is not None for each in points])
     if not measured.any():
@@ -218,7 +218,7 @@ def _free_orders(windows: Sequence[Seen]) -> int:
 
 
 def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) -> Floats:
-    """Return how the outputs may be off the free terms, V^2."""
+    """Return the covariance of the outputs about the free terms, V^2."""
     limits, count = walk.limits, len(windows)
     output = np.array([each.point.output_v for each in windows])
     at_s = np.array([each.middle_s for each in windows])

@@ -1,4 +1,4 @@
-"""What a run cannot see: the smallest step, pulse, ramp and change of gain that its own tests would have refused.
+"""Faults that a run cannot see: the smallest step, pulse, ramp and change of gain that its own tests refuse.
 
 A fault is a pattern in time over all windows of the run. The tests (:mod:`vcfbench.procedures.shared.steady.jumps`) say
 at which size each is refused with 95 %; what it does to a value at that size is how the value moves when the windows
@@ -212,7 +212,7 @@ class _Faults(Struct, frozen=True):
 def _moved(
     course: Course, values: Evaluated, before: Mapping[str, float], by_window: Floats, *, of_v_vc: bool
 ) -> Mapping[str, float]:
-    """Return by how much the values move from those `before` with each window moved by so much, V."""
+    """Return the amount by which the values move from those `before` with each window moved by so much, V."""
     taken = [at for at, place in enumerate(course.places) if place is not None]
     moved, none = by_window[taken], np.zeros(len(taken))
     after = values(none, moved) if of_v_vc else values(moved, none)
@@ -222,7 +222,7 @@ def _moved(
 def _per_volt(
     course: Course, u95: Mapping[str, float], values: Evaluated, before: Mapping[str, float], *, of_v_vc: bool
 ) -> Floats:
-    """Return what a volt more in each window does to each value, (values, windows); 0 of references."""
+    """Return the effect of a volt more in each window on each value, (values, windows); 0 of references."""
     found = np.zeros((len(u95), len(course.windows)))
     taken = {
         at: place

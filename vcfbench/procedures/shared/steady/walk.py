@@ -210,7 +210,7 @@ class Walk(Struct):
             )
 
     def _allowed_v(self, earlier: Seen, latest: Seen) -> float:
-        """Return how far the means of two windows at one setting may be apart, V."""
+        """Return the amount by which the means of two windows at one setting may be apart, V."""
         limits, one, other = self.limits, earlier.point, latest.point
         variance = self.variance_v2 * (1.0 / one.n + 1.0 / other.n) + self.settings.meter_resolution_v**2 / 6.0
         if earlier.table_deg_s:  # the table's own rate, and its ripple

@@ -99,7 +99,7 @@ def _asked(point: Point) -> float:
 
 
 def _x(point: Point) -> float:
-    """Return what the output should follow: V_Vc as it was measured, where it was; else what was asked for."""
+    """Return the input of the output: V_Vc as measured if it was, else the setting."""
     measured_v = point.v_vc_measured_v
     return measured_v if point.step in _DRIVEN and measured_v is not None else _asked(point)
 

@@ -76,7 +76,7 @@ def sweep_found(settings: schedule.SweepSettings, points: Sequence[Point], sweep
 
 
 def _repeatability(settings: schedule.SweepSettings, points: Sequence[Point], sweep: Sweep) -> Iterator[Repeatability]:
-    """Yield how slope and intercept scatter from series to series."""
+    """Yield the scatter of slope and intercept from series to series."""
     size = len(sweep.points) // settings.repeat
     rates = np.array([point.rate_deg_s for point in sweep.points]).reshape(settings.repeat, size)
     outputs = np.array([point.output_v for point in points])

@@ -1,4 +1,4 @@
-"""In which order a calibration visits its rates, where it takes zeros, how long it looks: pure functions of numbers.
+"""Order of the rates of a calibration, places of zeros, lengths of windows: pure functions of numbers.
 
 A drift of the zero reads as scale factor where rate and time go together: in the paper's falling order 1 mV a window is
 0.4 % of the scale factor. In `ABBA` each pair of rates is taken +, -, -, +, which a linear drift leaves as it is.
@@ -137,7 +137,7 @@ def ordered(rates_deg_s: Sequence[float], order: Order) -> tuple[float, ...]:
 
 
 def loop_directions(rates_deg_s: Sequence[float]) -> tuple[int, ...]:
-    """Return how each window of a loop is reached: 1 on a way up, -1 on the way down."""
+    """Return the direction of each window of a loop: 1 on a way up, -1 on the way down."""
     return tuple(direction for direction, way in _loop(rates_deg_s) for _ in way)
 
 
@@ -156,7 +156,7 @@ def visits(series_deg_s: Sequence[float], zeros: Zeros, repeat: int) -> tuple[fl
 
 
 def sweep_words(settings: SweepSettings) -> str:
-    """Say how the rates are visited where it is not the paper's way; empty where it is."""
+    """Return the order of the rates in words if it is not the paper's way; else empty."""
     if settings.as_in_the_paper:
         return ""
     zeros = {

@@ -1,4 +1,4 @@
-"""The windows of a sweep as results see them, the drift of the zeros taken off, and how they vary together.
+"""The windows of a sweep for results, the drift of the zeros subtracted, and their covariances.
 
 What is taken off is a weighted sum of zeros, so a corrected output is a weighted sum of the outputs of all windows. The
 weights go with it, and noise and flicker go through them with all their correlations: neighbours share a zero.
@@ -115,7 +115,7 @@ class OutputSum(Struct, frozen=True):
 
 
 class Flicker(Struct, frozen=True):
-    """The coefficient B of the gyroscope's flicker, deg/h, how well it is known, and where from."""
+    """The coefficient B of the gyroscope's flicker, deg/h, its degrees of freedom, and its source."""
 
     deg_h: float
     dof: float

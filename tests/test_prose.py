@@ -1,0 +1,33 @@
+"""Habits that make prose a riddle are rare, and become rarer: the limits may only be lowered."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+CODE = re.compile(r"^```.*?^```|`[^`]*`|\$[^$]*\$|\]\([^)]*\)", re.MULTILINE | re.DOTALL)
+HABITS = {
+    "a clause as a noun": (r"what", 11.1),
+    "that of": (r"(?:that|those) of", 1.45),
+    "nobody, nothing, none": (r"nobody|nothing|none", 3.9),
+    "where for if": (r"where (?:there|it|a|the|one|no|some|nothing|nobody)", 2.25),
+    "stand, beside, likewise, told": (r"stands?|besides?|likewise|thereby|upon|told|tells", 3.9),
+}
+"""Words of each habit, and how many of a thousand words they may be."""
+
+
+@cache
+def prose() -> str:
+    pages = (page for page in sorted(DOCS.rglob("*.md")) if page.name != "style.md")
+    return "\n".join(CODE.sub(" ", page.read_text(encoding="utf-8")) for page in pages)
+
+
+@pytest.mark.parametrize("habit", HABITS)
+def test_habit_is_rare(habit: str) -> None:
+    words, limit = HABITS[habit]
+    found = len(re.findall(rf"\b(?:{words})\b", prose(), re.IGNORECASE))
+    assert 1000.0 * found / len(re.findall(r"[A-Za-z]+", prose())) <= limit
