@@ -48,10 +48,17 @@ def test_pages_and_commands_and_the_new_bench_file_say_it(model: str, tmp_path: 
     for command in (["bench", "check", "--bench", file], ["run", "power", "--dry-run", "--bench", file]):
         assert f"wiring: {said}\n" in CliRunner().invoke(app, command).stdout
         assert json.loads(CliRunner().invoke(app, [*command, "--json"]).stdout)["wiring"] == said
+    text = (ROOT / "docs" / "howto" / "wiring.md").read_text(encoding="utf-8").replace("**", "")
+    (row,) = (line for line in text.splitlines() if f"| {model} |" in line)
+    assert WIRED[model] in row
+
+
+def test_first_pages_say_that_output_3_is_the_other_way_round() -> None:
     for page in ("README.md", "docs/safety.md"):
-        text = (ROOT / page).read_text(encoding="utf-8").replace("**", "")
-        (row,) = (line for line in text.splitlines() if f"| {model} |" in line and "rail" in line)
-        assert WIRED[model] in row
+        text = " ".join((ROOT / page).read_text(encoding="utf-8").replace("**", "").split()).lower()
+        assert "output 3" in text
+        assert "connected the other way round, its plus terminal to ground" in text
+        assert "howto/wiring.md" in text
 
 
 def test_a_bench_without_a_supply_says_nothing_of_rails() -> None:
