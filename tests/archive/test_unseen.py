@@ -16,9 +16,11 @@ from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
 from vcfbench.cli.conduct import RunOptions, _show
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.shared.steady import jumps
 from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.reports.document import Heading, Text
+from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:
     from vcfbench.archive.run import Run
@@ -124,6 +126,13 @@ def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_
     for begin in case.gaps[8::8]:
         line = case.with_fault("step", 1.5 * step.size, begin, 1.0)
         assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
+
+
+def test_a_noisy_gyroscope_steps_about_rest_and_is_believed() -> None:
+    """Its noise is 2 % of what the steps make."""
+    bench = parse_bench(drawn_bench(4), "noisy")
+    settings = {"at_most_s": 60.0, "samples": 3}
+    assert vcfbench.run("threshold", bench, seed=4, settings=settings, runs=None).status == "complete"
 
 
 def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> None:

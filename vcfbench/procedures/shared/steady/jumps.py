@@ -137,16 +137,16 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
     count = len(windows)
     x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
     output = np.array([each.point.output_v for each in windows])
-    scales = {OFFSET: np.ones(count), GAIN: output}
     by_v_vc = _by_v_vc(windows)
     # The terms that the output may have of any size, a column each
     terms = [x**order for order in range(_free_orders(windows) + 1)]
-    if not walk.settings.smooth:  # what each level gives
-        terms = [np.array([float(each.setting == own) for each in windows]) for own in {e.setting: 0 for e in windows}]
     if ups := sorted({each.up for each in windows if each.up}):  # what gravity does in each position
         terms = [np.array([float(each.up == up) for each in windows]) for up in ups]
     at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
-    if 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
+    if not walk.settings.smooth:  # what each level gives
+        levels = dict.fromkeys(each.setting for each in windows)
+        terms = [np.array([float(each.setting == level) for each in windows]) for level in levels]
+    elif 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
         terms.append(at_zero.astype(float))
     if isinstance(walk.settings, SweepSettings) and walk.settings.order is Order.LOOP:
         way, before = np.zeros(count), 0.0
@@ -160,6 +160,8 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
     if free.shape[1] >= count:
         return []
     covariance = _covariance(walk, windows, x, free)
+    # A gain acts on what the curve has: the noise of outputs would explain itself
+    scales = {OFFSET: np.ones(count), GAIN: free @ np.linalg.lstsq(free, output, rcond=None)[0]}
     if by_v_vc is not None:
         output = output - by_v_vc.apart_v
         covariance += np.diag(np.square(by_v_vc.u_v))
@@ -186,7 +188,7 @@ class _ByVvc(Struct, frozen=True):
     per_v: Floats
     """(n, n), by a volt more read in each window: not measured, a level is the mean of the others at its setting."""
     v_vc: Floats
-    """As it was measured, 0 where it was not."""
+    """As it was measured, the mean at each setting; 0 where it was not."""
 
 
 def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
@@ -207,7 +209,7 @@ def _by_v_vc(windows: Sequence[Seen]) -> _ByVvc | None:
         apart_v=per_v * np.where(measured, v_vc - levels_v, 0.0),
         u_v=per_v * np.array([(each.v_vc_std_v or 0.0) / math.sqrt(each.n) for each in points]),
         per_v=per_v * np.where(measured[:, None], np.eye(len(points)), alike),
-        v_vc=v_vc,
+        v_vc=np.where(measured, levels_v, 0.0),
     )
 
 
