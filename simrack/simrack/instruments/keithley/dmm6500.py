@@ -4,13 +4,15 @@ Source: PyMeasure's driver, whose tests hold replies of a real one (one suite is
 of the Reference Manual (DMM6500-901-01) as a public project quotes them, and other users' code. Unverified: the form
 of numbers but for theirs, error texts, which of the words of the trigger model wait.
 
-Not simulated: the command set TSP (``*LANG`` would count from the next power-on), buffers with readings of their own
+Not simulated: the command set TSP (``*LANG`` would count from the next power-on; its lines are -113, and a ``print`` is
+answered by what is wrong, so that nobody waits), buffers with readings of their own
 (one that is made holds those of defbuffer1), readings that are digitised, the scanner, trigger models but SimpleLoop;
 temperature and capacitance have nothing to measure.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from functools import partial
@@ -237,11 +239,22 @@ _SECONDS = scpi.Number(
     unit="S", limits=lambda meter: scpi.Limits(8.33e-6, 0.25, 0.0166667 if meter.line_hz == 60 else 0.02)
 )
 """MIN, MAX and DEF as PyMeasure's suite for connected devices expects them, at 60 Hz."""
+_TSP = re.compile(rb"\s*[A-Za-z_][\w.\[\]]*\s*[(=]")
+"""Begins a line of TSP, a call or an assignment, and no message of SCPI."""
+_NO_TSP = "TSP is not simulated, the command set is SCPI"
 _STIMULI = ("NONE", "TIMer<1-4>", "NOTify<1-8>", "DISPlay", "COMMand", "EXTernal")
+
+
+def _refuse_tsp(meter: KeithleyDMM6500Twin) -> str:
+    meter.engine.report(scpi.ScpiError(-113, f"Undefined header; {_NO_TSP}"))
+    return _NO_TSP
+
+
 _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
+    scpi.Command("TSP", do=_refuse_tsp, query=_refuse_tsp),
     common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),  # PyMeasure's tests of a real one, QCoDeS' driver
     scpi.attribute(
         "[SENSe:]VOLTage[:DC]:INPutimpedance",
@@ -381,6 +394,12 @@ class KeithleyDMM6500Twin(common.SimulatedKeithley):
     interfaces: ClassVar[Mapping[str, Interface]] = {"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
     command_set: ClassVar = "SCPI"
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take bytes; a line of TSP is told at once that it is not understood."""
+        if _TSP.match(data):
+            data = b"TSP?\n" if b"print" in data else b"TSP\n"
+        super().write(data, end=end)
 
     def identity(self) -> str:
         """Return the reply of a real unit (users' record), but for the model that it stands for."""

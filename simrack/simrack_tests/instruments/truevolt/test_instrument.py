@@ -194,3 +194,12 @@ def test_device_clear_ends_an_infinite_wait(kind: type[SimulatedTruevolt]) -> No
     bench.talk.write("FETC?")
     bench.meter.clear()
     assert bench.talk.ask("*OPC?") == "1"
+
+
+def test_a_line_of_tsp_is_told_at_once_what_is_wrong() -> None:
+    talk = Bench(KeithleyDMM6500Twin).talk
+    assert talk.ask("print(dmm.measure.read())") == "TSP is not simulated, the command set is SCPI"
+    talk.write("dmm.measure.func = dmm.FUNC_DC_VOLTAGE")
+    told = '-113,"Undefined header; TSP is not simulated'
+    assert [str(talk.ask("SYST:ERR?"))[: len(told)] for _ in range(2)] == [told, told]
+    assert str(talk.ask("SYST:ERR?")).startswith("0,")
