@@ -267,6 +267,30 @@ def test_imports_within_functions_are_few() -> None:
     assert 1000.0 * within <= 1.5 * lines
 
 
+def test_nothing_reads_results_by_the_names_of_their_fields() -> None:
+    """What a run found are its values, found by type; one reader of records knows the names of before."""
+    of_mapping = {"values", "items", "keys", "get"}  # of values by name
+    reading = []
+    for path in sorted((ROOT / "vcfbench").rglob("*.py")):
+        if path.relative_to(ROOT / "vcfbench").parts[0] == "procedures" or path.name == "stated.py":
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Attribute(value=ast.Attribute(attr="results"), attr=name) if name not in of_mapping:
+                    found = name
+                case (
+                    ast.Call(func=ast.Name("getattr" | "hasattr"), args=[ast.Attribute(attr="results"), *_])
+                    | ast.Call(func=ast.Name("getattr" | "hasattr"), args=[ast.Name("results"), *_])
+                    | ast.Subscript(value=ast.Name("results"), slice=ast.Constant(str()))
+                    | ast.Subscript(value=ast.Attribute(attr="results"), slice=ast.Constant(str()))
+                ):
+                    found = "by name"
+                case _:
+                    continue
+            reading.append(f"{path.relative_to(ROOT)}:{node.lineno} {found}")
+    assert reading == []
+
+
 def test_every_module_explains_itself() -> None:
     assert [name for name, tree in modules().items() if not ast.get_docstring(tree)] == []
 

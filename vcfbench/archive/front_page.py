@@ -5,7 +5,7 @@ What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to 
 
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import Final
 
 import msgspec
@@ -17,6 +17,7 @@ from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
+from vcfbench.records.stated import left_out
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
 from vcfbench.station.acceptance import Verdict, limit_key
 from vcfbench.values.kinds import limit_words
@@ -174,8 +175,8 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
     over = dict.fromkeys(each.definition.levels_words for each in run.values.values() if each.kind == "scale_factor")
     yield from (f"The scale factor is that of the line over {levels}." for levels in over if levels)
     yield from _limits_of_meters(run)
-    if left_out := [_KEY.sub("", each) for each in _left_out(run)]:
-        yield f"U95 does not contain: {'; '.join(left_out)}."
+    if without := [_KEY.sub("", each) for each in left_out(run.results)]:
+        yield f"U95 does not contain: {'; '.join(without)}."
     if any(each.form == "below" for each in stated):
         yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
     if len(stated) > MOST:
@@ -195,13 +196,6 @@ def _limits_of_meters(run: Run) -> Iterator[str]:
         )
         if not meters.get(role, {}).get("calibration"):
             yield f"Limits of the data sheet of the {name} count as {counted}."
-
-
-def _left_out(run: Run) -> Sequence[str]:
-    """Return the effects that the uncertainties of the results do not contain."""
-    results = None if run.results is None else plain(run.results)
-    stated = results.get("uncertainty") if isinstance(results, dict) else None
-    return (stated.get("not_in_u") or ()) if isinstance(stated, dict) else ()
 
 
 def seal_of(run: Run) -> str | None:

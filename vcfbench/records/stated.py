@@ -1,6 +1,6 @@
 """The values of a run as its results state them, each with unit, uncertainty and form, in their order."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Protocol, runtime_checkable
 
 from vcfbench.errors import ConfigError
@@ -16,6 +16,39 @@ class StatesValues(Protocol):
     def stated(self) -> Iterator[Value | Unstated]:
         """Yield the values, and those that could not be found."""
         ...
+
+
+@runtime_checkable
+class LeavesOut(Protocol):
+    """What says of uncertainties what they do not contain: results, or a statement in them."""
+
+    not_in_u: Sequence[str]
+
+
+@runtime_checkable
+class Refuses(Protocol):
+    """Results that cannot state what a run was for."""
+
+    def refusal(self) -> str:
+        """Say why; nothing where they can."""
+        ...
+
+
+@runtime_checkable
+class InParts(Protocol):
+    """Results that are those of several procedures, each with its name and `results`."""
+
+    parts: Sequence[Any]
+    not_measured: Sequence[Any]
+
+
+def left_out(results: object) -> Sequence[str]:
+    """Return what the uncertainties of results do not contain, as far as they say that."""
+    if isinstance(results, Mapping):  # of a record whose code is not known
+        statement = results.get("uncertainty")
+        return (statement.get("not_in_u") or ()) if isinstance(statement, Mapping) else ()
+    within = (results, *(getattr(results, name) for name in field_names(results) or ()))
+    return next((each.not_in_u for each in within if isinstance(each, LeavesOut)), ())
 
 
 def values_of(results: object) -> dict[str, Value]:

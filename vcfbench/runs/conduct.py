@@ -30,6 +30,7 @@ from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal
 from vcfbench.records.metadata import RunMetadata, equipment_of, metadata_of
 from vcfbench.records.schema import Status
 from vcfbench.records.signing import SigningKey, named_key
+from vcfbench.records.stated import Refuses
 from vcfbench.reports.document import plain_report
 from vcfbench.reports.shielded import Shielded
 from vcfbench.runs.needs import roles_of, with_ambient
@@ -410,8 +411,8 @@ class _UnderWay(Struct):
             words = f"the results could not be worked out: {type(error).__name__}: {error}"
             self.take_error(BenchError(words, hint="the record is whole: vcfbench report makes them of it"))
         else:
-            refusal = getattr(self.evaluation.results, "refusal", None)
-            if callable(refusal) and (why := refusal()):
+            results = self.evaluation.results
+            if isinstance(results, Refuses) and (why := results.refusal()):
                 self.take_error(MeasurementError(why))
 
     def _end(self, journal: Journal, display_lost: str | None) -> None:

@@ -19,7 +19,7 @@ from vcfbench.errors import BenchError
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.schema import Point
-from vcfbench.records.stated import values_of
+from vcfbench.records.stated import InParts, values_of
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
@@ -195,7 +195,8 @@ def _stated(
         lines.append(line)
         points += [] if point is None else [point]
     results = procedure.results(settings, Foreseen(points, lambda: lines, white_v_sqrt_s=gyro.white_v_sqrt_s))
-    parts = [(f"{each.name}.", PROCEDURES[each.name], each.results) for each in getattr(results, "parts", ())]
+    of_parts = results.parts if isinstance(results, InParts) else ()
+    parts = [(f"{each.name}.", PROCEDURES[each.name], each.results) for each in of_parts]
     values, unknown = [], []
     for before, of, found in parts or [("", procedure, results)]:
         unknown += [(before + name, why) for name, why in of.unforeseen.items()]

@@ -32,14 +32,15 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         return turntable_truth(output, rates, earth_deg_s=_earth_deg_s(run))
     if run.procedure in {"kvc", "self-calibration"}:
         return small_signal_truth(true_output(description, at_input=True, rails_v=_rails_v(run)))
-    if not isinstance(run.results, VirtualCoriolisResult):
+    results = run.results
+    if not isinstance(results, VirtualCoriolisResult):
         return {}
     driven = [point for point in run.points if point.step == 4]
     measured = [point.v_vc_measured_v for point in driven]
     levels = [point.v_vc_v if seen is None else seen for point, seen in zip(driven, measured, strict=True)]
-    matched = [run.results.match_rate_deg_s]
-    if isinstance(run.results, NullVirtualCoriolisResult):
-        matched = [pair.rate_deg_s for pair in run.results.pairs]
+    matched = [results.match_rate_deg_s]
+    if isinstance(results, NullVirtualCoriolisResult):
+        matched = [pair.rate_deg_s for pair in results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
     output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
     at_zero = [point.v_vc_measured_v for point in run.points if point.step == 2 and not point.v_vc_v]
