@@ -21,9 +21,9 @@ GENERATORS = {"33220A": (20e6, 20e-3), "33522B": (30e6, 2e-3)}
 SUPPLIES = {"E3631A": E3631A, "E36312A": E36312A}
 
 
-def many(few: int, most: int = 10_000) -> Any:
-    """Return how many numbers are drawn: a few each time; ten thousand, less of what takes long, where all is tried."""
-    return pytest.mark.parametrize("draws", [few, pytest.param(most, marks=pytest.mark.exhaustive)])
+def many(few: int) -> Any:
+    """Return how many numbers are drawn: a few each time, ten thousand where all is tried."""
+    return pytest.mark.parametrize("draws", [few, pytest.param(10_000, marks=pytest.mark.exhaustive)])
 
 
 def drawn() -> Random:
@@ -79,7 +79,7 @@ def test_every_temperature_and_window_of_the_chamber_is_set(draws: int) -> None:
             chamber.set_settled(random.uniform(0.1, 9.9), random.uniform(0.0, 9999.0))
 
 
-@many(50, 2000)
+@many(50)
 @pytest.mark.parametrize("model", SCOPES)
 def test_every_screen_and_trigger_of_an_oscilloscope_is_set(model: str, draws: int) -> None:
     random = drawn()
@@ -93,7 +93,7 @@ def test_every_screen_and_trigger_of_an_oscilloscope_is_set(model: str, draws: i
             scope.acquire(channel)
 
 
-@many(10, 500)
+@many(10)
 @pytest.mark.parametrize("model", METERS)
 def test_every_number_and_interval_of_samples_is_taken(model: str, draws: int) -> None:
     random, wired = drawn(), box(model)

@@ -6,11 +6,14 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from tests.procedures.fakes import CALIBRATIONS, make_settings
-from vcfbench.errors import PlanError
+from vcfbench.errors import MeasurementError, PlanError
+from vcfbench.procedures import turntable
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
+from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.steps import (
@@ -29,11 +32,12 @@ from vcfbench.steps import (
     Settle,
     SetVvc,
     VerifyZero,
+    Window,
 )
 from vcfbench.steps.dry_run import walk
 
 if TYPE_CHECKING:
-    from vcfbench.steps import Step
+    from vcfbench.steps import Plan, Step
 
 K_VC = 40.0
 
@@ -200,6 +204,25 @@ def test_every_window_comes_two_seconds_after_the_last_change(name: str) -> None
             assert settled_s >= 2.0
         elif isinstance(step, SetRate | SetVvc | AwaitRate | EnableVvc | DisableVvc):
             settled_s = 0.0
+
+
+def test_a_lead_that_came_off_ends_a_sweep_at_the_first_pair_of_rates_that_shows_it() -> None:
+    gyro, taken = LinearGyro(K_VC), list[float]()
+    earlier = [Point(1, rate, 0.0, gyro.scale_factor * rate, 1e-5, 10) for rate in (0.0, 10.0)]
+
+    def done(sweep: Plan) -> None:
+        step = next(sweep)
+        while True:
+            result = step.predict(gyro)
+            if isinstance(result, Window) and result.point.step == 3:
+                taken.append(result.point.rate_deg_s)
+                output_v = result.point.output_v if len(taken) == 1 else 0.0
+                result = structs.replace(result, point=structs.replace(result.point, output_v=output_v))
+            step = sweep.send(result)
+
+    with pytest.raises(MeasurementError, match="a lead came off"):
+        done(turntable.table_sweep(make_settings(k_vc_guess_deg_s_per_v=K_VC), 3, earlier))
+    assert taken == [0.0, 200.0, 100.0]
 
 
 def test_keys_name_steps_by_their_parameters() -> None:

@@ -119,7 +119,7 @@ def _turning(samples: Floats, times: Floats, drive_hz: float, start_hz: float) -
         by_frequency = (2j * math.pi * times * phasor * swing).real
         left = samples - basis @ found
         change = _solved(np.column_stack([by_frequency, basis]), left)
-        step = max(-0.5 / length_s, min(0.5 / length_s, float(change[0])))
+        step = float(change[0])
         frequency += step
         if in_step and abs(frequency - start_hz) * length_s > 1.0:
             break
