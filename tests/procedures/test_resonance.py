@@ -98,7 +98,17 @@ def test_a_drive_that_is_not_seen_to_ring_down_has_no_q(run: vcfbench.Run) -> No
     assert found.why_no_drive == "gone at once"
     assert found.split_ring_down_hz.value == pytest.approx(22.0)
     assert found.split_ring_down_hz.parts[0].u == pytest.approx(0.02 / 3**0.5)
-    assert found.sense_q_ring_down.u == pytest.approx(1.0 / 3**0.5)
+    assert found.sense_q_ring_down.u == pytest.approx(1.0 / 3**0.5, rel=1e-5)
+
+
+def test_the_mode_that_measures_is_the_one_near_the_drive_whichever_noise_makes_the_stronger(run: vcfbench.Run) -> None:
+    near, far = (RingingMode(3463.0, 1100.0, 1.0), RingingMode(3338.0, 900.0, 0.2))
+    weak = (structs.replace(far, amplitude_v=1.2, q=901.0), near)
+    decays = [SenseDecay(3485.0, modes) for modes in ((near, far), weak, (near, far))]
+    found = combined(run.results.sweep, decays, [DriveDecay(0.0, 0.0, "gone at once")])
+    assert found.sense_hz.value == pytest.approx(3463.0)
+    assert found.in_phase_hz is not None
+    assert found.in_phase_hz.value == pytest.approx(3338.0)
 
 
 def test_a_board_that_is_dead_at_once_is_an_answer() -> None:

@@ -22,7 +22,7 @@ from vcfbench.procedures.bandwidth import results as band_of
 from vcfbench.procedures.procedure import Procedure, roles
 from vcfbench.procedures.shared import routines
 from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.measurand import as_kept, difference, mean_of_records, measurand, printed
+from vcfbench.procedures.shared.measurand import as_kept, difference, measurand, printed, quality_of
 from vcfbench.procedures.shared.oscilloscope import (
     amplitudes,
     as_expected,
@@ -50,6 +50,8 @@ _FIRST_S = 0.1
 """Time constant that a first record is meant for, before any is known."""
 _BEATS, _LONGEST = 4.0, 8.0
 """Beats with the drive in a record, where that is no more than so many time constants."""
+_SETTLED = 0.5
+"""Share of the time that an output settles in: beyond it there is noise alone, and it rings as the modes do."""
 _ROOM = 5.0
 """Times by which a record may be longer than it need be."""
 _A_PERIOD = 6.0
@@ -262,14 +264,14 @@ def ring_downs(
             found = []
             shown_v = tuple(v * (1 + (each in seen.clipped)) for v, each in zip(shown_v, channels, strict=True))
             continue
-        wanted = _s_per_div(seen, length)
+        wanted = _s_per_div(seen, length, settings.settle_s)
         if not found and wanted and not wanted <= s_per_div <= _ROOM * wanted:
             s_per_div = wanted
             yield steps.ConfigureScope(s_per_div, channels[0])
         elif len(seen.modes) >= modes:
             as_expected(settings, seen.drive_hz)
             found.append(seen)
-        elif not found and tries % _PATIENCE == 0 and s_per_div < _SLOWEST:
+        elif not found and tries % _PATIENCE == 0 and s_per_div < min(_SLOWEST, _SETTLED * settings.settle_s / 10.0):
             s_per_div = one_two_five(_ROOM * s_per_div)
             yield steps.ConfigureScope(s_per_div, channels[0])
         if len(found) == count:
@@ -277,13 +279,14 @@ def ring_downs(
     return found
 
 
-def _s_per_div(seen: SenseDecay, length: float) -> float | None:
-    """Return the time base that fits the ring-down; None if there was none."""
+def _s_per_div(seen: SenseDecay, length: float, settle_s: float) -> float | None:
+    """Return the time base that fits what rang down, not longer than it takes to settle; None where nothing did."""
     if not seen.modes:
         return None
     near = min(seen.modes, key=lambda mode: abs(mode.frequency_hz - seen.drive_hz))
     lasts_s, beat_s = near.q / (math.pi * near.frequency_hz), 1.0 / abs(near.frequency_hz - seen.drive_hz)
-    return min(_SLOWEST, one_two_five(max(length * lasts_s, min(_BEATS * beat_s, _LONGEST * lasts_s)) / 10.0))
+    record_s = max(length * lasts_s, min(_BEATS * beat_s, _LONGEST * lasts_s))
+    return min(_SLOWEST, one_two_five(min(record_s, _SETTLED * settle_s) / 10.0))
 
 
 def rang_down(measured: Measured, count: int, modes: int) -> list[SenseDecay]:
@@ -302,16 +305,17 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
     """Return the resonances by either way; a quantity that was not seen every time is not reported."""
     seen = [found for found in released if not found.trouble]
     drive_hz = frequency_of([found.drive_hz for found in decays])
-    anti_phase = [found.modes[0] for found in decays]
-    in_phase = [found.modes[1] for found in decays if len(found.modes) > 1]
-    split = frequency_of([found.drive_hz - found.modes[0].frequency_hz for found in decays])
-    quality = mean_of_records([mode.q for mode in anti_phase], "")
+    near_first = [sorted(each.modes, key=lambda mode: abs(mode.frequency_hz - each.drive_hz)) for each in decays]
+    anti_phase = [modes[0] for modes in near_first]
+    in_phase = [modes[1] for modes in near_first if len(modes) > 1]
+    split = frequency_of([each.drive_hz - mode.frequency_hz for each, mode in zip(decays, anti_phase, strict=True)])
+    quality = quality_of([mode.q for mode in anti_phase])
     whole, both = len(seen) == len(released), len(in_phase) == len(decays)
     drive_ring_down_hz = frequency_of([found.frequency_hz for found in seen]) if whole else None
     return Resonances(
         drive_hz=drive_hz,
         drive_ring_down_hz=drive_ring_down_hz,
-        drive_q=mean_of_records([found.q for found in seen], "") if whole else None,
+        drive_q=quality_of([found.q for found in seen]) if whole else None,
         why_no_drive=next((found.trouble for found in released if found.trouble), ""),
         sense_hz=frequency_of([mode.frequency_hz for mode in anti_phase]),
         sense_q_ring_down=quality,
@@ -319,7 +323,7 @@ def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[
         split_ring_down_hz=split,
         split_sweep_hz=swept.split_hz,
         in_phase_hz=frequency_of([mode.frequency_hz for mode in in_phase]) if both else None,
-        in_phase_q=mean_of_records([mode.q for mode in in_phase], "") if both else None,
+        in_phase_q=quality_of([mode.q for mode in in_phase]) if both else None,
         e_n_drive_hz=None if drive_ring_down_hz is None else _e_n(drive_hz, drive_ring_down_hz),
         e_n_sense_q=_e_n(quality, swept.q),
         e_n_split=_e_n(split, swept.split_hz),

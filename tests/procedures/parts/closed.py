@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from itertools import pairwise
-from statistics import stdev, variance
+from statistics import fmean, stdev, variance
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +40,13 @@ def scatter_of_decays(run: Run) -> dict[str, float]:
         "drive_ring_down_hz": [each.frequency_hz for each in drive],
         "drive_q": [each.q for each in drive],
     }
-    return {name: _of_mean(values) for name, values in lists.items()}
+    return {name: (_of_quality if "_q" in name else _of_mean)(values) for name, values in lists.items()}
+
+
+def _of_quality(values: Sequence[float]) -> float:
+    """Return u of a quality factor, to the second order of the scatter, by which noise that rings moves it."""
+    share = stdev(values) / fmean(values)
+    return fmean(values) * math.hypot(share / math.sqrt(len(values)), share**2)
 
 
 def scatter_of_phases(run: Run) -> dict[str, float]:

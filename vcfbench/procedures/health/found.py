@@ -15,7 +15,7 @@ from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level
 from vcfbench.procedures.resonance import rang_down
 from vcfbench.procedures.shared import oscilloscope
 from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.measurand import as_kept, mean_of_records, measurand
+from vcfbench.procedures.shared.measurand import as_kept, mean_of_records, measurand, quality_of
 from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
@@ -94,11 +94,11 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     return {
         "drive_hz": oscilloscope.frequency_of([each.drive_hz for each in pairs], scope),
         "split_hz": oscilloscope.frequency_of([each.drive_hz - each.anti_phase.frequency_hz for each in pairs], scope),
-        "q_anti_phase": mean_of_records([each.anti_phase.q for each in pairs], ""),
+        "q_anti_phase": quality_of([each.anti_phase.q for each in pairs]),
         "in_phase_split_hz": oscilloscope.frequency_of(
             [each.drive_hz - each.in_phase.frequency_hz for each in pairs], scope
         ),
-        "q_in_phase": mean_of_records([each.in_phase.q for each in pairs], ""),
+        "q_in_phase": quality_of([each.in_phase.q for each in pairs]),
         "in_phase_share": share,
         "carrier_phase_deg": carrier,
         "demodulator_phase_deg": measurand(reference_deg, "deg", [records, skew]),

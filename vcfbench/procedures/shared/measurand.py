@@ -101,6 +101,17 @@ def mean_of_records(values: Sequence[float], unit: str, *others: UncertaintyPart
     return measurand(fmean(values), unit, [scatter, *others])
 
 
+def quality_of(records: Sequence[float]) -> Measurand:
+    """Return the quality factor of ring-downs: noise moves the rate of each alike up and down, which is 1/Q.
+
+    Noise that rings as the mode does makes their mean rate smaller, by about the square of their relative scatter.
+    """
+    rates = [1.0 / each for each in records]
+    share = stdev(rates) / fmean(rates)
+    u = math.hypot(share / math.sqrt(len(rates)), share**2) / fmean(rates)
+    return measurand(1.0 / fmean(rates), "", [UncertaintyPart("records", u, len(rates) - 1)])
+
+
 def said_of(name: str, found: Measurand) -> str:
     """Return a line: value, unit, standard and expanded uncertainty; `u` also in ppm where a ratio means something."""
     # The share of a bias, whose zero is anywhere, or of what is in ppm itself, means nothing

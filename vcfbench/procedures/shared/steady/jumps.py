@@ -38,7 +38,8 @@ _HIGHEST = 9
 OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN = "V", "of the output", "V of V_Vc", "of V_Vc"
 """Units of faults: volts of the output, shares of it, and the same of V_Vc as it is measured."""
 _HALF = 0.5
-"""Patterns are fewer than comparisons, and each has the noise of many windows: 5.5 is a chance of 2e-6 a run."""
+"""Patterns are fewer than comparisons: 5.5 is a chance of some 5e-5 a run, as that of 200 to 800 independent ones (the
+largest of 400 runs of 60 and of 56 of 105 windows of `kvc`, drawn from their covariances)."""
 _ONE_SIDED = 1.645
 """Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _ANSWERS = 8.0
