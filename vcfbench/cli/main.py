@@ -40,6 +40,7 @@ COMMANDS = {
     "safe": "Stop the table, switch the outputs off, check both.",
     "sim": "Show the simulated bench, make one, serve it.",
     "validate": "Validate the program on this machine.",
+    "article": "Make the paper's numbers, figures and errata again.",
 }
 """Commands in the order of the help, each in the module of its name, which has an `app` with commands or the one.
 
@@ -49,7 +50,7 @@ _GROUPS = {
     "Measure": ("run", "resume", "batch", "panel", "study"),
     "Results": ("report", "compare", "device", "runs", "plot", "page", "analyze"),
     "Bench": ("bench", "talk", "safe"),
-    "Program": ("sim", "validate"),
+    "Program": ("sim", "validate", "article"),
 }
 """Headings of the help, and the commands below each."""
 

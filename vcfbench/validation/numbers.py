@@ -14,23 +14,13 @@ from vcfbench.analysis.regression import fit_line
 from vcfbench.analysis.scale_factor import characterise, compare
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
+from vcfbench.validation import paper
 from vcfbench.validation.check import Found, check, same
 from vcfbench.values.quantile import t_quantile
 from vcfbench.values.verdict import e_n
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-RATES_DEG_S: Final = (200, 100, 50, 20, 10, 5, 2, 1, 0, -1, -2, -5, -10, -20, -50, -100, -200)
-TURNTABLE_V: Final = (
-    *(-2.5536, -1.2970, -0.6690, -0.2925, -0.1672, -0.1043, -0.0666, -0.0541, -0.0418),
-    *(-0.0290, -0.0164, 0.0214, 0.0842, 0.2101, 0.5862, 1.2127, 2.4622),
-)
-VIRTUAL_V: Final = (
-    *(-2.5626, -1.2791, -0.6352, -0.2517, -0.1215, -0.0496, -0.0199, -0.0074, 0.0099),
-    *(0.0187, 0.0313, 0.0661, 0.1309, 0.2509, 0.6300, 1.2645, 2.5359),
-)
-"""Table 1 of Wang, Cao, Shen and Chai, Micromachines 9 (2018), as printed."""
 
 # NIST Statistical Reference Datasets, Norris: x and y of 36 observations
 _NORRIS: Final = (
@@ -49,7 +39,7 @@ _NORRIS: Final = (
     "Wang, Cao, Shen, Chai, Micromachines 9 (2018), table 1 and section 4.2",
 )
 def _paper() -> Found:
-    table, virtual = characterise(RATES_DEG_S, TURNTABLE_V), characterise(RATES_DEG_S, VIRTUAL_V)
+    table, virtual = (characterise(paper.RATES_DEG_S, column) for column in (paper.TURNTABLE_V, paper.VIRTUAL_V))
     came = (
         f"{1e3 * table.line.scale_factor:.2f} and {1e3 * virtual.line.scale_factor:.2f} mV/(deg/s), "
         f"{1e3 * table.line.bias:.2f} and {1e3 * virtual.line.bias:.2f} mV, "

@@ -1,0 +1,57 @@
+"""The paper as one command: every printed number holds, each erratum is shown, and what does not hold is named."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+from msgspec import structs
+from typer.testing import CliRunner
+
+from vcfbench.cli.main import app
+from vcfbench.reports.text import text_of
+from vcfbench.validation import article as module
+from vcfbench.validation.article import Article, Mark, article_report
+from vcfbench.validation.errata import executed
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HOLDS = Mark("section 4.2", "drive", "Hz", 3488.9, 0.05, 3488.93, 0.1)
+
+
+def test_the_printed_table_gives_the_equations_to_their_last_digit() -> None:
+    marks = list(module._equations())
+    assert [(each.what, each.ours) for each in marks if abs(each.ours - each.printed) > each.printed_u95] == []
+    assert len(marks) == 7
+
+
+def test_each_erratum_is_shown_by_its_numbers() -> None:
+    assert [each.where for each in executed() if not each.shown] == []
+
+
+def test_an_erratum_whose_print_is_right_is_not_shown() -> None:
+    right = structs.replace(executed()[0], by_printed=executed()[0].by_correct)
+    assert not right.shown
+
+
+def test_a_number_beyond_both_uncertainties_does_not_hold_and_is_named() -> None:
+    off = structs.replace(HOLDS, ours=3489.2)
+    assert HOLDS.holds
+    assert not off.holds
+    found = Article(1, (HOLDS, off), executed(), {}, 1.0)
+    assert not found.holds
+    assert "Not so: drive." in text_of(article_report(found))
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_command_makes_the_paper_again(seed: int, tmp_path: Path) -> None:
+    page = tmp_path / "article.md"
+    done = CliRunner().invoke(app, ["article", "--seed", str(seed), "--json", "-o", str(page)])
+    answer = json.loads(done.stdout)
+    assert done.exit_code == 0, [each for each in answer["marks"] if abs(each["ours"] - each["printed"]) > 1.0]
+    assert answer["holds"]
+    assert len(answer["marks"]) == 58
+    assert all(name in page.read_text(encoding="utf-8") for name in ("Figure 3", "Figure 6", "Figure 7"))
