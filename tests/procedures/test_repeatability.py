@@ -85,7 +85,9 @@ def physical_output(bench: vcfbench.BenchDescription) -> float:
 def test_true_spread_lies_between_the_limits() -> None:
     """Of 400 samples of seven, drawn here: 95 %, and five standard deviations of that more or less."""
     draw = random.Random(8)  # noqa: S311  # no secret
-    spreads = [_spread([draw.gauss(0.0, 2.0) for _ in range(7)], 0.0, "deg/s") for _ in range(400)]
+    spreads = [
+        _spread("bias_repeatability", [draw.gauss(0.0, 2.0) for _ in range(7)], 0.0, "deg/s") for _ in range(400)
+    ]
     assert 358 <= sum(each.low <= 2.0 <= each.high for each in spreads) <= 400
 
 

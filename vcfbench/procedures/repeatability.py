@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from statistics import fmean, stdev
-from typing import Annotated
+from typing import Annotated, Any
 
 from msgspec import Struct
 
@@ -60,22 +60,18 @@ class SwitchOn(Struct, frozen=True):
     transient_deg_s: float
 
 
-class Spread(Struct, frozen=True):
+class Spread(Value, frozen=True):
     """Standard deviation from switch-on to switch-on, with the limits that hold the true one with 95 %.
 
     `by_noise` is what readings and flicker alone would make.
     """
 
-    value: float
-    low: float
-    high: float
-    by_noise: float
-    unit: str
+    by_noise: float = 0.0
 
-    def called(self, name: str) -> Value:
-        """Return it as a value of a run."""
-        of = f"standard deviation from switch-on to switch-on; noise alone makes {self.by_noise:.2g} {self.unit}"
-        return Value(name, self.value, self.unit, form="interval", low=self.low, high=self.high, kind=name, of=of)
+    def in_results(self) -> dict[str, Any]:
+        """Return it as the results in ``result.json`` have it."""
+        ends = {"low": self.low, "high": self.high}
+        return {"value": self.value, **ends, "by_noise": self.by_noise, "unit": self.unit}
 
 
 class RepeatabilityResult(Struct, frozen=True):
@@ -91,8 +87,8 @@ class RepeatabilityResult(Struct, frozen=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values."""
-        yield self.bias.called("bias_repeatability")
-        yield self.scale_factor.called("scale_factor_repeatability")
+        yield self.bias
+        yield self.scale_factor
         yield titled("turn-on transient", self.turn_on_transient)
 
 
@@ -147,21 +143,22 @@ def results(settings: RepeatabilitySettings, measured: Measured) -> Repeatabilit
     slope = fmean(each.slope for each in found)
     return RepeatabilityResult(
         tuple(found),
-        _spread([each.bias_deg_s for each in found], of_bias, "deg/s"),
-        _spread([1e6 * each.slope / slope for each in found], of_slope, "ppm"),
+        _spread("bias_repeatability", [each.bias_deg_s for each in found], of_bias, "deg/s"),
+        _spread("scale_factor_repeatability", [1e6 * each.slope / slope for each in found], of_slope, "ppm"),
         mean_of_records([each.transient_deg_s for each in found], "deg/s"),
         scale.value,
         scale.source,
     )
 
 
-def _spread(values: Sequence[float], by_noise: float, unit: str) -> Spread:
+def _spread(name: str, values: Sequence[float], by_noise: float, unit: str) -> Spread:
     """Return the standard deviation with its chi-square limits (95 %)."""
     from scipy.special import chdtri  # noqa: PLC0415  # SciPy takes longer to import than all else
 
     dof, found = len(values) - 1, stdev(values)
     low, high = (found * math.sqrt(dof / float(chdtri(dof, tail))) for tail in (0.025, 0.975))
-    return Spread(found, low, high, by_noise, unit)
+    of = f"standard deviation from switch-on to switch-on; noise alone makes {by_noise:.2g} {unit}"
+    return Spread(name, found, unit, form="interval", low=low, high=high, kind=name, of=of, by_noise=by_noise)
 
 
 def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: RepeatabilityResult) -> Report:

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.column import CalibrationColumn, FittedValue
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.measurand import stated_cells
+from vcfbench.procedures.shared.measurand import printed
 from vcfbench.procedures.shared.sweep.found import SweepFound
 from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
@@ -127,7 +127,7 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     lines, names = [], {each.name for each in statement.values}
     for each in statement.values:
         words = named(each.name, each.unit).words
-        value, u, u95 = stated_cells(each.value, each.u, each.u95)
+        value, u, u95 = printed(each)
         rows.append((words, value, u95, u, each.coverage_factor, each.unit, each.of + incomplete(each.missing)))
         if f"{each.name}_deg_s" in names:  # a bias has its contributions once, as a rate
             continue
@@ -140,12 +140,9 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
             of = "" if place else words
             lines.append((of, cause, each.u * math.sqrt(share), each.unit, 100.0 * share))
     for bound in statement.bounds:
-        words, of = bound.named.words, bound.of.rpartition("; ")[2]
-        if bound.value is not None and bound.u and bound.u95:
-            cells = stated_cells(bound.value, bound.u, bound.u95)
-            rows.append((words, cells[0], cells[2], cells[1], bound.coverage_factor, bound.unit, of))
-        else:
-            rows.append((words, bound.figure(), None, None, None, bound.unit, of))
+        value, u, u95 = printed(bound)
+        of = bound.of.rpartition("; ")[2]
+        rows.append((bound.named.words, value, u95, u, bound.coverage_factor, bound.unit, of))
     ratio = "" if statement.e_n is None else f"E_n of the two methods {statement.e_n:.3g} (above 1 they disagree)\n"
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),

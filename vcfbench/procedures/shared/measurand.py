@@ -23,8 +23,10 @@ def as_kept(found: Measurand) -> Measured:
     return Measured(value=found.value, u=found.u, dof=found.dof, shares=shares, missing=found.missing)
 
 
-def printed(found: Measurand) -> tuple[Cell, Cell, Cell]:
-    """Return value, u and U95 as they are printed."""
+def printed(found: Value) -> tuple[Cell | str, Cell | None, Cell | None]:
+    """Return value, u and U95 as they are printed; what is stated otherwise in its form."""
+    if found.value is None or found.u is None or found.u95 is None:
+        return found.figure(), None, None
     return stated_cells(found.value, found.u, found.u95)
 
 
@@ -130,16 +132,8 @@ def quantity_table(quantities: Mapping[str, Measurand], title: str = "") -> Tabl
 
 def value_table(values: Iterable[Value | Unstated], title: str = "") -> Table:
     """Return a table of the values that results state, each in its form."""
-    rows: list[tuple[Cell | str | None, ...]] = []
-    for each in values:
-        if isinstance(each, Unstated):
-            continue
-        parts = made_of(each)
-        words = each.named.words
-        if each.value is None or each.u is None or each.u95 is None:
-            rows.append((words, each.figure(), None, None, each.unit, parts))
-        else:
-            rows.append((words, *stated_cells(each.value, each.u, each.u95), each.unit, parts))
+    found = [each for each in values if isinstance(each, Value)]
+    rows = [(each.named.words, *printed(each), each.unit, made_of(each)) for each in found]
     return Table(heads("<quantity | value:.6g | u:.2g | U95:.2g | <unit | <u is made of"), rows, title)
 
 
