@@ -9,6 +9,7 @@ Equations become MathML, which browsers show without a script.
 
 from __future__ import annotations
 
+import csv
 import posixpath
 import re
 import sys
@@ -45,6 +46,8 @@ PAGES = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "RELEASING.md", "experi
 FOLDERS = ("examples", "simrack/docs", "simrack/examples")
 EXAMPLES = {".ipynb", ".md", ".py", ".toml", ".csv", ".xml"}
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:|#)([^)#\s]+)")
+FIGURES = re.compile(r"^\[([\w-]+\.csv)\]\(\1\)$", re.MULTILINE)
+"""A link alone on its line to a table of figures, which the site shows in its place."""
 FENCE = re.compile(r"^(```\w+) \w+$", re.MULTILINE)
 """What stands behind a block's language (`sh hardware`) is for the tests."""
 
@@ -71,7 +74,15 @@ def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(home), link[1]))
         return posixpath.relpath(target.removeprefix("docs/"), posixpath.dirname(source) or ".")
 
-    return FENCE.sub(r"\1", LINK.sub(turned, markdown))
+    shown = FIGURES.sub(lambda link: table_of(ROOT / posixpath.dirname(home) / link[1]), markdown)
+    return FENCE.sub(r"\1", LINK.sub(turned, shown))
+
+
+def table_of(path: Path) -> str:
+    """Return a file of comma-separated values as a table."""
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = csv.reader(file)
+    return "\n".join(f"| {' | '.join(row)} |" for row in (head, ["---"] * len(head), *rows))
 
 
 def on_page_content(html: str, **_: object) -> str:
