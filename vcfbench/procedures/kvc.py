@@ -152,6 +152,15 @@ _HOLDS_NOT = (
     "lack of fit of the curve: reported apart, and no uncertainty",
 )
 
+
+def _holds_not(settings: KVcSettings) -> Iterator[str]:
+    """Yield what no uncertainty of K_Vc contains."""
+    for each in _HOLDS_NOT:
+        yield each if settings.rails else each.replace("the rails", "its own supply")
+    for gap in settings.station.sources.gaps():
+        yield f"MISSING {gap.words}"
+
+
 _FAR_DAYS = 365_000.0
 """No certificate dates a U95 later than that: a thousand years."""
 
@@ -221,10 +230,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         bias_deg_s=quotient(bias, scale_factor, "deg/s", "bias_at_rest_deg_s"),
         noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
-        holds_not=(
-            *(each if settings.rails else each.replace("the rails", "its own supply") for each in _HOLDS_NOT),
-            *(f"MISSING {gap.words}" for gap in settings.station.sources.gaps()),
-        ),
+        holds_not=tuple(_holds_not(settings)),
     )
 
 

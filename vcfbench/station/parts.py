@@ -47,6 +47,15 @@ class RailWiring(BenchFileTable, frozen=True, kw_only=True):
     negative: SupplyOutput = "N25V"
 
 
+class RailSettings(Struct, frozen=True):
+    """One rail of the PCB: its name, the supply output that feeds it, level (V) and current limit (A)."""
+
+    rail: str
+    output: str
+    voltage_v: float
+    current_limit_a: float
+
+
 class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
     """Node of the PCB at each oscilloscope channel."""
 

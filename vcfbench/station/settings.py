@@ -42,15 +42,6 @@ class Match(Enum):
     ABSOLUTE = "absolute"
 
 
-class RailSettings(Struct, frozen=True):
-    """One rail of the PCB: its name, the supply output that feeds it, level (V) and current limit (A)."""
-
-    rail: str
-    output: str
-    voltage_v: float
-    current_limit_a: float
-
-
 class Limit(Struct, frozen=True):
     """A result, by its key in the bench file's ``[acceptance]``, passes from `low` to `high`, both included.
 
@@ -370,15 +361,13 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return self.start_up_s
 
     @property
-    def rails(self) -> tuple[RailSettings, ...]:
+    def rails(self) -> tuple[parts.RailSettings, ...]:
         """Settings of the rails; none where the bench has no supply and the device feeds itself."""
         if self.station.instruments and "power" not in self.station.instruments:
             return ()
         wiring, limit_a = self.station.rails, self.rail_current_limit_a
-        return (
-            RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a),
-            RailSettings("negative", wiring.negative, self.negative_rail_v, limit_a),
-        )
+        positive = parts.RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a)
+        return positive, parts.RailSettings("negative", wiring.negative, self.negative_rail_v, limit_a)
 
     @property
     def rails_v(self) -> tuple[float, float] | None:
