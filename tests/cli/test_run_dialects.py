@@ -81,12 +81,6 @@ def test_a_dialect_that_there_is_not(tmp_path: Path) -> None:
     assert "rate_table.dialect: expected a text: one of acl, aaaa, atl, dd16, esp" in " ".join(result.output.split())
 
 
-def test_the_documentation_shows_the_example() -> None:
-    root = Path(__file__).parents[2]
-    table = (root / "examples" / "own-table" / "table.toml").read_text(encoding="utf-8")
-    assert f"```toml\n{table}```" in (root / "docs" / "rate-tables.md").read_text(encoding="utf-8")
-
-
 def test_the_documentation_names_every_dialect_and_key() -> None:
     text = (Path(__file__).parents[2] / "docs" / "rate-tables.md").read_text(encoding="utf-8")
     parts = [
