@@ -150,23 +150,18 @@ def _column(done: Run, step: int, name: str, fitted: ScaleFactorResult, printed_
     rates = np.array(paper.RATES_DEG_S, float) / max(paper.RATES_DEG_S)
     left_v = np.array(printed_v) - np.polyval(np.polyfit(rates, printed_v, 3), rates)
     scatter_v = math.sqrt(float(left_v @ left_v) / (len(printed_v) - 4))
+    points = {round(point.rate_deg_s): point for point in done.points if point.step == step}
+    ours = characterise(paper.RATES_DEG_S, [points[rate].output_v for rate in paper.RATES_DEG_S])
     yield Mark(
         *("section 4.2", f"non-linearity by {name}", "ppm", fitted.nonlinearity_ppm["max_span_rounded"] or 0.0),
-        *(2e6 * scatter_v / (max(printed_v) - min(printed_v)), _span_ppm(done, name), 0.0),
+        *(2e6 * scatter_v / (max(printed_v) - min(printed_v)), ours.nonlinearity_ppm["max_span_rounded"] or 0.0, 0.0),
     )
-    points = {round(point.rate_deg_s): point for point in done.points if point.step == step}
     for rate_deg_s, volts in zip(paper.RATES_DEG_S, printed_v, strict=True):
         point = points[rate_deg_s]
         yield Mark(
             *("table 1", f"{name} at {rate_deg_s:g} deg/s", "mV", 1e3 * volts, 2e3 * line.s_v),
             *(1e3 * point.output_v, 2e3 * point.std_v / math.sqrt(point.n)),
         )
-
-
-def _span_ppm(done: Run, name: str) -> float:
-    """Return the non-linearity of a column as the paper has it: of its span, about the line with rounded numbers."""
-    of = {"turntable": done.results.turntable, "virtual": done.results.virtual}
-    return float(of[name].nonlinearity_ppm.max_span_rounded)
 
 
 def _modes(done: Run) -> Iterator[Mark]:
@@ -193,9 +188,12 @@ def _record(done: Run) -> Iterator[Mark]:
     """Yield noise and bias stability of section 4.2; the latter is the least Allan deviation, most likely."""
     noise = done.values["angle_random_walk"]
     yield _measured("section 4.2", "angle random walk", "deg/sqrt(h)", (0.21, 0.005), noise)
-    least = min(done.results.allan_deg_h, key=lambda row: row.corrected)
-    either_way = 0.5 * (least.high - least.low) / least.observed * least.corrected
-    yield Mark("section 4.2", "bias stability, least Allan deviation", "deg/h", 3.7, 0.05, least.corrected, either_way)
+    (figure,) = (part for part in done.report().parts if isinstance(part, Figure) and part.title.startswith("Allan"))
+    as_read, gapless = figure.series[:2]
+    least = int(np.argmin(gapless.y))
+    low, high = as_read.low or as_read.y, as_read.high or as_read.y
+    either_way = 0.5 * (high[least] - low[least]) / as_read.y[least] * gapless.y[least]
+    yield Mark("section 4.2", "bias stability, least Allan deviation", "deg/h", 3.7, 0.05, gapless.y[least], either_way)
 
 
 _MARKS: Final[Mapping[str, Callable[[Run], Iterator[Mark]]]] = {
