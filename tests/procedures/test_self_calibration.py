@@ -496,7 +496,7 @@ def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
     where = ["--runs", str(tmp_path / "runs"), "--devices", settings["devices"], "--dut", "G-1", "--quiet"]
     sets = ["--set", "cycles=1", "--set", "samples=5", "--set", "virtual_rates_deg_s=[20,100,200]"]
     command = ["run", "self-calibration", "--bench", "examples/field-bench.toml", "--seed", "3", *where, *sets]
-    text = CliRunner().invoke(app, command)
+    text = CliRunner().invoke(app, [*command, "-v"])
     assert text.exit_code == 0, text.output
     assert "drift since certificate 0001" in text.stdout
     assert "0002.json" in text.stdout

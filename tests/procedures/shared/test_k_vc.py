@@ -204,7 +204,7 @@ def test_the_leads_are_moved_where_there_is_one_meter() -> None:
 def test_the_command_prints_where_the_certificate_is(tmp_path: Path) -> None:
     sets = [word for key, value in QUICK.items() for word in ("--set", f"{key}={json.dumps(value)}")]
     where = ["--runs", str(tmp_path / "runs"), "--devices", str(tmp_path / "devices"), "--dut", "G-7"]
-    answer = CliRunner().invoke(app, ["run", "kvc", "--bench", "lab", "--seed", "2", "--quiet", *where, *sets])
+    answer = CliRunner().invoke(app, ["run", "kvc", "-v", "--bench", "lab", "--seed", "2", "--quiet", *where, *sets])
     assert answer.exit_code == 0, answer.output
     assert f"device: {tmp_path / 'devices' / 'G-7' / '0001.json'}" in answer.stdout
     assert "uncertainty of K_Vc" in answer.stdout
