@@ -108,6 +108,9 @@ def run(command: str, folder: Path, *, fresh: bool = False) -> str:
     `fresh` is in an interpreter of its own, which finds what was installed meanwhile.
     """
     words = shlex.split(f"python -m {command}" if fresh and command.startswith("vcfbench ") else command)
+    if words[:2] == ["cp", "-r"]:
+        shutil.copytree(folder / words[2], folder / words[3], dirs_exist_ok=True)
+        return ""
     target = folder / words.pop() if ">" in words else None
     if target is not None:
         assert words.pop() == ">"
@@ -185,11 +188,12 @@ def assert_in_order(expected: list[str], printed: str, *, exact: bool) -> None:
         assert any(re.fullmatch(pattern, each) for each in remaining), f"{line!r} is not printed there:\n{printed}"
 
 
-def test_the_package_of_the_tutorial_is_that_of_the_examples() -> None:
-    written = {block.title: block.body for block in blocks(TUTORIALS / "own-instrument.md") if block.title}
+def test_excerpts_of_the_tutorial_are_in_the_example() -> None:
     project = ROOT / "examples" / "own-instrument"
-    files = {path for path in project.rglob("*") if path.suffix in {".py", ".toml"}}
-    assert written == {path.relative_to(project).as_posix(): path.read_text(encoding="utf-8") for path in files}
+    files = [path.read_text(encoding="utf-8") for path in project.rglob("*") if path.suffix in {".py", ".toml"}]
+    excerpts = [block.body for block in blocks(TUTORIALS / "own-instrument.md") if block.info == "text"]
+    assert len(excerpts) >= 6
+    assert [each for each in excerpts if not any(each in text for text in files)] == []
 
 
 UNBROKEN = re.compile(r"(?:`[^`]*`|\$[^$]+\$|\S)+")
