@@ -49,9 +49,9 @@ KINDS: dict[str, dict[str, float]] = {
 
 def gyroscope(kind: str, procedures: list[str]) -> Line:
     """Return the line of a gyroscope; its records are taken away."""
-    changed = DataSheet(**{**SHEET, **KINDS[kind]})
-    q = max(changed.q_sense, 3.0 * changed.drive_hz / abs(changed.split_hz))
-    sheet = DataSheet(**{**SHEET, **KINDS[kind], "q_sense": q})
+    figures, usual = {**SHEET, **KINDS[kind]}, DataSheet()
+    peak = 3.0 * figures.get("drive_hz", usual.drive_hz) / abs(figures.get("split_hz", usual.split_hz))
+    sheet = DataSheet(**figures, q_sense=max(usual.q_sense, peak))
     bench, before = parse_bench(own_gyro_bench(sheet, "kind", imperfections=True), "kind"), Path.cwd()
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as directory:
         os.chdir(directory)  # what is known of the device is kept here
