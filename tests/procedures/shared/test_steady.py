@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tracemalloc
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from vcfbench.procedures.shared.steady.jumps import (
     note,
     require_no_jump,
 )
-from vcfbench.procedures.shared.steady.walk import Limits, Walk
+from vcfbench.procedures.shared.steady.walk import Limits, Seen, Walk
 from vcfbench.procedures.shared.sweep.schedule import Order, Zeros
 from vcfbench.records.schema import Point
 from vcfbench.station.parts import Expected
@@ -55,6 +56,21 @@ def walked(added_v: NDArray[np.float64], rates: Sequence[float] = RATES, **setti
 
 def test_a_gyroscope_that_is_not_straight_is_believed() -> None:
     require_no_jump(walked(np.zeros(len(RATES))))
+
+
+@pytest.mark.parametrize(("apart_s", "moved_v", "believed"), [(20.0, 2e-3, False), (600.0, 2e-3, True)])
+def test_windows_of_one_setting_may_differ_by_the_warm_up_between_them(
+    apart_s: float, moved_v: float, *, believed: bool
+) -> None:
+    """10 mV with 300 s from the first window on: 0.6 mV in the first 20 s, 8.6 mV in 600 s."""
+    settings = make_settings(station=Station(meter_resolution_v=1e-5, sources=KNOWN))
+    limits = replace(Limits.of(settings), warm_up_v=1e-2, warm_up_s=300.0, flicker_v=0.0, wander_v=0.0)
+    walk = Walk(settings, limits)
+    for at_s, output_v in ((1800.0, 0.0), (1800.0 + apart_s, moved_v)):
+        point, ends_s = Point(1, 0.0, 0.0, output_v, 1e-5, 10), at_s + 10.0
+        walk.add(Seen(point, driven=False, rails_v=(), table_deg_s=0.0, reference=False, begin_s=at_s, end_s=ends_s))
+    with nullcontext() if believed else pytest.raises(MeasurementError, match="V apart"):
+        walk.require_same(walk.windows[-1])
 
 
 def by_columns(walk: Walk) -> float:
