@@ -9,7 +9,7 @@ largest, in standard uncertainties, decides.
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from msgspec import Struct
@@ -108,12 +108,17 @@ def groups(walk: Walk) -> Iterator[list[Seen]]:
 
 def refused_from(walk: Walk) -> float:
     """Return the number of standard uncertainties that a fault must have to be refused with 95 %."""
-    return sigmas(walk.dof) - _HALF + _ONE_SIDED
+    return _most(walk) + _ONE_SIDED
+
+
+def _most(walk: Walk) -> float:
+    """Return how many the largest pattern may have: without a curve levels are visited very often."""
+    return sigmas(walk.dof) + (-_HALF if walk.settings.smooth else _HALF)
 
 
 def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
     found = largest_jump(walk, windows)
-    return found if found is not None and abs(found.sigmas) > sigmas(walk.dof) - _HALF else None
+    return found if found is not None and abs(found.sigmas) > _most(walk) else None
 
 
 def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
@@ -234,6 +239,8 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
         by_rate.setdefault(abs(each.table_deg_s), []).append(each.point.std_v**2)
     scatter = [max(walk.variance_v2, math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v)) for each in windows]
     own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
+    if not walk.settings.smooth:
+        own = np.maximum(own, _between_v2(windows))
     at_rate = np.array([float(each.table_deg_s != 0.0) for each in windows])
     of_table = (at_rate * limits.table_rate * (slope_v * np.abs(x))) ** 2 / 3.0
     placed_v = [limits.of_placing_v(output.tolist()) if each.up else 0.0 for each in windows]
@@ -265,6 +272,18 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
             per_v = slope_v / max(1e-9, float(np.abs(level_v).max()))
             total += per_v**2 * known_levels(points, settings.station.sources).covariance_v2(level_v)
     return np.asarray(total + np.eye(count) * 1e-18)
+
+
+def _between_v2(windows: Sequence[Seen]) -> float:
+    """Return the variance of means by the differences of successive ones at one level, V^2: a step moves one of them.
+
+    Readings that are not independent scatter less than their means do.
+    """
+    levels: dict[Any, list[float]] = {}
+    for each in windows:
+        levels.setdefault(each.setting, []).append(each.point.output_v)
+    apart = np.concatenate([np.diff(own) for own in levels.values()])
+    return 0.5 * float(np.mean(apart**2)) if apart.size else 0.0
 
 
 def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
