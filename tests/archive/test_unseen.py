@@ -19,6 +19,9 @@ from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.shared.steady import jumps
 from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
+from vcfbench.procedures.shared.steady.unseen import Course, _probes
+from vcfbench.procedures.shared.steady.walk import Seen
+from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
 from vcfbench.testing.gyroscopes import drawn_bench
 
@@ -133,6 +136,31 @@ def test_a_noisy_gyroscope_steps_about_rest_and_is_believed() -> None:
     bench = parse_bench(drawn_bench(4), "noisy")
     settings = {"at_most_s": 60.0, "samples": 3}
     assert vcfbench.run("threshold", bench, seed=4, settings=settings, runs=None).status == "complete"
+
+
+@pytest.mark.parametrize(("settings", "visits", "most"), [(1, 300, 40), (20, 9, 60), (300, 1, 40), (1000, 1, 9)])
+def test_a_long_run_is_evaluated_some_dozen_times(settings: int, visits: int, most: int) -> None:
+    seen = [
+        Seen(
+            Point(1, float(rate), 0.0, 0.0, 0.0, 2),
+            driven=False,
+            rails_v=(),
+            table_deg_s=float(rate),
+            reference=False,
+            begin_s=0.0,
+            end_s=1.0,
+        )
+        for rate in list(range(settings)) * visits
+    ]
+    course = Course(tuple(seen), tuple(range(len(seen))), ())
+    together = _probes(course, list(range(len(seen))))
+    assert sorted(at for each in together for at in each) == list(range(len(seen)))
+    assert len(together) <= most
+    spread = max(
+        max(each.point.rate_deg_s for each in own) - min(each.point.rate_deg_s for each in own)
+        for own in ([seen[at] for at in each] for each in together)
+    )
+    assert spread <= len(seen) / len(together) if visits == 1 else spread == 0.0
 
 
 def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> None:

@@ -36,6 +36,10 @@ _PROBE_V = 1e-6
 """By how much a window is moved to see what it does: values are as good as linear in it."""
 _MOST_PROBES = 32
 """Evaluations at most; of more windows neighbours at one setting are moved together."""
+_MANY, _FEW_PROBES = 640, 8
+"""From so many windows on so few: an evaluation takes time with their square."""
+_MOST_SETTINGS = 64
+"""More settings than that are moved with their neighbours."""
 
 
 Evaluated: TypeAlias = Callable[[Floats, Floats], Mapping[str, float]]
@@ -243,9 +247,14 @@ def _per_volt(
 
 
 def _probes(course: Course, taken: Sequence[int]) -> list[list[int]]:
-    """Return which windows are moved together: neighbours in time at one setting, where there are very many."""
-    size = math.ceil(len(taken) / _MOST_PROBES)
+    """Return which windows are moved together: neighbours in time at one setting, where there are very many.
+
+    Of very many settings neighbouring ones.
+    """
+    size = math.ceil(len(taken) / (_MOST_PROBES if len(taken) < _MANY else _FEW_PROBES))
     alike: dict[Any, list[int]] = {}
     for at in taken:
-        alike.setdefault((course.windows[at].setting, course.windows[at].point.step), []).append(at)
+        alike.setdefault((course.windows[at].point.step, course.windows[at].setting), []).append(at)
+    if len(alike) > _MOST_SETTINGS:
+        alike = {None: [at for level in sorted(alike) for at in alike[level]]}
     return [each[at : at + size] for each in alike.values() for at in range(0, len(each), size)]
