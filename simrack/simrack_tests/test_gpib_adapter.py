@@ -15,9 +15,11 @@ from simrack.clock import VirtualClock
 from simrack.gpib_adapter import GpibAdapter
 from simrack.plan import plan_of
 from simrack.rack import Rack
+from simrack.serve import Control, ControlError
 from simrack.serve.raw import has_ptys
 
 from simrack_tests.cells import few
+from simrack_tests.test_rack import serving
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -179,6 +181,14 @@ def test_in_ones_own_process_they_are_on_gpib_and_behind_the_adapter() -> None:
     meter: Any = manager.open_resource("GPIB0::22::INSTR")
     assert meter.query("*IDN?") == IDENTITIES[22]
     manager.close()
+
+
+def test_what_goes_wrong_on_the_wire_is_the_adapters() -> None:
+    with serving("34401A:gpib22") as server, Control(server.control.port) as control:
+        with pytest.raises(ControlError, match="34401A is on no wire of its own, 'silent' is one of its adapter's"):
+            control.request("fault", instrument="34401A", kind="silent")
+        control.request("fault", instrument="34401A", kind="overload")
+        control.request("fault", instrument="gpib", kind="silent")
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,7 @@ class ServedFaults:
         listeners: the sockets on which each instrument takes connections.
         passage: bench time.
         script: what goes wrong from the start, and the seed of the noise.
+        apart: those that are on no wire of their own.
     """
 
     def __init__(
@@ -36,8 +37,10 @@ class ServedFaults:
         listeners: Mapping[str, Sequence[Listener]],
         passage: AttendedPassage,
         script: FaultScript,
+        apart: frozenset[str] = frozenset(),
     ) -> None:
         self._instruments = instruments
+        self._apart = apart
         self._listeners = listeners
         self._passage = passage
         self._script = script
@@ -91,6 +94,11 @@ class ServedFaults:
     def _require_possible(self, fault: Fault) -> None:
         require_roles(self._instruments, [fault.instrument], "fault")
         require_possible(self._instruments[fault.instrument].device, fault)
+        on_wire = spoils(fault) or fault.kind in {*CUTTING, *UNREACHABLE, "power_cycle"}
+        if on_wire and fault.instrument in self._apart:
+            raise ValueError(
+                f"fault: {fault.instrument} is on no wire of its own, {fault.kind!r} is one of its adapter's"
+            )
 
     def _plan(self, fault: Fault) -> None:
         def begin() -> None:

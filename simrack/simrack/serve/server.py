@@ -160,7 +160,8 @@ class BenchServer:
         self._open.callback(self.loop.close)
         try:
             require_roles(self.instruments, self.settings.offers, "offer")
-            self.faults = ServedFaults(self.instruments, self._listeners, self.passage, self.settings.faults)
+            apart = frozenset(role for role in self.instruments if not self.offered(role))
+            self.faults = ServedFaults(self.instruments, self._listeners, self.passage, self.settings.faults, apart)
             self._open.callback(self.faults.close)
             self._listen()
         except BaseException:
