@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain, groupby
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -17,12 +17,6 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.values.kinds import named
-from vcfbench.values.value import Value
-
-_OF_FITS: Final = frozenset(
-    ("type_a", "polynomial", "s_v", "dof", "coverage_factor", "u95_fit_ppm", "covariance", "durbin_watson", "sign_runs")
-)
-"""Statistics of a fit, by their names in results: programs get them, people compare what comes of them."""
 
 
 class SharedResult(Struct, frozen=True):
@@ -105,7 +99,8 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
             kind = type(each).__name__
             raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
     require_comparable(len(runs))
-    of_each, seen = [_compared(run) for run in runs], [Compared(run) for run in runs]
+    seen = [Compared(run) for run in runs]
+    of_each = [{name: each for name, each in run.values.items() if each.value is not None} for run in runs]
     known = cache(partial(Coefficients.kept, runs, devices))
     results, others, cancelled = [], [], list[str]()
     for name, first in of_each[0].items():
@@ -147,24 +142,6 @@ def require_comparable(count: int) -> None:
     """Refuse more runs than there are letters for, and fewer than two."""
     if not 2 <= count <= 26:
         raise ConfigError(f"expected 2 to 26 runs to compare, came {count}")
-
-
-def _compared(run: Run) -> dict[str, Value]:
-    """Return the values of a run that have a number, and then every other number of its results, by name."""
-    stated = {name: each for name, each in run.values.items() if each.value is not None}
-    results = plain(run.results)
-    numbers = _numbers(results, "") if isinstance(results, dict) else ()
-    return stated | {name: Value(name, number) for name, number in numbers if name not in stated}
-
-
-def _numbers(values: Mapping[str, Any], before: str) -> Iterator[tuple[str, float]]:
-    """Yield numbers by name, going down into what is nested by names; lists and quantities are left out."""
-    for key, value in values.items():
-        name = f"{before}{key}"
-        if isinstance(value, int | float) and not isinstance(value, bool):
-            yield name, float(value)
-        elif isinstance(value, dict) and "value" not in value and key != "uncertainty":
-            yield from _numbers(value, f"{name}.")
 
 
 def _name(run: Run) -> str:
@@ -237,11 +214,7 @@ def _results_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator
     if comparison.of_others:
         yield Text("\n  ".join(["Not compared:", *comparison.of_others]))
     names = {_named(each) for each in known}
-    unknown = [
-        each
-        for each in comparison.results
-        if each not in known and _named(each) not in names and not _OF_FITS.intersection(each.name.split("."))
-    ]
+    unknown = [each for each in comparison.results if each not in known and _named(each) not in names]
     if unknown:
         yield Heading("Shared results without uncertainty", 2)
         columns = texts("result", "unit")
