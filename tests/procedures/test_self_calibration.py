@@ -467,6 +467,21 @@ def test_a_drift_that_a_second_look_does_not_find_was_chance(quiet: tuple[Path, 
     assert third.results.drift.last.since.startswith("self-calibration 0003")
 
 
+@pytest.mark.exhaustive
+def test_a_bench_without_an_oscilloscope_sees_a_step_by_its_own_mornings(tmp_path: Path) -> None:
+    """What nobody measures of K_Vc is the same in all of them: it hides a change since the certificate alone."""
+    settings = calibrated(tmp_path, test_k_vc.LAB, **WARM)
+    blind = structs.replace(test_k_vc.LAB, oscilloscope=None)
+    gain = 0.9995 * physical_parameters(blind).output_stage.gain
+    benches = (blind, blind, aged(blind, output_stage={"gain": gain}))
+    mornings = [run(tmp_path, bench, settings, seed).drift for seed, bench in enumerate(benches, 2)]
+    assert [each.verdict for each in mornings] == ["pass", "pass", "fail"]
+    assert all(each.change_ppm.u > 500.0 for each in mornings)
+    assert all(each.last.change_ppm.u < 60.0 for each in mornings[1:])
+    assert mornings[2].e_n < 1.0 < E_N_ACTION < mornings[2].last.e_n
+    assert mornings[2].last.change_ppm.value == pytest.approx(-500.0, abs=150.0)
+
+
 def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, _ = quiet
     curve = DeviceStore(where / "devices").certificate("G-1").record.k_vc  # type: ignore[union-attr]
