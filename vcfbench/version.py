@@ -28,10 +28,8 @@ def installed_version(package: str = "vcfbench") -> str:
 def other_versions(header: Mapping[str, Any]) -> str:
     """Say which versions of a record are not those that are installed here, empty where all are."""
     then, now = header.get("versions", {}), installed_versions()
-    known = then if isinstance(then, dict) else {}
-    return ", ".join(
-        f"{name} {known[name]}, here {now[name]}" for name in now if known.get(name, now[name]) != now[name]
-    )
+    known = {**now, "evaluation": "of before", **(then if isinstance(then, dict) else {})}
+    return ", ".join(f"{name} {known[name]}, here {now[name]}" for name in now if known[name] != now[name])
 
 
 @cache  # what is installed stays as it is, and asking opens a file of each package

@@ -248,6 +248,7 @@ def test_a_verdict_by_earlier_rules_and_results_without_newer_keys_are_no_fault(
         ("value", 0.3, None, ""),
         ("u", 0.3, None, ""),
         ("value", 0.3, "0", "computed again with other versions (evaluation 0, here"),
+        ("u", 0.3, "none", "computed again with other versions (evaluation of before, here"),
     ],
 )
 def test_a_record_is_held_to_what_is_printed_or_to_the_evaluation_that_it_names(
@@ -266,6 +267,8 @@ def test_a_record_is_held_to_what_is_printed_or_to_the_evaluation_that_it_names(
     (record / "result.json").write_bytes(text)
     lines = [json.loads(line) for line in (record / "journal.jsonl").read_bytes().splitlines()]
     lines[0]["versions"] |= {} if evaluation is None else {"evaluation": evaluation}
+    if evaluation == "none":
+        del lines[0]["versions"]["evaluation"]
     lines[-1]["files"]["result.json"] = sha256(text).hexdigest()
     (record / "journal.jsonl").write_bytes(sealed(b"".join(json.dumps(line).encode() + b"\n" for line in lines)))
     found = verify_run(record)

@@ -49,6 +49,7 @@ def test_stored_results_of_before_give_their_values_by_the_names_of_their_day() 
         "scale_factor": {"value": -0.0125, "u": 1e-6, "unit": "V/(deg/s)", "u_fit": 2e-6},
         "bias": {"value": -0.04, "u": None, "unit": "V"},
         "drift": {"value": 1.0, "unit": "ppm", "u": 0.1, "expanded_u": 0.37, "missing": ["temperature"]},
+        "scale_factor_v_per_deg_s": {"value": -0.0125, "u": None, "source": "the default"},
         "uncertainty": statement,
     }
     found = values_of(before)

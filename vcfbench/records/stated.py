@@ -91,6 +91,8 @@ def _found(of: object, name: str) -> Iterator[Value | Unstated]:
         members = {str(key): of[key] if isinstance(of, Mapping) else getattr(of, key) for key in names}
         if "value" in members:
             # what a run used, or keeps of a device, is no value of it: those are of a type of their own
+            if "source" in members:  # stored, of what a run used: it found none of it
+                return
             if isinstance(of, Mapping) or not type(of).__module__.startswith("vcfbench."):
                 yield from _quantity(name, members)
             return
