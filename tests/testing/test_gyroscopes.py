@@ -96,3 +96,15 @@ def test_largest_v_vc_does_not_clip_the_output(seed: int) -> None:
         v_vc_v = sign * level_deg_s / sheet.k_vc_deg_s_per_v
         assert abs(output(0.0, 1.05 * v_vc_v)) < 0.999 * most_v
         assert abs(output(0.0, v_vc_v)) > 0.7 * sheet.range_deg_s * abs(sheet.scale_factor_v_per_deg_s)
+
+
+@pytest.mark.parametrize("seed", few(range(0, 400, 10), 40, 310))
+def test_the_bias_moves_by_no_more_than_the_bench_file_has_for_a_kelvin(seed: int) -> None:
+    """What quadrature leaks moves with the temperature as well, up to three times as much as all else."""
+    text, sheet = drawn_bench(seed, noise=False), drawn_sheet(seed)
+    known = tomllib.loads(text)["uncertainty"]
+    heating = "\n[simulation.override.thermal]\nself_heating_k = "
+    cold_v, warm_v = (true_output(parse_bench(f"{text}{heating}{by_k}\n", "g"))(0.0, None) for by_k in (0.0, 0.3))
+    by_scale_deg_h = 1e-6 * known["scale_factor_ppm_k"] * 3600.0 * abs(sheet.bias_deg_s)
+    moved_deg_h = 3600.0 * abs(warm_v - cold_v) / abs(sheet.scale_factor_v_per_deg_s)
+    assert moved_deg_h < 0.3 * (known["bias_deg_h_k"] + by_scale_deg_h) + 1.0

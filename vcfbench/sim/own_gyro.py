@@ -277,11 +277,12 @@ def _flicker_deg_h(sheet: DataSheet) -> float:
 
 def _uncertainty(sheet: DataSheet, own: BenchParameters) -> dict[str, Any]:
     """Return the ``[uncertainty]`` of a simulated bench, as of the bench `paper`; values are those of the run."""
+    relative, leak_deg_s = change_per_k(own)
     return {
         "table_rate_error": TABLE_RATE_ERROR if own.table.rate_error else 0.0,
         "bias_instability_deg_h": _flicker_deg_h(sheet),
-        "scale_factor_ppm_k": _round(1e6 * abs(change_per_k(own))),
-        "bias_deg_h_k": _round(1.2 * 3600.0 * abs(own.thermal.bias_coefficient_deg_s_k)),
+        "scale_factor_ppm_k": _round(1e6 * abs(relative)),
+        "bias_deg_h_k": _round(1.2 * 3600.0 * abs(own.thermal.bias_coefficient_deg_s_k + leak_deg_s)),
         "warm_up_k": own.thermal.self_heating_k,
         "warm_up_time_s": own.thermal.time_constant_s,
         "temperature_k": 0.0,

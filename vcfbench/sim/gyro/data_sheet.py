@@ -278,8 +278,9 @@ def noise_bandwidth_hz(sheet: DataSheet, aperture_s: float) -> float:
     return float(np.trapezoid(power, f))
 
 
-def change_per_k(bench: BenchParameters) -> float:
-    """Return the relative change of the scale factor by a kelvin."""
+def change_per_k(bench: BenchParameters) -> tuple[float, float]:
+    """Return the change by a kelvin of the scale factor, relative, and of what quadrature leaks, deg/s."""
     amplitude_m = bench.drive_loop.amplitude_m
-    warmer, cooler = (demodulated(bench, rise_k, amplitude_m).per_deg_s for rise_k in (0.5, -0.5))
-    return 2.0 * (warmer - cooler) / (warmer + cooler)
+    warmer, cooler = (demodulated(bench, rise_k, amplitude_m) for rise_k in (0.5, -0.5))
+    middle = 0.5 * (warmer.per_deg_s + cooler.per_deg_s)
+    return (warmer.per_deg_s - cooler.per_deg_s) / middle, (warmer.at_rest_v - cooler.at_rest_v) / middle
