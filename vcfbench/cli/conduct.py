@@ -145,12 +145,13 @@ def attended(
 def _show(run: Run, options: RunOptions) -> None:
     """Print the answer: one JSON object, or table, fits and record."""
     if options.json:
-        print_json({**run.as_json(), "not_seen": not_seen(run)})
+        # of a simulated run it would take longer than the run: `runs show` has it
+        print_json({**run.as_json(), "not_seen": None if run.simulated else not_seen(run)})
     elif run.physical_minimum_s is not None:  # the bench did open
         _print_answer(run, options)
         for said in run.asked_again:
             typer.echo(f"\nasked again: {said}")
-        if not run.simulated:  # nobody waits for it there: runs show, reports and --json have it
+        if not run.simulated:
             print_not_seen(run)
         typer.echo(
             f"\n{run.status.value}: {run.bench_seconds or 0.0:.1f} s of bench time, "
