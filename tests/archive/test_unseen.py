@@ -203,4 +203,4 @@ def test_unseen_faults_are_in_the_answer(
     assert ("not seen, and in no U95 " in capsys.readouterr().out) is not simulated
     _show(run, RunOptions(bench=None, runs=Path(), json=True))
     answer = json.loads(capsys.readouterr().out)["not_seen"]
-    assert answer == (None if simulated else to_builtins(unseen_of(run)))
+    assert answer == (None if simulated else [*to_builtins(unseen_of(run))])
