@@ -5,9 +5,10 @@ of AR488, which follows it. A line that begins with ``++`` is for the adapter, a
 present address, its CR or LF replaced by what ``++eos`` says; ESC takes the next byte as it is. A read ends by EOI, by
 a character, or ``++read_tmo_ms`` after the last character (or after it began), whatever the instrument is about.
 
-Unverified: the settings when it is switched on, what answers a setting that is out of range (as an unknown word here),
-and that nothing answers a poll of an address where nobody is. Not simulated: its device mode, in which it passes
-nothing on; secondary addresses are kept and lead nowhere.
+Unverified: that ``++read_tmo_ms`` counts from the last character (from memory), the settings when it is switched on,
+what answers a setting that is out of range (as an unknown word here), and that nothing answers a poll of an address
+where nobody is. Not simulated: its device mode, in which it passes nothing on; secondary addresses are kept and lead
+nowhere.
 """
 
 from __future__ import annotations
