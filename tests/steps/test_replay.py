@@ -60,7 +60,8 @@ def settings_of(name: str) -> ProcedureSettings:
     if name != "kvc":
         return make_settings(**QUICK)
     kind, asked = PROCEDURES[name].settings, make_settings(**QUICK)
-    station = replace(asked.station, instruments={"v_vc_meter": PlacedInstrument(model="34401A", where="at FAKE::23")})
+    meter = {"v_vc_meter": PlacedInstrument(model="34401A", where="at FAKE::23")}
+    station = replace(asked.station, instruments={**asked.station.instruments, **meter})
     values = {"cycles": 1, "match_rates_deg_s": (20.0, 100.0), "k_vc_guess_deg_s_per_v": 36.0, "curve_order": 3}
     return kind(**{**QUICK, **values, "station": station})
 
