@@ -60,8 +60,10 @@ def settings_of(name: str) -> ProcedureSettings:
     if name != "kvc":
         return make_settings(**QUICK)
     kind, asked = PROCEDURES[name].settings, make_settings(**QUICK)
-    meter = {"v_vc_meter": PlacedInstrument(model="34401A", where="at FAKE::23")}
-    station = replace(asked.station, instruments={**asked.station.instruments, **meter})
+    models = {"power": "E3631A", "v_vc_meter": "34401A"}
+    station = replace(
+        asked.station, instruments={role: PlacedInstrument(model=model, where="FAKE") for role, model in models.items()}
+    )
     values = {"cycles": 1, "match_rates_deg_s": (20.0, 100.0), "k_vc_guess_deg_s_per_v": 36.0, "curve_order": 3}
     return kind(**{**QUICK, **values, "station": station})
 
