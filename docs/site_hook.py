@@ -26,13 +26,12 @@ if TYPE_CHECKING:
     from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT), str(ROOT / "docs")]
+sys.path.insert(0, str(ROOT / "docs"))
 
 from make_api import api_page  # noqa: E402
 from make_cli import cli_page  # noqa: E402
+from make_faults import fault_page  # noqa: E402
 from make_formats import formats_page  # noqa: E402
-
-from tests.faults.table import fault_page  # noqa: E402
 
 WRITTEN = {
     "cli.md": cli_page,

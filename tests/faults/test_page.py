@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import runpy
+from pathlib import Path
+
 from tests.faults.matrix import LANGUAGES, MODES, MOMENTS, WIRES, all_cases
-from tests.faults.table import fault_page, page, read_cells
+
+MADE = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "make_faults.py"))
+fault_page, page, read_cells = (MADE[name] for name in ("fault_page", "page", "read_cells"))
 
 KEYS = ("language", "moment", "wires", "mode", "lasting")
 
 
 def test_page_has_each_language() -> None:
     assert all(f"| `{language}` |" in fault_page() for language in LANGUAGES)
+
+
+def test_it_counts_the_cells_of_the_matrix() -> None:
+    assert f" {len(all_cases())} cells " in fault_page()
 
 
 def test_the_cells_are_those_of_the_matrix_each_once() -> None:
