@@ -53,7 +53,7 @@ def _logarithms(value: Any, name: str) -> Iterator[float]:
             return  # rounded numbers
         number = float(crc32(str(value).encode())) if value is None or isinstance(value, str | bool) else float(value)
         size = min(abs(number), _MANY) if name.endswith("dof") else abs(number)
-        sized = math.log(size / _NOTHING) if size > _NOTHING else 0.0
+        sized = math.log(size / _NOTHING) if size > 2.0 * _NOTHING else 0.0  # else its last digits are the machine's
         yield math.copysign(sized, number) * Random(name).uniform(1.0, 2.0)  # noqa: S311  # weights, not secrets
 
 
