@@ -53,13 +53,14 @@ def _logarithms(value: Any, name: str) -> Iterator[float]:
             return  # rounded numbers
         number = float(crc32(str(value).encode())) if value is None or isinstance(value, str | bool) else float(value)
         size = min(abs(number), _MANY) if name.endswith("dof") else abs(number)
-        sized = math.log(size / _NOTHING) if size > 2.0 * _NOTHING else 0.0  # else its last digits are the machine's
+        sized = math.log(size / _NOTHING) if size > _NOTHING else 0.0
         yield math.copysign(sized, number) * Random(name).uniform(1.0, 2.0)  # noqa: S311  # weights, not secrets
 
 
 def figures_of(values: Mapping[str, Any]) -> Figures:
     """Return a number for each field of results: it moves by at least what any number in it moves by, relatively."""
     found = json.loads(json.dumps(values))
+    found.pop("residual", None)  # what a fit leaves of a quiet response is a machine's last digits
     return {name: round(math.fsum(_logarithms(each, name)), 5) for name, each in found.items()}
 
 
