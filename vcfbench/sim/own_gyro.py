@@ -186,7 +186,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched, **started},
         "kvc": {**matched, **started},
         "self-calibration": {**started, "virtual_rates_deg_s": matched["match_rates_deg_s"]},
-        "zero": _noise_bandwidth(sheet),
+        "zero": {**_whole_readings(sheet), **_noise_bandwidth(sheet)},
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
         "repeatability": {**level, "settle_s": _round(_started_s(sheet))},
@@ -214,6 +214,13 @@ def _started_s(sheet: DataSheet) -> float:
 
 def _interval_s(sheet: DataSheet) -> float:
     return _round(max(1.0, settling_s(sheet)[1] / _SETTLED_READINGS))
+
+
+def _whole_readings(sheet: DataSheet) -> dict[str, float]:
+    """Return an interval of whole readings, which a record without gaps asks for, where the usual one is none."""
+    interval_s = _interval_s(sheet)
+    whole_s = _round(_READING_S * math.ceil(interval_s / _READING_S - 1e-9))
+    return {} if whole_s == interval_s else {"sample_interval_s": whole_s}
 
 
 def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
