@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +13,10 @@ from simrack_tests.cells import few
 import vcfbench
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.records.schema import Status
 from vcfbench.station.parts import Limits
+from vcfbench.station.writing import bench_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -25,7 +28,7 @@ FED = structs.replace(
 """Table, meter, generator and oscilloscope."""
 TABLE_AND_METER = structs.replace(
     FED,
-    name="table and meter",
+    name="table-and-meter",
     rate_source=None,
     oscilloscope=None,
     limits=Limits(max_rate_deg_s=300.0, max_acceleration_deg_s2=200.0),
@@ -85,3 +88,11 @@ def test_what_must_see_the_power_come_is_refused_with_a_way_out(procedure: str) 
 def test_levels_by_v_vc_are_refused_where_no_generator_makes_them() -> None:
     with pytest.raises(ConfigError, match="by: expected table: the bench has no generator on V_Vc, came 'v-vc'"):
         vcfbench.dry_run("temperature", TABLE_AND_METER)
+
+
+def test_a_table_of_a_procedure_that_cannot_run_there_hinders_no_other() -> None:
+    text = bench_text(TABLE_AND_METER) + "\n[procedure.threshold]\nat_rate_deg_s = 20.0\n"
+    description = checked_bench(tomllib.loads(text), "table-and-meter.toml")
+    assert vcfbench.dry_run("turntable", description).steps
+    with pytest.raises(ConfigError, match="by: expected table"):
+        vcfbench.dry_run("threshold", description)

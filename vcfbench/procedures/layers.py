@@ -32,6 +32,7 @@ from vcfbench.specifications import (
     VoltmeterSpecification,
     accuracy_at,
 )
+from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.layering import Layer, chosen_settings, keys_of, merged, named, setting_keys, shared_layer
 from vcfbench.station.parts import CalibrationPoint
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
@@ -137,7 +138,7 @@ def check_tables(description: BenchDescription, source: str) -> None:
     for key, value in own.items():
         addressed = [each for each in loaded if each.name == key or key in setting_keys(each.settings)]
         for procedure in addressed:
-            _settled(procedure.settings, layers_of(procedure, description, source), station)
+            _checked(procedure.settings, layers_of(procedure, description, source), station)
         if addressed or key in PROCEDURES:
             continue
         where = f"{source}: {dotted(('procedure', key))}"
@@ -162,14 +163,27 @@ def layers_of(procedure: AnyProcedure, description: BenchDescription, source: st
 
 def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     """Return the settings that `layers` come to at `station`, which must bear them."""
-    chosen = structs.replace(chosen_settings(kind, layers), station=station)
-    for invalid_value in chosen.contradictions():
+    chosen, unsaid = _checked(kind, layers, station)
+    for invalid_value in unsaid:
         keys, came = keys_of(invalid_value.path), words(invalid_value.came)
-        if any(layer.has(keys[:1]) for layer in layers):
-            raise refusal(named(layers, keys), invalid_value.expected, came)
         said = f"{named(layers, keys)}: expected {invalid_value.expected}, came {came}, the default"
         raise ConfigError(said, hint=f"put {keys[0]} into [procedure] of the bench file, with what it bears")
     return chosen
+
+
+def _checked(kind: type[S], layers: Sequence[Layer], station: Station) -> tuple[S, list[InvalidValue]]:
+    """Return the settings that `layers` come to, and the defaults that `station` does not bear.
+
+    ConfigError: a value that somebody gave cannot be. A default hinders the run of its own procedure alone.
+    """
+    chosen = structs.replace(chosen_settings(kind, layers), station=station)
+    unsaid = []
+    for invalid_value in chosen.contradictions():
+        keys = keys_of(invalid_value.path)
+        if any(layer.has(keys[:1]) for layer in layers):
+            raise refusal(named(layers, keys), invalid_value.expected, words(invalid_value.came))
+        unsaid.append(invalid_value)
+    return chosen, unsaid
 
 
 def _station(description: BenchDescription) -> Station:
