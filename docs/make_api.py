@@ -26,7 +26,7 @@ GROUPS = {
     "Results": ("values", "procedures.turntable", "procedures.virtual_coriolis", "analysis.column"),
     "Reports": ("reports",),
     "Benches": ("bench", "station", "procedures.bench_file"),
-    "Procedures": ("procedures", "steps"),
+    "Procedures": ("procedures", "instructions", "steps"),
     "Analysis": ("analysis",),
     "Instruments": ("interfaces",),
     "Time": ("clock",),

@@ -39,10 +39,10 @@ from procedures_truth import MEMORY, Modes, Stated, Truth, changed, stated
 import vcfbench
 from vcfbench import steps
 from vcfbench.errors import Aborted, BenchError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.health.check import MAY_HAVE
 from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.studies.truth import truth_of
 from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet

@@ -19,8 +19,8 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import vcfbench
 from vcfbench.errors import BenchError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.stated import values_of
 from vcfbench.testing.gyroscopes import drawn_bench
 

@@ -3,11 +3,11 @@
     python experiments/mutants.py 0:36 --lines mutants.jsonl    seeds 0 to 35, a line each
     python experiments/mutants.py --summary mutants.jsonl
 
-A seed draws a module of procedures, analysis or sim/gyro, by its length, and in a function of it an operator, sign,
-number, root, size or comparison that becomes another. The tests are those that import the module, and the tables of
-parts and of values; none is exhaustive. They run in a copy of what git has, so that nothing here is touched. Killed is
-a mutant where one fails. What stands in the file of --lines is not run again. The exit code is 1 where fewer than 95 %
-are killed.
+A seed draws a module of the procedures, of the rooms below them, of analysis or sim/gyro, by its length, and in a
+function of it an operator, sign, number, root, size or comparison that becomes another. The tests are those that
+import the module, and the tables of parts and of values; none is exhaustive. They run in a copy of what git has, so
+that nothing here is touched. Killed is a mutant where one fails. What stands in the file of --lines is not run again.
+The exit code is 1 where fewer than 95 % are killed.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 ROOT = Path(__file__).parents[1]
-WHERE = ("procedures", "analysis", "sim/gyro")
+WHERE = ("procedures", "uncertainty", "belief", "devices", "instructions", "analysis", "sim/gyro")
 TABLES = ("tests/procedures/parts",)
 LEAST = 0.95
 LONGEST_S = 900.0
@@ -96,7 +96,20 @@ def tests_of(name: str) -> list[str]:
     dotted = name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, own = dotted.rpartition(".")
     found = []
-    for each in git("ls-files", "tests/procedures", "tests/analysis", "tests/sim").decode().split():
+    for each in (
+        git(
+            "ls-files",
+            "tests/procedures",
+            "tests/uncertainty",
+            "tests/belief",
+            "tests/devices",
+            "tests/instructions",
+            "tests/analysis",
+            "tests/sim",
+        )
+        .decode()
+        .split()
+    ):
         text = (ROOT / each).read_text("utf-8") if each.rpartition("/")[2].startswith("test_") else ""
         if f"{dotted} import" in text or f"from {package} import {own}" in text or each.endswith(f"/test_{own}.py"):
             found.append(each)

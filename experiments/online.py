@@ -29,7 +29,7 @@ from msgspec import structs
 from self_calibration import LAB, SIMULATION, ageing_of, bench_of
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import truth, warm
+from tests.procedures.test_kvc import truth, warm
 from tests.procedures.test_self_calibration import looked_after
 from vcfbench.sim.simulation import physical_parameters
 

@@ -36,7 +36,7 @@ from limits import outside
 from msgspec import structs
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import truth, warm
+from tests.procedures.test_kvc import truth, warm
 from vcfbench.sim.builder import instrument_errors
 from vcfbench.sim.simulation import physical_parameters
 

@@ -48,8 +48,8 @@ from vcfbench.testing.gyroscopes import drawn_bench
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from vcfbench.procedures.shared.budget.statement import Statement
     from vcfbench.station.description import BenchDescription
+    from vcfbench.uncertainty.statement import Statement
 
     Line = dict[str, Any]
 

@@ -31,10 +31,10 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.archive.unseen import refusable, unseen_of
+from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, require_no_jump
+from vcfbench.belief.walk import Walk
 from vcfbench.errors import BenchError, MeasurementError
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, require_no_jump
-from vcfbench.procedures.shared.steady.walk import Walk
-from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.steps.step import abandon
 
 if TYPE_CHECKING:

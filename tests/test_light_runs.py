@@ -10,7 +10,7 @@ import pytest
 from msgspec import Struct
 from simrack_tests.cells import few
 
-from vcfbench.procedures.shared.sweep import schedule
+from vcfbench.instructions import schedule
 from vcfbench.procedures.virtual_coriolis import settings as own_settings
 from vcfbench.station import description, parts, settings
 

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 import vcfbench
 from tests.cells import few
 from vcfbench.cli.main import app
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.models import MODELS, languages
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.runs.needs import what_can_run
 from vcfbench.station.file import embedded_text
 from vcfbench.testing import serve_simulated

@@ -120,7 +120,7 @@ def test_what_can_no_longer_be_computed_is_shown_as_it_was_stored(
     def broken(*_: object) -> None:
         raise RuntimeError("not today")
 
-    monkeypatch.setattr("vcfbench.procedures.shared.columns.characterise", broken)
+    monkeypatch.setattr("vcfbench.uncertainty.columns.characterise", broken)
     again = vcfbench.load_run("last", tmp_path)
     assert again.no_results is not None
     assert again.no_results.startswith("the points give no result: ")

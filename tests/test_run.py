@@ -295,7 +295,7 @@ def test_refusal_of_the_computer_closes_the_record(
     def refuse(_walk: object) -> None:
         raise kind("too many open files")
 
-    monkeypatch.setattr("vcfbench.procedures.shared.steady.jumps.require_no_jump", refuse)
+    monkeypatch.setattr("vcfbench.belief.jumps.require_no_jump", refuse)
     with pytest.raises(
         vcfbench.BenchError, match=rf"this computer ended the run: {kind.__name__}: too many open"
     ) as caught:

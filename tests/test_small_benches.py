@@ -17,6 +17,7 @@ import vcfbench
 from vcfbench.cli.main import app
 from vcfbench.drivers.hp34401a import Hp34401A
 from vcfbench.errors import Aborted, ConfigError
+from vcfbench.instructions.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.interfaces import (
     CapturesWaveforms,
     FunctionGenerator,
@@ -27,7 +28,6 @@ from vcfbench.interfaces import (
     SetsVoltage,
     lacking,
 )
-from vcfbench.procedures.shared.routines import energised, rails_of, rails_on, set_v_vc, take, v_vc_on
 from vcfbench.records.schema import Status
 from vcfbench.sim.served import on_wires
 from vcfbench.station.parts import Limits
@@ -221,7 +221,7 @@ def test_a_table_calibration_needs_no_generator(tmp_path: Path) -> None:
 OWN_FILE = """
 from vcfbench import Procedure
 from vcfbench.interfaces import PowersRails, ReadsVoltage, SetsVoltage
-from vcfbench.procedures.shared.routines import energised, set_v_vc, take, v_vc_on
+from vcfbench.instructions.routines import energised, set_v_vc, take, v_vc_on
 from vcfbench.station.settings import ProcedureSettings
 
 

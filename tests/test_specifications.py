@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from vcfbench.models import MODELS, driver_of, resolve
-from vcfbench.procedures.shared import tones
 from vcfbench.specifications import (
     AGILENT_33220A,
     HP_34401A,
@@ -20,6 +19,7 @@ from vcfbench.specifications import (
     VoltmeterSpecification,
     accuracy_at,
 )
+from vcfbench.uncertainty import tones
 
 METERS = (HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A)
 

@@ -13,9 +13,9 @@ from vcfbench.archive.amending import amend_run
 from vcfbench.archive.keeping import keep_of_device
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.measurand import made_of, measurand
 from vcfbench.records.device_values import Conditions
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
+from vcfbench.uncertainty.measurand import made_of, measurand
 from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from vcfbench.archive.certificate import certificate_words
 from vcfbench.archive.dcc import _ref_type, dcc_of
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.summary import summary_of
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.characterize.data_sheet import sheet_rows
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.directory import RunDirectory
 from vcfbench.reports.document import Table
 

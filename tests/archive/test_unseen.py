@@ -15,19 +15,19 @@ import vcfbench
 from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
+from vcfbench.belief import jumps
+from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
+from vcfbench.belief.unseen import Course, _probes
+from vcfbench.belief.walk import Seen
 from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.shared.steady import jumps
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
-from vcfbench.procedures.shared.steady.unseen import Course, _probes
-from vcfbench.procedures.shared.steady.walk import Seen
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
 from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:
     from vcfbench.archive.run import Run
-    from vcfbench.procedures.shared.steady.walk import Walk
+    from vcfbench.belief.walk import Walk
 
 
 def taken(tmp: Path, procedure: str, **settings: Any) -> Run:

@@ -21,7 +21,7 @@ from tests.test_pause import Presser
 from vcfbench.archive.amending import amend_run
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import Aborted
-from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.steps.step import Step
 
 HYSTERESIS = Path(__file__).parents[2] / "examples" / "own-procedure" / "hysteresis.py"

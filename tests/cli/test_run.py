@@ -17,9 +17,9 @@ from tests.procedures.fakes import FakeBench, Gyro
 from vcfbench.cli import run as run_module
 from vcfbench.cli import runs as runs_module
 from vcfbench.errors import BenchError, ConfigError, ConnectFailed, NotSafe, PlanError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.interfaces import SafeReport
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.station.file import template
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from typer.testing import CliRunner
 from vcfbench.cli.main import app
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.keys import settable_keys
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 
 if TYPE_CHECKING:

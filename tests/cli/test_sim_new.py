@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from vcfbench import dry_run
 from vcfbench.cli.main import app
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.simulation import physical_parameters
 
 if TYPE_CHECKING:

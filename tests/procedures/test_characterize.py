@@ -26,7 +26,6 @@ from vcfbench.procedures.characterize.plan import (
     _Session,
 )
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.procedures.zero.noise import NoiseCoefficient
 from vcfbench.reports.document import Table, Text
 from vcfbench.station.acceptance import judged
@@ -43,6 +42,7 @@ from vcfbench.steps import (
     Settle,
     Step,
 )
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart as Source
 from vcfbench.values.value import Value
 

@@ -7,10 +7,10 @@ from typing import Annotated, Any
 import pytest
 from msgspec import Meta
 
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import CharacterizeSettings
 from vcfbench.procedures.definition import CIRCUMSTANCES, CONDITIONS, DEFINING, defined
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.typed import typed

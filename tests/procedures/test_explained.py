@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from vcfbench.procedures.health.explained import explained_parts, rise_since
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Report
 from vcfbench.reports.text import text_of
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart
 
 CHANGE = measurand(-2950.0, "ppm", [UncertaintyPart("all", 30.0)])

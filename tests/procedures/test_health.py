@@ -12,19 +12,19 @@ import pytest
 from msgspec import structs
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import LAB, truth, warm
+from tests.procedures.test_kvc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
+from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.check import checked, health_parts, not_measured
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
-from vcfbench.procedures.shared.known.k_vc_change import k_vc_change
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.steps import CaptureMeanSines, SineRecord, SineRecords
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:

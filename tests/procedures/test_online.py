@@ -13,7 +13,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import LAB, read_v, still, truth, warm
+from tests.procedures.test_kvc import LAB, read_v, still, truth, warm
 from tests.procedures.test_self_calibration import looked_after
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError

@@ -12,9 +12,9 @@ import pytest
 
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, PlanError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
-from vcfbench.procedures.titles import BUILT_IN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -9,16 +9,16 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
 from vcfbench.procedures.power.results import PowerSettings, valid_output
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
 from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.testing import simulated
+from vcfbench.uncertainty.measurand import as_kept
 
 if TYPE_CHECKING:
     from vcfbench.steps.step import Step

@@ -21,8 +21,8 @@ from vcfbench.procedures.resonance import (
     combined,
     resonance_characteristics,
 )
-from vcfbench.procedures.shared.measurand import as_kept
 from vcfbench.testing import simulated
+from vcfbench.uncertainty.measurand import as_kept
 
 OVERRIDES = {
     "thermal": {"self_heating_k": 0.0},

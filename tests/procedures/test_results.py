@@ -12,8 +12,7 @@ from simrack.instruments.agilent33220a import GeneratorErrors
 from vcfbench.analysis.column import Nonlinearity
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.columns import repeat_std_v, u_output_v
-from vcfbench.procedures.shared.sweep.schedule import SweepSettings
+from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
@@ -21,6 +20,7 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.specifications import AGILENT_33220A
 from vcfbench.station.settings import Station
+from vcfbench.uncertainty.columns import repeat_std_v, u_output_v
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 K, K_VC, READINGS = -0.0125, 150.0, 10

@@ -15,22 +15,22 @@ from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.procedures.shared import test_k_vc
-from tests.procedures.shared.test_k_vc import CONDITIONS, read_v, still, truth, warm
+from tests.procedures import test_kvc
+from tests.procedures.test_kvc import CONDITIONS, read_v, still, truth, warm
 from vcfbench.cli.main import app
 from vcfbench.clock import utc_now
+from vcfbench.devices.certificate import Here, drift_of
+from vcfbench.devices.device import CUSUM_ACTION, E_N_ACTION, KnownDevice, Reference, level_for
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
-from vcfbench.procedures.shared.known.certificate import Here, drift_of
-from vcfbench.procedures.shared.known.device import CUSUM_ACTION, E_N_ACTION, KnownDevice, Reference, level_for
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import AcceptanceLimits
 from vcfbench.station.settings import Limit, PlacedInstrument
 from vcfbench.testing import serve_simulated
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def looked_after(bench: BenchDescription) -> BenchDescription:
     return structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, **same))
 
 
-LAB = looked_after(test_k_vc.LAB)
+LAB = looked_after(test_kvc.LAB)
 FIELD_FILE = Path("examples/field-bench.toml")
 FIELD = looked_after(vcfbench.load_bench(FIELD_FILE))
 QUICK: dict[str, Any] = {"health": False, "cycles": 1, "samples": 5}
@@ -470,8 +470,8 @@ def test_a_drift_that_a_second_look_does_not_find_was_chance(quiet: tuple[Path, 
 @pytest.mark.exhaustive
 def test_a_bench_without_an_oscilloscope_sees_a_step_by_its_own_mornings(tmp_path: Path) -> None:
     """What nobody measures of K_Vc is the same in all of them: it hides a change since the certificate alone."""
-    settings = calibrated(tmp_path, test_k_vc.LAB, **WARM)
-    blind = structs.replace(test_k_vc.LAB, oscilloscope=None)
+    settings = calibrated(tmp_path, test_kvc.LAB, **WARM)
+    blind = structs.replace(test_kvc.LAB, oscilloscope=None)
     gain = 0.9995 * physical_parameters(blind).output_stage.gain
     benches = (blind, blind, aged(blind, output_stage={"gain": gain}))
     mornings = [run(tmp_path, bench, settings, seed).drift for seed, bench in enumerate(benches, 2)]

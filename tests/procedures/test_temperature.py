@@ -11,8 +11,7 @@ from msgspec import to_builtins
 
 import vcfbench
 from vcfbench.errors import ConfigError, LimitError
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import as_kept
+from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
@@ -34,6 +33,7 @@ from vcfbench.steps import (
 )
 from vcfbench.steps.dry_run import walk
 from vcfbench.typed import typed
+from vcfbench.uncertainty.measurand import as_kept
 
 if TYPE_CHECKING:
     from collections.abc import Callable

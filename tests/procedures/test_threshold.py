@@ -13,8 +13,7 @@ from simrack_tests.cells import few
 import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.shared.known.v_vc import VvcKnown
-from vcfbench.procedures.shared.measurand import measurand
+from vcfbench.instructions.v_vc import VvcKnown
 from vcfbench.procedures.threshold import (
     _AT_REST,
     InputLimit,
@@ -27,6 +26,7 @@ from vcfbench.procedures.threshold import (
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
 from vcfbench.testing import simulated
+from vcfbench.uncertainty.measurand import measurand
 
 if TYPE_CHECKING:
     from pathlib import Path

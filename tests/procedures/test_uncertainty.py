@@ -12,10 +12,6 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.fakes import make_settings
 from vcfbench.analysis.budget import Source
-from vcfbench.procedures.shared.budget.nonlinearity import line_statement
-from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.budget.statement import budget_of
-from vcfbench.procedures.shared.sweep.windows import window_times
 from vcfbench.procedures.turntable import turntable_statement
 from vcfbench.procedures.virtual_coriolis import budget as budget_module
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
@@ -25,12 +21,16 @@ from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.settings import Match, ProcedureSettings, Sources, Station
+from vcfbench.uncertainty.nonlinearity import line_statement
+from vcfbench.uncertainty.phases import PhaseErrors
+from vcfbench.uncertainty.statement import budget_of
+from vcfbench.uncertainty.windows import window_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from typing import Any
 
-    from vcfbench.procedures.shared.budget.statement import Statement
+    from vcfbench.uncertainty.statement import Statement
 
 RATES = [200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0, 0.0, -1.0, -2.0, -5.0, -10.0, -20.0, -50.0, -100.0, -200.0]
 SXX = 106_060.0

@@ -10,7 +10,7 @@ from msgspec import structs
 from typer.testing import CliRunner
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import still, warm
+from tests.procedures.test_kvc import still, warm
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.procedures.bench_file import parse_bench

@@ -11,7 +11,7 @@ from msgspec import structs
 from simrack_tests.cells import few
 
 import vcfbench
-from tests.procedures.shared.test_k_vc import warm
+from tests.procedures.test_kvc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
 from vcfbench.procedures import warmup

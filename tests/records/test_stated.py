@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.records.stated import stated, values_of
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart, Unstated, Value
 
 

@@ -12,8 +12,8 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.own_gyro import own_gyro_bench
 

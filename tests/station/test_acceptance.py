@@ -5,14 +5,14 @@ from typing import Any
 
 import pytest
 
-from vcfbench.procedures.shared.measurand import measurand
-from vcfbench.procedures.shared.sweep.schedule import SweepSettings
+from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.procedures.turntable import turntable_results
 from vcfbench.procedures.virtual_coriolis.results import virtual_coriolis_results
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.acceptance import judged, limit_key
 from vcfbench.station.settings import Limit, Station
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import Value
 
 K, K_VC = -0.0125, 150.0

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.station.file import template
 from vcfbench.station.new_station import Draft, filled_template
 

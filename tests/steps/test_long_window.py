@@ -14,7 +14,7 @@ import pytest
 
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.errors import BenchError, MeasurementError
-from vcfbench.procedures.shared.routines import rails_of
+from vcfbench.instructions.routines import rails_of
 from vcfbench.records.damage import first_damage, own_readings
 from vcfbench.records.journal import Journal, read_journal
 from vcfbench.records.schema import Status

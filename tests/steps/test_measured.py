@@ -13,9 +13,9 @@ from msgspec.structs import replace
 
 import vcfbench
 from tests.procedures.fakes import FakeBench, Gyro, MemoryJournal, make_settings
+from vcfbench.instructions.routines import rails_of
 from vcfbench.procedures.power.plan import SuppliedAndLogged
 from vcfbench.procedures.power.results import RailsLogged
-from vcfbench.procedures.shared.routines import rails_of
 from vcfbench.procedures.warmup import SwitchedOn, SwitchOnAndLog
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources

@@ -17,8 +17,8 @@ from msgspec.structs import replace
 
 from tests.procedures.fakes import CALIBRATIONS, FakeBench, Gyro, MemoryJournal, make_settings
 from vcfbench.errors import LinkLost, MeasurementError, PlanError
+from vcfbench.instructions.routines import energised, power_up, take, window_of
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.shared.routines import energised, power_up, take, window_of
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.schema import Status

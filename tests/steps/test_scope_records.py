@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from tests.procedures.fakes import make_settings
 from vcfbench.errors import ClippedRecord, MeasurementError
 from vcfbench.interfaces import Waveform
-from vcfbench.procedures.shared.oscilloscope import as_expected, points_over, points_that_show
 from vcfbench.steps.scope import Screen, interval_of
+from vcfbench.uncertainty.oscilloscope import as_expected, points_over, points_that_show
 
 SPANS_S = st.sampled_from([factor * 10.0**decade for decade in range(-3, 2) for factor in (1.0, 2.0, 5.0)])
 

@@ -13,9 +13,9 @@ from simrack.scpi import ScpiError
 
 from tests.conformance import walk
 from tests.successors import BENCH
+from vcfbench.instructions.v_vc import generator_sheet
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.shared.known.v_vc import generator_sheet
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
 from vcfbench.specifications import KEYSIGHT_33500B
 from vcfbench.station.discovery import recognise

@@ -12,10 +12,10 @@ from simrack_tests.cells import few
 
 from tests.sim.gyro.bench import mean_v
 from vcfbench.clock import VirtualClock
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.sim.gyro.data_sheet import OUTPUT_SHARE
 from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.sim.world import World

@@ -17,10 +17,10 @@ from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
 from vcfbench.clock import VirtualClock
-from vcfbench.procedures.shared.measurand import measurand
 from vcfbench.testing.soaking import cleaned, shrunk, trial, tried
 from vcfbench.testing.soaking.draw import Happening, drawn
 from vcfbench.testing.soaking.judge import reaches_of
+from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 LATE = Happening(0, 0.5, "fault", fault=Fault("rate_table", "late", count=2, delay_s=3.64))

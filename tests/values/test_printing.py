@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.procedures.shared.measurand import stated_cells
+from vcfbench.uncertainty.measurand import stated_cells
 from vcfbench.values.printing import digits_of_u, digits_of_value, grouped, shorthand
 
 if TYPE_CHECKING:

@@ -17,13 +17,13 @@ from msgspec import Struct
 from vcfbench.analysis.shared_curve import Windows, slopes_over
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import recorded_settings
-from vcfbench.procedures.shared.budget.of_range import windows_of
-from vcfbench.procedures.shared.sweep.schedule import SweepSettings
 from vcfbench.records.device_values import Measured
 from vcfbench.records.devices import DeviceStore
 from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.uncertainty.of_range import windows_of
 from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
 from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import UncertaintyPart, Value

@@ -5,12 +5,12 @@ from pathlib import Path
 
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
+from vcfbench.devices.device import KnownDevice
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
+from vcfbench.instructions.procedure import Provenance
 from vcfbench.procedures.catalogue import procedure
 from vcfbench.procedures.layers import recorded_settings
-from vcfbench.procedures.procedure import Provenance
-from vcfbench.procedures.shared.known.device import KnownDevice
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.devices import DeviceStore, Entry, withdrawn
 from vcfbench.records.metadata import metadata_from

@@ -10,10 +10,10 @@ from msgspec import Raw, Struct, structs
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.definition import defined
 from vcfbench.procedures.own_code import mistake_in
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord, lines_of

@@ -9,14 +9,14 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.archive.run import Run
+from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
+from vcfbench.belief.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
+from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import BeginPart
 from vcfbench.procedures.layers import recorded_settings
-from vcfbench.procedures.procedure import AnyProcedure
-from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.steady.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
-from vcfbench.procedures.shared.steady.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Part, Table, Text, texts

@@ -18,8 +18,8 @@ from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import read_file, shown
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.amendments import amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.export import points_csv

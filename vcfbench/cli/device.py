@@ -16,9 +16,9 @@ from vcfbench.archive.keeping import keep_of_device
 from vcfbench.archive.summary import run_summaries
 from vcfbench.cli.answer import print_json, print_verdicts
 from vcfbench.cli.options import Devices_, Json_, Runs_, argument, flag, option
+from vcfbench.devices.k_vc_change import sensitivity_table
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.health.check import checked, health_parts
-from vcfbench.procedures.shared.known.k_vc_change import sensitivity_table
 from vcfbench.records.devices import Device, DeviceStore, Entry, withdrawn
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table

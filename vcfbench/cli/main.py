@@ -19,7 +19,7 @@ from typer.core import TyperGroup
 
 from vcfbench.cli.ending import SignalsWithoutBench, discard_stdout, ending_of, open_streams, say, usage_of
 from vcfbench.errors import BenchError, NotSafe
-from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.version import installed_version
 
 COMMANDS = {

@@ -19,9 +19,9 @@ from vcfbench.cli.options import flag, option
 from vcfbench.cli.person import agreed
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.errors import ConfigError, PlanError
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
 from vcfbench.procedures.keys import SettableKey, settable_keys
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import metadata_of
 from vcfbench.runs.request import Prepared, Request
 from vcfbench.runs.resumed import Resumed, broken_off

@@ -16,13 +16,9 @@ from msgspec import Meta, Struct
 from vcfbench import steps
 from vcfbench.analysis import rate_band
 from vcfbench.errors import MeasurementError
-from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared import tones as sampling
-from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import as_kept, measurand, printed, quantity_table
-from vcfbench.procedures.shared.routines import (
+from vcfbench.instructions.kept import Keeps, KeptSettings
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.routines import (
     check_rails,
     drive_seen,
     energised,
@@ -31,12 +27,16 @@ from vcfbench.procedures.shared.routines import (
     set_sine,
     v_vc_on,
 )
+from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Routine, answer
+from vcfbench.uncertainty import oscilloscope
+from vcfbench.uncertainty import tones as sampling
+from vcfbench.uncertainty.measurand import as_kept, measurand, printed, quantity_table
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 RECORDS = 4

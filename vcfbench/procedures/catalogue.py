@@ -19,14 +19,14 @@ from os import PathLike
 from typing import TYPE_CHECKING
 
 from vcfbench.errors import ConfigError, PlanError
-from vcfbench.procedures.titles import BUILT_IN
+from vcfbench.instructions.titles import BUILT_IN
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from importlib.metadata import EntryPoint
     from pathlib import Path
 
-    from vcfbench.procedures.procedure import AnyProcedure
+    from vcfbench.instructions.procedure import AnyProcedure
 
 
 class Catalogue(Mapping[str, "AnyProcedure"]):
@@ -49,8 +49,8 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
             raise KeyError(name)
         if len(entries) > 1:
             raise ConfigError(f"the name {name!r} is taken twice: {self.origin(name)}; one of them has to be renamed")
+        from vcfbench.instructions.procedure import Procedure  # noqa: PLC0415
         from vcfbench.procedures.own_code import mistake_in  # noqa: PLC0415  # few have any
-        from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415
 
         said = f"the procedure {name!r} of {_origin(entries[0])}"
         try:
@@ -117,7 +117,7 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
     or its name is taken twice.
     """
     if not isinstance(name, str | PathLike):
-        from vcfbench.procedures.procedure import Procedure  # noqa: PLC0415  # with the first procedure
+        from vcfbench.instructions.procedure import Procedure  # noqa: PLC0415  # with the first procedure
 
         if not isinstance(name, Procedure):
             raise PlanError(f"expected a procedure's name, its file or a Procedure, came {name!r}")

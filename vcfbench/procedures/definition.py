@@ -13,8 +13,8 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
-from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
+from vcfbench.instructions.schedule import KvcBy, SweepSettings
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.station.settings import DeviceSettings, ProcedureSettings
 from vcfbench.values.definition import Conditions, Definition

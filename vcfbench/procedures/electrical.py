@@ -13,9 +13,8 @@ from msgspec import Meta, Struct
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.procedure import Procedure, roles
 from vcfbench.interfaces import ReadsResistance
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared.measurand import made_of, measurand, printed, titled
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.specifications import HP_34401A, VoltmeterSpecification
@@ -24,6 +23,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import MeterKnown, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import answer
+from vcfbench.uncertainty.measurand import made_of, measurand, printed, titled
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _Ohm = Annotated[float, Meta(ge=0.0, le=1e8)]

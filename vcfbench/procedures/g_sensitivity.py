@@ -16,20 +16,20 @@ from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
+from vcfbench.belief.jumps import watched
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, scale_factor_used
-from vcfbench.procedures.shared.known.v_vc import METER_GAIN, meter_error
-from vcfbench.procedures.shared.measurand import measurand, quantity_table, titled
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
-from vcfbench.procedures.shared.window_sum import noise_v, windows_without_times
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
+from vcfbench.instructions.schedule import EARTH_DEG_S
+from vcfbench.instructions.v_vc import METER_GAIN, meter_error
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
+from vcfbench.uncertainty.measurand import measurand, quantity_table, titled
+from vcfbench.uncertainty.window_sum import noise_v, windows_without_times
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 STANDARD_GRAVITY_M_S2 = 9.80665

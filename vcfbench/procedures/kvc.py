@@ -26,23 +26,20 @@ from vcfbench.analysis.k_vc_curve import (
     covariance_parts,
     fit_k_vc_curve,
 )
+from vcfbench.belief.jumps import watched
+from vcfbench.devices.device import UNSEEN
+from vcfbench.devices.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
+from vcfbench.devices.k_vc_since import days_until, drift_words
+from vcfbench.instructions import v_vc
+from vcfbench.instructions.kept import conditions_of
+from vcfbench.instructions.procedure import Procedure, Provenance, Watched, roles
+from vcfbench.instructions.routines import framed, powered
+from vcfbench.instructions.schedule import EARTH_DEG_S
+from vcfbench.instructions.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
 from vcfbench.procedures.health.plan import EXCHANGE, HEALTH, examined
-from vcfbench.procedures.procedure import Procedure, Provenance, Watched, roles
-from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.budget.phases import PhaseErrors
-from vcfbench.procedures.shared.kept import conditions_of
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.device import UNSEEN
-from vcfbench.procedures.shared.known.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
-from vcfbench.procedures.shared.known.k_vc_since import days_until, drift_words
-from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
-from vcfbench.procedures.shared.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
-from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
-from vcfbench.procedures.shared.null_comparison.plan import invalid_match_rates, nulled
-from vcfbench.procedures.shared.routines import framed, powered
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
+from vcfbench.procedures.null_comparison import blocks as null_blocks
+from vcfbench.procedures.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.records.device_values import Characteristics, Sensitivity
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.records.devices import Certificate, CurveShare, KvcCurve, NewEntry
@@ -53,6 +50,9 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps import Plan, Settle
 from vcfbench.steps.measured import Measured
 from vcfbench.typed import typed
+from vcfbench.uncertainty.known_levels import known_levels
+from vcfbench.uncertainty.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
+from vcfbench.uncertainty.phases import PhaseErrors
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 

@@ -40,7 +40,7 @@ from vcfbench.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
-    from vcfbench.procedures.procedure import AnyProcedure, Procedure
+    from vcfbench.instructions.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import LevelSpecification
     from vcfbench.station.description import BenchDescription
 

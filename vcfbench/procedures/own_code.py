@@ -8,7 +8,7 @@ from types import ModuleType
 
 from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.files import read_text, shown
-from vcfbench.procedures.procedure import AnyProcedure, Procedure
+from vcfbench.instructions.procedure import AnyProcedure, Procedure
 
 _OURS = str(Path(__file__).parents[1])
 

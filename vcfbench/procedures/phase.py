@@ -17,13 +17,10 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.kept import Keeps, KeptSettings
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.interfaces import FunctionGenerator
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared.kept import Keeps, KeptSettings
-from vcfbench.procedures.shared.measurand import as_kept, measurand, quantity_table
-from vcfbench.procedures.shared.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
-from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged
@@ -32,6 +29,9 @@ from vcfbench.steps import RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
+from vcfbench.uncertainty import oscilloscope
+from vcfbench.uncertainty.measurand import as_kept, measurand, quantity_table
+from vcfbench.uncertainty.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 LEAST_CYCLES: Final = 3

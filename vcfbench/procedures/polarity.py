@@ -17,10 +17,10 @@ from msgspec import Meta, Struct, structs
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.v_vc import both_signs, ready_v_vc_meter
-from vcfbench.procedures.shared.sweep.schedule import ABBA_SIGNS
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.schedule import ABBA_SIGNS
+from vcfbench.instructions.v_vc import both_signs, ready_v_vc_meter
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.invalid_value import InvalidValue

@@ -14,21 +14,17 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.analysis.input_limits import Limit, Line, limit_of
+from vcfbench.belief.agreement import SLOPES
+from vcfbench.belief.walk import require_answer
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.budget.at_rest import as_rate
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.scale_factor import (
+from vcfbench.instructions import routines, v_vc
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.scale_factor import (
     LevelSettings,
     ScaleFactorBy,
     scale_factor_used,
     tells_scale_factor,
 )
-from vcfbench.procedures.shared.measurand import measurand, titled, value_table
-from vcfbench.procedures.shared.steady.walk import require_answer
-from vcfbench.procedures.shared.sweep.agreement import SLOPES
-from vcfbench.procedures.shared.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
 from vcfbench.station.bounds import ranged, said
@@ -36,6 +32,9 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
+from vcfbench.uncertainty.at_rest import as_rate
+from vcfbench.uncertainty.measurand import measurand, titled, value_table
+from vcfbench.uncertainty.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 

@@ -17,18 +17,18 @@ from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, scale_factor_used
-from vcfbench.procedures.shared.measurand import mean_of_records, quantity_table, titled
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.window_sum import windows_without_times
+from vcfbench.belief.chopped_level import chopped, table_due_deg_s
+from vcfbench.belief.jumps import watched
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.scale_factor import LevelSettings, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
+from vcfbench.uncertainty.measurand import mean_of_records, quantity_table, titled
+from vcfbench.uncertainty.window_sum import windows_without_times
 from vcfbench.values.value import Measurand, Value
 
 _AT_LEVELS, _AFTER_POWER_ON = 1, 2

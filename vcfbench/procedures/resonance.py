@@ -16,20 +16,12 @@ from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode, fit_decays, fit_release
 from vcfbench.analysis.sine_fit import fit_sine
 from vcfbench.errors import ClippedRecord, ConfigError, MeasurementError
+from vcfbench.instructions import routines
+from vcfbench.instructions.kept import Keeps
+from vcfbench.instructions.procedure import Procedure, roles
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage, Waveform
 from vcfbench.procedures.bandwidth import Bandwidth, BandwidthSettings, characteristics, sweep
 from vcfbench.procedures.bandwidth import results as band_of
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.measurand import as_kept, difference, measurand, printed, quality_of
-from vcfbench.procedures.shared.oscilloscope import (
-    amplitudes,
-    as_expected,
-    frequency_of,
-    points_over,
-    points_that_show,
-)
 from vcfbench.records.device_values import Characteristics
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -39,6 +31,14 @@ from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import interval_of, scale_v_per_div
 from vcfbench.steps.step import Context, Effect, Routine, Step, StepResult, answer, does
+from vcfbench.uncertainty.measurand import as_kept, difference, measurand, printed, quality_of
+from vcfbench.uncertainty.oscilloscope import (
+    amplitudes,
+    as_expected,
+    frequency_of,
+    points_over,
+    points_that_show,
+)
 from vcfbench.values.value import Measurand
 
 _DRIVE_RECORD = 0.02, 50_000

@@ -17,23 +17,22 @@ from msgspec.structs import replace
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
+from vcfbench.belief.jumps import watched
 from vcfbench.clock import utc_now
 from vcfbench.errors import MeasurementError
 from vcfbench.files import shown
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.kept import require_valid
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy, not_on_bench
-from vcfbench.procedures.shared.measurand import finite, measurand, titled, value_table
-from vcfbench.procedures.shared.null_comparison.blocks import blocks_of, noise_of
-from vcfbench.procedures.shared.steady.jumps import watched
+from vcfbench.instructions import routines, v_vc
+from vcfbench.instructions.kept import require_valid
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.scale_factor import ScaleFactorBy, not_on_bench
+from vcfbench.procedures.null_comparison.blocks import blocks_of, noise_of
 from vcfbench.records.devices import Certificate, last_certificate
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.step import Routine
+from vcfbench.uncertainty.measurand import finite, measurand, titled, value_table
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _AT_REST, _AT_RATE, _SEARCH = 1, 2, 3

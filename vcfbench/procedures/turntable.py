@@ -6,24 +6,24 @@ from typing import Any
 from msgspec.structs import asdict, replace
 
 from vcfbench.analysis.column import CalibrationColumn
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import columns
-from vcfbench.procedures.shared.budget import line as lines
-from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement, warming_v
-from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
-from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.sweep import schedule
-from vcfbench.procedures.shared.sweep.agreement import require_expected_column, require_steady_slope
-from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
-from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
+from vcfbench.belief.agreement import require_expected_column, require_steady_slope
+from vcfbench.belief.jumps import watched
+from vcfbench.instructions import schedule
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.routines import framed, go_to_rate, powered, ramp_to, take, take_reference
 from vcfbench.records.schema import Point
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Note, Plan, Settle
 from vcfbench.steps.step import Routine
+from vcfbench.uncertainty import columns
+from vcfbench.uncertainty import line as lines
+from vcfbench.uncertainty.found import SweepFound, sweep_found
+from vcfbench.uncertainty.nonlinearity import CurvedLine, line_statement, warming_v
+from vcfbench.uncertainty.of_range import scale_factor_of_range
+from vcfbench.uncertainty.statement import Statement
+from vcfbench.uncertainty.windows import OutputSum, WindowNoise, sweep_of
 from vcfbench.values.value import Unstated, Value
 
 STEP = 1

@@ -17,19 +17,20 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.analysis.rate_band import Tone, split_response
+from vcfbench.belief.jumps import watched
+from vcfbench.belief.walk import require_answer
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.v_vc import both_signs, generator_sheet, has_v_vc_meter
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines, tones
-from vcfbench.procedures.shared.known.v_vc import both_signs, generator_sheet, has_v_vc_meter
-from vcfbench.procedures.shared.measurand import made_of, measurand
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.steady.walk import require_answer
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine
+from vcfbench.uncertainty import tones
+from vcfbench.uncertainty.measurand import made_of, measurand
 from vcfbench.values.quantile import t_of_largest
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 from vcfbench.values.verdict import e_n

@@ -20,12 +20,9 @@ from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
 from vcfbench.clock import sleep
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import budget_table, measurand, printed
-from vcfbench.procedures.shared.sweep.windows import Flicker
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -34,6 +31,9 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.steps.step import Context, Reading, Step, StepResult, answer
+from vcfbench.uncertainty.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
+from vcfbench.uncertainty.measurand import budget_table, measurand, printed
+from vcfbench.uncertainty.windows import Flicker
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _SIGMAS = 3.0

@@ -12,15 +12,15 @@ from msgspec.structs import replace
 from vcfbench.archive.batch_sheet import SheetRow, last_runs, sheet_rows
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.clock import utc_now
+from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.catalogue import is_file
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.own_code import file_of
-from vcfbench.procedures.procedure import AnyProcedure
-from vcfbench.procedures.shared.known.device import KnownDeviceSettings
 from vcfbench.records.journal import read_header
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.records.schema import Status

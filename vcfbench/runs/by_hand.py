@@ -18,7 +18,7 @@ from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
 from vcfbench.drivers.plain import plain
 from vcfbench.errors import Aborted, BenchError, ConfigError, InterlockError, LimitError
-from vcfbench.procedures.shared.routines import look_at_drive, rails_of, ramp_to
+from vcfbench.instructions.routines import look_at_drive, rails_of, ramp_to
 from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import StopSignals
 from vcfbench.station.limits import LimitChecks, driver_of

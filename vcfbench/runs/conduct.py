@@ -20,10 +20,10 @@ from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import today, utc_now
 from vcfbench.errors import Aborted, BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.files import read_text, shown
+from vcfbench.instructions.procedure import AnyProcedure, Provenance
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.interfaces import Identity, Operator, SafeReport, nobody
 from vcfbench.procedures.layers import asked_in_python
-from vcfbench.procedures.procedure import AnyProcedure, Provenance
-from vcfbench.procedures.titles import BUILT_IN
 from vcfbench.records.directory import create_run
 from vcfbench.records.export import points_csv, result_text, write_text
 from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal

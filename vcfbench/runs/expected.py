@@ -16,8 +16,8 @@ from msgspec import Struct, field, structs, to_builtins
 from numpy.typing import NDArray
 
 from vcfbench.errors import BenchError
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.schema import Point
 from vcfbench.records.stated import InParts, values_of
 from vcfbench.station.linear_gyro import LinearGyro

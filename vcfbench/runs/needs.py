@@ -8,9 +8,9 @@ from vcfbench.bench.bench import Bench
 from vcfbench.drivers.hands import BY_HAND
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import lacking
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.safety.roles import needed_roles
 from vcfbench.station.description import BenchDescription

@@ -12,11 +12,11 @@ from typing import Final, Self
 from msgspec import Struct
 
 from vcfbench import steps
+from vcfbench.belief.walk import Limits, sigmas
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import WallClock, sleep
-from vcfbench.procedures.shared.routines import window_of
-from vcfbench.procedures.shared.steady.walk import Limits, sigmas
+from vcfbench.instructions.routines import window_of
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.station.settings import ProcedureSettings

@@ -15,11 +15,11 @@ from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import Builder, checked_pace
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import shown
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import Operator
 from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, of_device, settings_of, with_settings
 from vcfbench.procedures.own_code import file_of, mistake_of
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.metadata import RunMetadata, metadata_of
 from vcfbench.records.schema import Point

@@ -18,11 +18,11 @@ from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, shown
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import Operator
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.layers import recorded_settings, with_settings
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord

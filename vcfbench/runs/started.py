@@ -7,8 +7,8 @@ from threading import Thread
 from typing import Any
 
 from vcfbench.archive.run import Run
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import Operator
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.runs.conduct import run
 from vcfbench.safety.control import RunControl, RunState

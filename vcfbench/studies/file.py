@@ -11,10 +11,10 @@ from msgspec import Meta, Struct, field, structs
 
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, require_numbers, shown
+from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures import catalogue
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import is_file
-from vcfbench.procedures.procedure import AnyProcedure
 from vcfbench.runs.request import Request, prepare
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.file import EMBEDDED, embedded_text

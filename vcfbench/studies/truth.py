@@ -13,7 +13,7 @@ from statistics import fmean
 import numpy as np
 
 from vcfbench.archive.run import Run
-from vcfbench.procedures.shared.sweep.schedule import EARTH_DEG_S
+from vcfbench.instructions.schedule import EARTH_DEG_S
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription

@@ -13,8 +13,8 @@ import numpy as np
 from vcfbench.procedures.phase import Rotations
 from vcfbench.procedures.power.results import RailsLogged
 from vcfbench.procedures.resonance import DriveDecay, SenseDecay
-from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.steps import SineRecords
+from vcfbench.uncertainty.oscilloscope import CaptureSense
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -12,8 +12,8 @@ from msgspec import structs
 from tests.procedures.parts.simulated import Bench, Change, values_of
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import recorded_settings
-from vcfbench.procedures.shared.budget.statement import StatedContribution
 from vcfbench.steps.measured import Measured
+from vcfbench.uncertainty.statement import StatedContribution
 from vcfbench.values.value import Measurand
 
 if TYPE_CHECKING:

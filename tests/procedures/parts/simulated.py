@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from msgspec import structs, to_builtins
 
 import vcfbench
-from vcfbench.procedures.shared.budget.statement import StatedValue
 from vcfbench.sim.gyro.design import PAPER_TARGETS, design, imperfect, paper_bench
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.parameters import BenchParameters
+from vcfbench.uncertainty.statement import StatedValue
 from vcfbench.values.value import Measurand
 
 if TYPE_CHECKING:

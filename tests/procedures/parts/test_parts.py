@@ -11,7 +11,7 @@ from tests.procedures.parts import values
 from tests.procedures.parts.held import Part, Run, grouped, parts_of
 from tests.procedures.parts.procedures import PROCEDURES, Held, parts_of_table
 from tests.procedures.parts.simulated import Change
-from vcfbench.procedures.shared.budget.statement import StatedValue
+from vcfbench.uncertainty.statement import StatedValue
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

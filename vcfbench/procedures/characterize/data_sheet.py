@@ -5,9 +5,9 @@ from typing import Any
 
 from msgspec import Struct
 
-from vcfbench.procedures.shared.measurand import stated_cells
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table, Text, heads
+from vcfbench.uncertainty.measurand import stated_cells
 
 
 class SheetRow(Struct, frozen=True):

@@ -17,13 +17,13 @@ from vcfbench import interfaces
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError
 from vcfbench.files import dotted
+from vcfbench.instructions.kept import Keeps
+from vcfbench.instructions.procedure import AnyProcedure, Procedure, Provenance, roles
+from vcfbench.instructions.v_vc import has_v_vc_meter
 from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, data_sheet_report, line_of, sheet_rows
 from vcfbench.procedures.layers import meter_worth
-from vcfbench.procedures.procedure import AnyProcedure, Procedure, Provenance, roles
-from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.known.v_vc import has_v_vc_meter
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.devices import NewEntry, together
 from vcfbench.records.stated import stated

@@ -7,13 +7,13 @@ from typing import Final, Literal, TypeVar
 
 from msgspec import Struct, structs
 
+from vcfbench.devices.device import KnownDeviceSettings
+from vcfbench.devices.k_vc_change import inputs_of, k_vc_change
 from vcfbench.procedures.health.explained import rise_since
-from vcfbench.procedures.shared.budget import phases
-from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_change import inputs_of, k_vc_change
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.reports.document import Table, Text, heads
+from vcfbench.uncertainty import phases
 from vcfbench.values.value import UncertaintyPart
 
 NOT_MEASURED: Final = "not measured"

@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from vcfbench.procedures.shared.known.k_vc_change import ASSUMED_DRIVE_PPM_K
+from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
 from vcfbench.values.value import Measurand

@@ -11,16 +11,16 @@ from msgspec import structs
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level_v, middle_of, modes_of
 from vcfbench.procedures.resonance import rang_down
-from vcfbench.procedures.shared import oscilloscope
-from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.measurand import as_kept, mean_of_records, measurand, quality_of
-from vcfbench.procedures.shared.oscilloscope import CaptureSense
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.measured import Measured
+from vcfbench.uncertainty import oscilloscope
+from vcfbench.uncertainty.measurand import as_kept, mean_of_records, measurand, quality_of
+from vcfbench.uncertainty.oscilloscope import CaptureSense
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _FLAT = 0.05

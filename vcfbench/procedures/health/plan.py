@@ -18,19 +18,11 @@ from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.routines import check_rails, set_sine, set_v_vc, v_vc_level_again, v_vc_on
+from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
 from vcfbench.procedures.resonance import SenseDecay, ring_downs
-from vcfbench.procedures.shared.known.v_vc import KnownVvcSettings
-from vcfbench.procedures.shared.oscilloscope import (
-    CaptureSense,
-    amplitudes,
-    capture_drive,
-    channels_of,
-    points_over,
-    points_that_show,
-)
-from vcfbench.procedures.shared.routines import check_rails, set_sine, set_v_vc, v_vc_level_again, v_vc_on
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Node
@@ -38,6 +30,14 @@ from vcfbench.station.settings import V_VC_RANGE_V
 from vcfbench.steps.drive_check import one_two_five
 from vcfbench.steps.scope import Screen
 from vcfbench.steps.step import Routine
+from vcfbench.uncertainty.oscilloscope import (
+    CaptureSense,
+    amplitudes,
+    capture_drive,
+    channels_of,
+    points_over,
+    points_that_show,
+)
 
 HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
 EXCHANGE: Final = "whether a person exchanges the probes of drive and carrier for it, so that their gains cancel"

@@ -8,12 +8,12 @@ before and after. Neither a table nor an oscilloscope is needed; where there is 
 from typing import Literal
 
 from vcfbench import steps
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.v_vc import ready_v_vc_meter
 from vcfbench.interfaces import FunctionGenerator, SamplesVoltage
 from vcfbench.procedures.online.results import online_report, online_results
 from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.procedures.procedure import Procedure, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.v_vc import ready_v_vc_meter
 
 
 def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:

@@ -17,11 +17,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.allan import allan_deviation, averaging_factors
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.modulation import FLICKER_FLOOR, Demodulated, demodulated, flicker_share, static_response
-from vcfbench.errors import ConfigError, MeasurementError
-from vcfbench.procedures.health.check import by_phases, gaps_of, missing_of, unmeasured
-from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.certificate import (
+from vcfbench.devices.certificate import (
     Drift,
     Here,
     curve_parts,
@@ -29,12 +25,16 @@ from vcfbench.procedures.shared.known.certificate import (
     drift_parts,
     lists_of_omissions,
 )
-from vcfbench.procedures.shared.known.k_vc_since import k_vc_since, with_temperature
-from vcfbench.procedures.shared.known.v_vc import v_vc_tolerance_v
-from vcfbench.procedures.shared.measurand import budget_table, made_of, measurand, said_of
+from vcfbench.devices.k_vc_since import k_vc_since, with_temperature
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.instructions import v_vc
+from vcfbench.instructions.v_vc import v_vc_tolerance_v
+from vcfbench.procedures.health.check import by_phases, gaps_of, missing_of, unmeasured
+from vcfbench.procedures.online.settings import OnlineSettings
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
+from vcfbench.uncertainty.measurand import budget_table, made_of, measurand, said_of
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _U_SHARE = 0.05

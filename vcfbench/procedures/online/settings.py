@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
-from vcfbench.procedures.shared.known.device import KnownDeviceSettings, level_for
+from vcfbench.devices.device import KnownDeviceSettings, level_for
 from vcfbench.station.bounds import Rate, ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 

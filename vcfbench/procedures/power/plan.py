@@ -11,19 +11,19 @@ from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.belief.chopped_level import at_signs, to_level
+from vcfbench.belief.jumps import watched
 from vcfbench.clock import sleep
+from vcfbench.instructions import routines
+from vcfbench.instructions.kept import Keeps
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power import results
 from vcfbench.procedures.power.results import PowerResult, PowerSettings, RailDraw, RailsDrawn, RailsLogged
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.chopped_level import at_signs, to_level
-from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import as_kept
-from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Reading, Routine, Step, does
+from vcfbench.uncertainty.measurand import as_kept
 
 _QUICK_NPLC = 1.0
 _ROUND_S = 0.05

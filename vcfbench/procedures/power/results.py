@@ -11,8 +11,7 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import measurand, titled, value_table
+from vcfbench.instructions.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.bounds import ranged, several
@@ -21,6 +20,7 @@ from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Reading, Step, StepResult
+from vcfbench.uncertainty.measurand import measurand, titled, value_table
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 Order = Literal["together", "positive", "negative"]

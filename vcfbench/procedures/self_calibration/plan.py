@@ -6,14 +6,14 @@ needed: supply, generator, a multimeter, and where there is one a second on V_Vc
 """
 
 from vcfbench.analysis.chopped import CHOPPED
+from vcfbench.belief.jumps import watched
+from vcfbench.devices.device import level_for
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
+from vcfbench.instructions.v_vc import measured_levels, ready_v_vc_meter, take_driven
 from vcfbench.procedures.health.plan import examined
-from vcfbench.procedures.procedure import Procedure, Watched, roles
 from vcfbench.procedures.self_calibration import results
 from vcfbench.procedures.self_calibration.results import SelfCalibrationSettings
-from vcfbench.procedures.shared.known.device import level_for
-from vcfbench.procedures.shared.known.v_vc import measured_levels, ready_v_vc_meter, take_driven
-from vcfbench.procedures.shared.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
-from vcfbench.procedures.shared.steady.jumps import watched
 from vcfbench.steps import DisableVvc, Note, Plan, Settle
 from vcfbench.steps.step import Routine
 

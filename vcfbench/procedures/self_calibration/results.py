@@ -18,18 +18,7 @@ from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
 from vcfbench.analysis.column import CalibrationColumn
 from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.scale_factor import characterise
-from vcfbench.errors import ConfigError
-from vcfbench.procedures.health import check as health_check
-from vcfbench.procedures.health.explained import explained_parts
-from vcfbench.procedures.health.found import beside, health_of, unchanged
-from vcfbench.procedures.health.plan import EXCHANGE, HEALTH
-from vcfbench.procedures.procedure import Provenance
-from vcfbench.procedures.self_calibration import shape
-from vcfbench.procedures.shared.budget.known_levels import known_levels
-from vcfbench.procedures.shared.columns import combined
-from vcfbench.procedures.shared.kept import conditions_of
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.certificate import (
+from vcfbench.devices.certificate import (
     Drift,
     Here,
     curve_parts,
@@ -37,10 +26,18 @@ from vcfbench.procedures.shared.known.certificate import (
     drift_parts,
     lists_of_omissions,
 )
-from vcfbench.procedures.shared.known.device import KnownDeviceSettings
-from vcfbench.procedures.shared.known.k_vc_since import K_VC_DRIFT, K_VC_ON_THE_WAY, k_vc_since, with_temperature
-from vcfbench.procedures.shared.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
-from vcfbench.procedures.shared.null_comparison import blocks as null_blocks
+from vcfbench.devices.device import KnownDeviceSettings
+from vcfbench.devices.k_vc_since import K_VC_DRIFT, K_VC_ON_THE_WAY, k_vc_since, with_temperature
+from vcfbench.errors import ConfigError
+from vcfbench.instructions import v_vc
+from vcfbench.instructions.kept import conditions_of
+from vcfbench.instructions.procedure import Provenance
+from vcfbench.procedures.health import check as health_check
+from vcfbench.procedures.health.explained import explained_parts
+from vcfbench.procedures.health.found import beside, health_of, unchanged
+from vcfbench.procedures.health.plan import EXCHANGE, HEALTH
+from vcfbench.procedures.null_comparison import blocks as null_blocks
+from vcfbench.procedures.self_calibration import shape
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.records.devices import NewEntry, SelfCalibration
@@ -49,6 +46,9 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import Rate, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Foreseen, Measured
+from vcfbench.uncertainty.columns import combined
+from vcfbench.uncertainty.known_levels import known_levels
+from vcfbench.uncertainty.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
 from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 

@@ -13,22 +13,22 @@ from statistics import fmean
 from msgspec.structs import replace
 
 from vcfbench import steps
+from vcfbench.belief.agreement import require_steady_slope
+from vcfbench.belief.chopped_level import chopped, table_due_deg_s, to_level
+from vcfbench.belief.jumps import watched
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions import routines
+from vcfbench.instructions.kept import Keeps
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.bandwidth import sweep
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.chopped_level import chopped, table_due_deg_s, to_level
-from vcfbench.procedures.shared.kept import Keeps
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactorBy
-from vcfbench.procedures.shared.measurand import as_kept
-from vcfbench.procedures.shared.oscilloscope import capture_drive
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.sweep.agreement import require_steady_slope
 from vcfbench.procedures.temperature import results
 from vcfbench.procedures.temperature.settings import STEADY_MEANS, TemperatureSettings
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.schema import Point
 from vcfbench.steps.step import Routine, answer
+from vcfbench.uncertainty.measurand import as_kept
+from vcfbench.uncertainty.oscilloscope import capture_drive
 
 _SIGMAS = 3.0
 

@@ -12,16 +12,16 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
+from vcfbench.instructions import v_vc
+from vcfbench.instructions.scale_factor import ScaleFactor, scale_factor_used
 from vcfbench.procedures import bandwidth
-from vcfbench.procedures.shared.known import v_vc
-from vcfbench.procedures.shared.known.scale_factor import ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.measurand import measurand, value_table
-from vcfbench.procedures.shared.oscilloscope import TIME_BASE
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
+from vcfbench.uncertainty.measurand import measurand, value_table
+from vcfbench.uncertainty.oscilloscope import TIME_BASE
 from vcfbench.values.quantile import t_of_largest
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 

@@ -5,8 +5,8 @@ from typing import Annotated
 
 from msgspec import structs
 
+from vcfbench.instructions.scale_factor import LevelSettings
 from vcfbench.procedures.bandwidth import BandwidthSettings
-from vcfbench.procedures.shared.known.scale_factor import LevelSettings
 from vcfbench.station.bounds import ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 

@@ -10,16 +10,16 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.budget import Source
-from vcfbench.procedures.shared.budget import line as lines
-from vcfbench.procedures.shared.budget.known_levels import KnownLevels, LevelEffects, known_levels
-from vcfbench.procedures.shared.budget.nonlinearity import CurvedLine, line_statement, warming_v
-from vcfbench.procedures.shared.budget.of_range import scale_factor_of_range
-from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.sweep.windows import OutputSum, WindowNoise, sweep_of
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Match, ProcedureSettings
+from vcfbench.uncertainty import line as lines
+from vcfbench.uncertainty.known_levels import KnownLevels, LevelEffects, known_levels
+from vcfbench.uncertainty.nonlinearity import CurvedLine, line_statement, warming_v
+from vcfbench.uncertainty.of_range import scale_factor_of_range
+from vcfbench.uncertainty.statement import Statement
+from vcfbench.uncertainty.windows import OutputSum, WindowNoise, sweep_of
 
 MEANINGS = MappingProxyType(
     {

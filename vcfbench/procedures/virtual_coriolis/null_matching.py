@@ -14,9 +14,9 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, DIFFERENCES
 from vcfbench.analysis.k_vc_curve import KVcCurve, coefficient_weights, fit_k_vc_curve
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.shared.null_comparison.blocks import block_covariance, blocks_of, noise_of, nulled_levels
-from vcfbench.procedures.shared.null_comparison.plan import block
-from vcfbench.procedures.shared.sweep.schedule import KvcBy
+from vcfbench.instructions.schedule import KvcBy
+from vcfbench.procedures.null_comparison.blocks import block_covariance, blocks_of, noise_of, nulled_levels
+from vcfbench.procedures.null_comparison.plan import block
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
 

@@ -9,14 +9,14 @@ from collections.abc import Iterator
 from functools import partial
 from itertools import groupby
 
+from vcfbench.belief import agreement
+from vcfbench.belief.jumps import watched
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.procedure import Procedure, Watched, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.known.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
-from vcfbench.procedures.shared.null_comparison.plan import nulled
-from vcfbench.procedures.shared.steady.jumps import watched
-from vcfbench.procedures.shared.sweep import agreement
-from vcfbench.procedures.shared.sweep.schedule import SEARCH, ZERO_DRIVEN, KvcBy
+from vcfbench.instructions import routines
+from vcfbench.instructions.procedure import Procedure, Watched, roles
+from vcfbench.instructions.schedule import SEARCH, ZERO_DRIVEN, KvcBy
+from vcfbench.instructions.v_vc import generator_sheet, has_v_vc_meter, ready_v_vc_meter, take_driven
+from vcfbench.procedures.null_comparison.plan import nulled
 from vcfbench.procedures.turntable import table_sweep
 from vcfbench.procedures.virtual_coriolis import results
 from vcfbench.procedures.virtual_coriolis.matching import Matching

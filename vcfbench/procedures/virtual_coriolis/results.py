@@ -8,12 +8,8 @@ from msgspec import Struct
 
 from vcfbench.analysis.column import CalibrationColumn, FittedValue
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, compare
-from vcfbench.procedures.shared import columns
-from vcfbench.procedures.shared.budget.statement import Statement
-from vcfbench.procedures.shared.known.v_vc import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
-from vcfbench.procedures.shared.sweep.found import SweepFound, sweep_found
-from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
-from vcfbench.procedures.shared.sweep.windows import sweep_of
+from vcfbench.instructions.schedule import KvcBy, SweepSettings
+from vcfbench.instructions.v_vc import K_VC_UNIT, at_measured_levels, generator_sheet, standing_for
 from vcfbench.procedures.virtual_coriolis.budget import four_step_statement
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.procedures.virtual_coriolis.null_matching import NullMatching, null_matching
@@ -22,6 +18,10 @@ from vcfbench.records.schema import Point
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.settings import Match
+from vcfbench.uncertainty import columns
+from vcfbench.uncertainty.found import SweepFound, sweep_found
+from vcfbench.uncertainty.statement import Statement
+from vcfbench.uncertainty.windows import sweep_of
 from vcfbench.values.value import Unstated, Value
 
 

@@ -3,8 +3,8 @@
 from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
-from vcfbench.procedures.shared.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
-from vcfbench.procedures.shared.sweep.schedule import KvcBy, SweepSettings
+from vcfbench.instructions.schedule import KvcBy, SweepSettings
+from vcfbench.procedures.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import Match

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from vcfbench import steps
-from vcfbench.procedures.procedure import Procedure, Provenance, roles
-from vcfbench.procedures.shared import routines
-from vcfbench.procedures.shared.kept import conditions_of
+from vcfbench.instructions import routines
+from vcfbench.instructions.kept import conditions_of
+from vcfbench.instructions.procedure import Procedure, Provenance, roles
 from vcfbench.procedures.zero.results import (
     Mode,
     ZeroResult,

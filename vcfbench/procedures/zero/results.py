@@ -14,15 +14,15 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term, block_means, 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
 from vcfbench.analysis.plausibility import doubts_of_record
-from vcfbench.procedures.shared.budget.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
-from vcfbench.procedures.shared.kept import KeptSettings
-from vcfbench.procedures.shared.known.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
-from vcfbench.procedures.shared.known.v_vc import away_from_warm_k
-from vcfbench.procedures.shared.measurand import budget_table, finite, measurand, printed
+from vcfbench.instructions.kept import KeptSettings
+from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
+from vcfbench.instructions.v_vc import away_from_warm_k
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.uncertainty.at_rest import about_horizon, as_rate, flicker_found, flicker_part, parts_at_rest
+from vcfbench.uncertainty.measurand import budget_table, finite, measurand, printed
 from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 

@@ -1,0 +1,314 @@
+"""Prior knowledge of a device: its K_Vc from a certificate, a file or a number, and its history."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, ClassVar, Self, cast
+
+from msgspec import Meta, Struct, field, structs
+
+from vcfbench.clock import utc_now
+from vcfbench.devices.k_vc_change import require_characterised
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.files import shown
+from vcfbench.instructions.kept import require_valid, with_flicker
+from vcfbench.instructions.v_vc import KnownVvcSettings
+from vcfbench.records import device_values, devices
+from vcfbench.station.bounds import ranged, said
+from vcfbench.station.settings import Gap, Limit, Station
+from vcfbench.strict import refusal, words
+
+UNSEEN = (
+    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
+    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
+    "the phase of the carrier against the drive",
+    "the modulator: its gain, its reference, its curvature",
+    "masses and their shares in the modes",
+)
+"""Causes that a self-calibration by K_Vc cannot see: all quantities within K_Vc itself (equation 16 of the paper)."""
+
+E_N_ACTION, CUSUM_ACTION = 2.25, 10.0
+"""E_n, and cumulative sum with k = 0.5 (NIST/SEMATECH e-Handbook 6.3.2.3), beyond which a drift fails.
+
+Together, of the change since the certificate, since the last entry and of the creep, they fail a device that has not
+changed in 1 of 100 years of mornings, 365 looks, and in 1 of 1000 again at the second look (computed, 2500 years each
+with certificates 0.3, 1 and 2 times as uncertain as a morning). With 1.5 and 5 it were 9 of 10.
+"""
+
+_AS_STATED = (
+    "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
+    "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
+)
+
+
+class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Reference of the scale factor: an earlier entry of the device."""
+
+    name: str
+    """Name of the entry: ``0003``."""
+    kind: str
+    done: str
+    """Date, as ISO 8601 has it."""
+    scale_factor_v_per_deg_s: device_values.Measured
+    temperature_c: float | None = None
+    rails_v: tuple[float, float] | None = None
+
+
+class KnownDevice(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Prior knowledge of the device."""
+
+    k_vc: devices.KvcCurve
+    source: str
+    """Source of the curve: ``certificate 0001``, a file, a number."""
+    certificate: str | None
+    """Name of the device's own certificate; None where the curve comes from elsewhere."""
+    issued: str | None = None
+    """Date of the certificate's measurement, as ISO 8601 has it; None where there is none."""
+    days_since: float | None = None
+    """Age of the certificate as the run began, whole days."""
+    characteristics: device_values.Characteristics | None = None
+    """Characteristics of the device then, as far as the certificate has them."""
+    unseen: tuple[str, ...] = UNSEEN
+    holds_not: tuple[str, ...] = ()
+    """Sources that are in no uncertainty because K_Vc comes from there."""
+    reference: Reference | None = None
+    """Reference from the certificate; from its first self-calibration where it has no scale factor itself."""
+    history: tuple[Reference, ...] = ()
+    """The self-calibrations by that certificate, oldest first."""
+    failed_before: tuple[str, ...] = ()
+    """Those of them whose drift failed."""
+
+
+class DeviceStation(Station, frozen=True, kw_only=True):
+    """Station with the known device: the record holds all inputs of the results."""
+
+    known: KnownDevice | None = None
+
+
+class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
+    """Settings of procedures that use the K_Vc of a device: of its certificate, of a file, or a number."""
+
+    k_vc: Annotated[
+        Annotated[str, Meta(min_length=1, max_length=4096)] | None,
+        said("a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut", option=True),
+    ] = None
+    k_vc_u_deg_s_per_v: Annotated[float, ranged(0.0, 1e6, "u of a K_Vc that is a number")] = 0.0
+    station: DeviceStation = field(default_factory=DeviceStation)
+
+    max_drift_ppm: Annotated[
+        Annotated[float, ranged(0.0, 1e6)] | None,
+        said("of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
+    ] = None
+
+    rates_key: ClassVar[str] = "virtual_rates_deg_s"
+    """Name of the key with the requested virtual rates."""
+
+    @property
+    def acceptance(self) -> tuple[Limit, ...]:
+        """The limits of the bench file, and those of the drift where something earlier is known of the device."""
+        stated = super().acceptance
+        known = self.station.known
+        if known is None or known.reference is None:
+            return stated
+        keys, never_again = {limit.key for limit in stated}, Limit("failed_before", 0.0, 0.0)
+        if (most := self.max_drift_ppm) is not None:  # how much there may be: by it alone a drift is judged then
+            return (*stated, Limit("drift_ppm", -most, most, guarded=True), never_again)
+        if "drift_ppm" in keys:
+            return (*stated, never_again)
+        since_last = [Limit("e_n_since_last", 0.0, E_N_ACTION)] if known.history else []
+        seen = [] if "e_n" in keys else [Limit("e_n", 0.0, E_N_ACTION)]
+        return (*stated, *seen, *since_last, Limit("cusum", 0.0, CUSUM_ACTION), never_again)
+
+    @property
+    def magnitudes_deg_s(self) -> tuple[float, ...]:
+        """The virtual rates that are asked for, without sign, each once, rising."""
+        raise NotImplementedError
+
+    def own_gaps(self) -> list[Gap]:
+        """Return the unknown quantities that do not concern a table."""
+        return [gap for gap in self.station.sources.gaps() if gap.name not in {"table rate", "misalignment"}]
+
+    @property
+    def missing_without_table(self) -> tuple[str, ...]:
+        """Missing contributions of a scale factor by V_Vc: those of the device's K_Vc, and those here."""
+        here = (gap.name for gap in self.own_gaps() if {"scale_factor", "k_vc"} & {*gap.kinds})
+        return tuple(dict.fromkeys([*self.known.k_vc.missing, *here]))
+
+    @property
+    def known(self) -> KnownDevice:
+        """Known device; ConfigError: it was not looked up."""
+        if self.station.known is None:
+            raise ConfigError("K_Vc is not known: name the device (--dut) or K_Vc itself (--k-vc)")
+        return self.station.known
+
+    @property
+    def known_scale_factor(self) -> float | None:
+        """Scale factor of the certificate, else the middle of what the bench file expects, V/(deg/s); None: neither."""
+        reference, expected = self.known.reference, self.expected.scale_factor_v_per_deg_s
+        if reference is not None:
+            return reference.scale_factor_v_per_deg_s.value
+        return None if expected is None else 0.5 * (expected[0] + expected[1])
+
+    def require_sign(self, found: float) -> None:
+        """See that a scale factor has the sign that is known; MeasurementError: it has the other one."""
+        known = self.known_scale_factor
+        if known is not None and found * known < 0.0:
+            raise MeasurementError(
+                f"the scale factor is of the other sign than {known:.4g} V/(deg/s), which the gyroscope has",
+                instrument="multimeter",
+                hint="are the leads of a meter or of V_Vc the wrong way round, or is K_Vc of the other sign (--k-vc)? "
+                "vcfbench run polarity tells",
+            )
+
+    def recalled(self) -> Self:
+        """Return these settings with the known device.
+
+        ConfigError: no K_Vc is known, its certificate is out of date, or the V_Vc of a rate is beyond the curve, the
+        bench's limit or the range of the meter on V_Vc.
+        """
+        now, entries = utc_now(), () if self.dut is None else self.store.standing(self.dut)
+        if self.k_vc is not None:
+            known = _given(self, self.k_vc, entries, now)
+        elif self.dut is not None:
+            found = self.store.certificate(self.dut)
+            record = cast("devices.Certificate", found.record)
+            require_valid(record, shown(found.path), now, outdated=self.outdated)
+            known = _of_certificate(record, found.name, entries, now)
+        else:
+            raise ConfigError(
+                "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
+                hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
+            )
+        require_characterised(known.characteristics, self.temperature_c)
+        station = structs.asdict(with_flicker(self, outdated=self.outdated).station)
+        recalled = structs.replace(self, station=DeviceStation(**{**station, "known": known}))
+        most_v = self.station.limits.max_v_vc_v
+        for rate_deg_s in (sign * rate for rate in recalled.magnitudes_deg_s for sign in (1.0, -1.0)):
+            level_v = level_for(known.k_vc, rate_deg_s, self.rates_key)
+            if most_v is not None and abs(level_v) > most_v:
+                raise ConfigError(
+                    f"{self.rates_key}: {rate_deg_s:g} deg/s needs {abs(level_v):.4g} V of V_Vc, the bench allows "
+                    f"{most_v:g} V (limits.max_v_vc_v)"
+                )
+            for wrong in recalled.beyond_range(level_v, rate_deg_s):
+                raise refusal(wrong.path, wrong.expected, words(wrong.came))
+        return recalled
+
+
+def _of_certificate(
+    record: devices.Certificate, name: str, entries: tuple[devices.Entry, ...], now: datetime, *, own: bool = True
+) -> KnownDevice:
+    """Return the known device by a certificate, its own or another's."""
+    at_c, seen = record.conditions.temperature_c, record.characteristics or device_values.Characteristics()
+    if seen.temperature_c is None and at_c is not None:
+        seen = structs.replace(seen, temperature_c=device_values.Measured(value=at_c, u=0.0))
+    known = KnownDevice(
+        k_vc=record.k_vc,
+        source=f"certificate {name}",
+        certificate=name if own else None,
+        unseen=record.unseen,
+        issued=record.issued.isoformat(),
+        days_since=max(0.0, float((now - record.issued).days)),
+        characteristics=seen,
+    )
+    return _with_history(known, entries)
+
+
+def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Entry, ...], now: datetime) -> KnownDevice:
+    """Return the K_Vc that was given: a number, or the file of a certificate."""
+    try:
+        number = float(given)
+    except ValueError:
+        record = devices.read_entry(Path(given))
+        if not isinstance(record, devices.Certificate):
+            raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
+        devices.require_not_withdrawn(Path(given), record)
+        if settings.station.simulated not in {None, record.conditions.simulated}:
+            benches = ("a real bench", "a simulated bench")
+            of, here = benches[record.conditions.simulated], benches[not record.conditions.simulated]
+            raise ConfigError(f"{shown(given)}: the certificate is from {of}, this is {here}") from None
+        require_valid(record, shown(given), now, outdated=settings.outdated)
+        if (own := devices.last_certificate(entries)) is not None and own.record == record:
+            return _of_certificate(record, own.name, entries, now)
+        name = f"of {record.serial}, {shown(given)}"
+        known = _of_certificate(record, name, entries, now, own=False)
+        since = _reference(name, record)
+        return known if since is None else structs.replace(known, reference=since, history=())
+    if not 0.0 < abs(number) <= 1e6:
+        raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
+    own = devices.last_certificate(entries)
+    usual = (
+        settings.expected_gyro().k_vc if own is None else cast("devices.Certificate", own.record).k_vc.coefficients[1]
+    )
+    if number * usual < 0.0:
+        where = "k_vc_guess_deg_s_per_v or expected.k_vc_deg_s_per_v" if own is None else f"certificate {own.name}"
+        raise ConfigError(
+            f"--k-vc {given}: expected the sign of {usual:g} (deg/s)/V ({where})",
+            hint="vcfbench run polarity tells the sign of K_Vc",
+        )
+    most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
+    variance = settings.k_vc_u_deg_s_per_v**2
+    curve = devices.KvcCurve(
+        coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
+    )
+    source = f"K_Vc = {given} (deg/s)/V, as told"
+    return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
+
+
+def _with_history(known: KnownDevice, entries: tuple[devices.Entry, ...]) -> KnownDevice:
+    """Return `known` with the references of the scale factor: the last certificate, and the later entries."""
+    certificate, failed = devices.last_certificate(entries), devices.failed_drifts(entries)
+    own = devices.since_certificate(entries)
+    names = {each.name for each in failed}
+    # A failure at the last look alone waits for a second one, which is made without it; so is one that was not found
+    # again no entry to compare with
+    waits = own[-1:] if failed[-1:] == own[-1:] and not {each.name for each in own[-2:-1]} & names else ()
+    sure = [each for each in failed if each not in waits]
+    good = [each for each in own if getattr(each.record, "drift_verdict", None) != "fail" or each in sure]
+    compared = [*([] if certificate is None else [certificate]), *good]
+    references = [found for each in compared if (found := _reference(each.name, each.record)) is not None]
+    return structs.replace(
+        known,
+        reference=references[0] if references else None,
+        history=tuple(references[1:]),
+        failed_before=tuple(each.name for each in sure),
+    )
+
+
+def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
+    """Return the scale factor of an entry."""
+    match record:
+        case devices.SelfCalibration(scale_factor_v_per_deg_s=found):
+            kind, done = "self-calibration", record.done
+        case devices.Certificate(scale_factor_v_per_deg_s=device_values.Measured() as found):
+            kind, done = "certificate", record.issued
+        case _:
+            return None
+    under = record.conditions
+    return Reference(
+        name=name,
+        kind=kind,
+        done=done.isoformat(),
+        scale_factor_v_per_deg_s=found,
+        temperature_c=under.temperature_c,
+        rails_v=under.rails_v,
+    )
+
+
+def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:
+    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
+
+    ConfigError: the curve does not go so far.
+    """
+    low_v, high_v = curve.v_vc_min_v, curve.v_vc_max_v
+    if rate_deg_s == 0.0:
+        return 0.0
+    ends = sorted((curve.rate_deg_s(low_v), curve.rate_deg_s(high_v)))
+    tolerance = 1e-3 * (ends[1] - ends[0])
+    if not ends[0] - tolerance <= rate_deg_s <= ends[1] + tolerance:
+        raise ConfigError(f"{key}: K_Vc is known from {ends[0]:.5g} to {ends[1]:.5g} deg/s, not at {rate_deg_s:g}")
+    rising = curve.rate_deg_s(high_v) > curve.rate_deg_s(low_v)
+    for _ in range(60):
+        middle_v = 0.5 * (low_v + high_v)
+        below = (curve.rate_deg_s(middle_v) < rate_deg_s) == rising
+        low_v, high_v = (middle_v, high_v) if below else (low_v, middle_v)
+    return 0.5 * (low_v + high_v)

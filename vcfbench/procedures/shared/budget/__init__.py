@@ -1,1 +1,0 @@
-"""Uncertainty budgets of a line of outputs against rates."""

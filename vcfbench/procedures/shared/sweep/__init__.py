@@ -1,1 +1,0 @@
-"""A sweep over rates: the order of its points, their agreement, and the noise of its windows."""
