@@ -93,6 +93,26 @@ def test_fault_of_a_table_is_told(change: dict[int, float], words: str) -> None:
     assert any(words in each for each in of_table(outputs))
 
 
+BENDS: dict[str, Callable[[Floats], Floats]] = {
+    "square": lambda x: x**2,
+    "cube": lambda x: x**3,
+    "asymmetry": np.abs,
+    "saturation": lambda x: np.tanh(1.5 * x),
+}
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_bend_of_the_curve_is_no_point_off_the_line(bend: str) -> None:
+    """Where rates are spaced by factors, as in the paper, the ends alone lie in the bend."""
+    steps = 200.0 * 0.4 ** np.arange(8.0)
+    rates = np.concatenate([steps, [0.0], -steps])
+    draw = np.random.default_rng(6)
+    for size in (1e-4, 1e-3, 1e-2):
+        outputs = -12.5e-3 * rates + size * BENDS[bend](rates / 200.0) + 1e-5 * draw.standard_normal(rates.size)
+        line = fit_line(rates, outputs)
+        assert doubts_of_line(rates, outputs, line, line.u_scale_factor) == []
+
+
 def test_dead_output_is_told() -> None:
     dead = 1e-4 + 1e-5 * np.random.default_rng(3).standard_normal(RATES.size)
     assert any("not beyond its own uncertainty" in each for each in of_table(dead))

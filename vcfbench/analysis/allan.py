@@ -120,7 +120,7 @@ def equivalent_dof(samples: int, factor: int, noise: PhaseNoise = WHITE_NOISE) -
         ConfigError: the record is too short for one term.
     """
     terms = samples + 1 - 2 * factor
-    if factor < 1 or terms < 1:
+    if factor < 1 or terms < 1 or factor % 1:
         raise ConfigError(f"{samples} samples do not make two clusters of {factor}")
     squares = correlated_squares(noise, terms, factor, terms, factor)
     return 2.0 * squares.mean_first**2 / squares.covariance

@@ -185,19 +185,32 @@ def doubts_of_line(rate_deg_s: Floats, output: Floats, line: LineFit, u_scale_fa
 
 
 def _stray(rate: Floats, output: Floats) -> int | None:
-    """Return the point that a line through the others misses far beyond their scatter, None if none is."""
+    """Return the point that a fit of the others misses far beyond their scatter, None if none is.
+
+    At an end of the rates alone the curve may bend: there the fit has a square, a cube and an asymmetry beside the line
+    (the turntable's points of the paper miss their line most at both ends).
+    """
     if rate.size < _LEAST_POINTS:
         return None
+    x = (rate - rate.mean()) / np.ptp(rate)
+    row = _far_off(np.column_stack([np.ones_like(x), x]), output)
+    if row is None or rate.min() < rate[row] < rate.max():
+        return row
+    bent = np.column_stack([np.ones_like(x), x, x**2, x**3, np.abs(rate)])
+    return row if _far_off(bent, output) == row else None
+
+
+def _far_off(columns: Floats, output: Floats) -> int | None:
+    """Return the row whose deleted residual, studentised, is the largest, if chance does not make one so large."""
     from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
 
-    size = rate.size
-    away = rate - rate.mean()
-    lever = 1.0 / size + away**2 / float(away @ away)
-    left = output - output.mean() - away * float(away @ output) / float(away @ away)
+    size, dof = len(columns), len(columns) - columns.shape[1] - 1
+    basis = np.linalg.qr(columns)[0]
+    keeps = np.maximum(1.0 - (basis**2).sum(axis=1), 1e-9)
+    left = output - basis @ (basis.T @ output)
     whole = float(left @ left)
-    others = np.maximum(whole - left**2 / (1.0 - lever), 1e-12 * whole) / (size - 3)
-    if not whole > (1e-12 * float(np.abs(output).max())) ** 2:
+    if dof < 1 or not whole > (1e-12 * float(np.abs(output).max())) ** 2:
         return None
-    ratio = np.abs(left) / np.sqrt(others * (1.0 - lever))
+    ratio = np.abs(left) / np.sqrt(np.maximum(whole * keeps - left**2, 1e-12 * whole) / dof)
     row = int(ratio.argmax())
-    return row if ratio[row] > float(stdtrit(size - 3, 1.0 - _CHANCE / size)) else None
+    return row if ratio[row] > float(stdtrit(dof, 1.0 - _CHANCE / size)) else None

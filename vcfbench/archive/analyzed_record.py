@@ -248,7 +248,7 @@ def _piece(
         (pace.backwards, "times before the one before"),
     ):
         if rows:
-            notices.append(f"{len(rows)} {words}, the first in line {numbers.line(rows[0])}")
+            notices.append(f"{words}: {len(rows)}, the first in line {numbers.line(rows[0])}")
     if pace.jitter_s > _UNEVEN * pace.interval_s:
         notices.append(f"the times scatter by {pace.jitter_s:.2g} s about steps of {pace.interval_s:.4g} s")
     if pace.breaks:

@@ -134,9 +134,10 @@ def record_noise(
         walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
         fit = with_what_is_let_through(by_scatter(model.fit, rates_deg_s, fitted), fitted, u_bandwidth_hz)
         fit = without_meter(fit, fitted, meter_deg_s)
-    if fit is not None and fit.coefficients.squares()[:-1].any():
+    law = PhaseNoise() if fit is None else fit.coefficients.phase_noise(fitted)
+    if law.squares().any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
-        law, points = fit.coefficients.phase_noise(fitted), []
+        points = []
         for tau_s, deviation in [(point.tau_s, point.deviation) for point in curve]:
             edf = allan.equivalent_dof(size, round(tau_s / fitted.interval_s), law)
             low, high = allan.confidence_interval(edf, _CONFIDENCE)
