@@ -24,7 +24,7 @@ MEAN = float(np.mean(RATES))
 
 def log(head: str, row: str = "{t:.2f},{x}", count: int = 80, *, comma: bool = False) -> str:
     """A log of 100 readings a second; in `row` t is the time, s, x the rate, deg/s, k the number of the line."""
-    rows = (row.format(t=0.01 * k, x=f"{RATES[k]:.3f}", v=RATES[k], k=k) for k in range(count))
+    rows = (row.format(t=0.01 * k, x=f"{RATES[k]:.3f}", h=3.6e6 * RATES[k], v=RATES[k], k=k) for k in range(count))
     return head + "".join((each.replace(".", ",") if comma else each) + "\n" for each in rows)
 
 
@@ -69,6 +69,16 @@ RIGHT: dict[str, tuple[str, dict[str, Any], float | None]] = {
     ),
     "unit by hand": (log("time,gz\n"), {"units": {"time": "s", "gz": "deg/s"}}, None),
     "times not looked at": (log("time,gyro_dps\n", "7,{x}"), {"time": "none"}, 100.0),
+    "preface of texts": (
+        log("Test,Rest\nModel,DMM6500\n\nIndex,gz_dps,Unit,Math,Start,t_s\n", "{k},{x},Volt DC,F,F,{t}"),
+        {"skip": 3, "columns": ("gz_dps",)},
+        None,
+    ),
+    "times of day": (log("time,gz_dps\n", "10:00:0{t:.3f},{x}"), {}, None),
+    "dates by another name": (log("utc,gz_dps\n", "2026-11-29T10:00:0{t:.2f}Z,{x}"), {}, None),
+    "sep of a tab, units below": (log("sep=\t\na_Timestamp\ta_Gyro\t\ns\tdeg/s\t\n", "{t}\t{x}\t"), {}, None),
+    "a separator of its own": (log("t_s | gz_dps\n", "{t} | {x}"), {"separator": "|"}, None),
+    "commas of thousands": (log("t_s;gz [mdeg/h]\n", "{t};{h:,.1f}"), {"decimal": "point"}, None),
     "milli": (log("t_s,gyro [mdps]\n", "{t},{x}e3"), {}, None),
     "a minute": (log("t_s,gyro [deg/min]\n", "{t},{x}e0"), {}, None),
 }
@@ -146,7 +156,12 @@ REFUSED: dict[str, tuple[str, str]] = {
     "not a number": (log("t_s,gyro_dps\n") + "0.8,NaN\n", "line 82, column gyro_dps: NaN is not a measured value"),
     "no reading": (log("t_s,gyro_dps\n") + "0.8,9.91E37\n", "line 82, .*instrument's word"),
     "UTF-16": ("\ufeff" + log("t_s,gyro_dps\n"), "save the table as UTF-8"),
-    "no separator": (log("t_s|gyro_dps\n", "{t}|{x}"), "no column with a unit|not a number"),
+    "text above texts": (log("Test,Rest\nModel,X\n\nIndex,gz,Unit,Math,t_s\n", "{k},{x},V,F,{t}"), "--skip 3"),
+    "name in each cell": (log("", "gx:{t},gz:{x}"), "line 1: expected names above numbers alone"),
+    "comments alone": (log("", "%RAW,{t},{x}"), "the file has comments alone"),
+    "carriage returns": (log("t_s,gz_dps\n").replace("\n", "\r"), "save it with line feeds"),
+    "volts DC": (log("t_s,Scan,Reading (VDC)\n", "{t},{k},{x}"), "--scale-factor"),
+    "no such separator": (log("t_s | gz_dps\n", "{t} | {x}"), r"--separator '\|'"),
 }
 
 

@@ -90,7 +90,7 @@ _RATE = re.compile(
     rf"|([kmun\u03bc]?)({'|'.join(_ANGLES)})[ .*_\u00b7\u22c5]?({'|'.join(_SECONDS)}) ?\^?\*{{0,2}}\(?-1\)?"
 )
 _SHORT_RATE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_SHORT_RATES)})")
-_VOLT = re.compile(r"([kmun\u03bc]?)(?:v|volt|volts)")
+_VOLT = re.compile(r"([kmun\u03bc]?)(?:v|volt|volts)(?:[ _]?dc)?")
 _TIME_WORDS = {
     *(
         "t",

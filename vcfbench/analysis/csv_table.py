@@ -40,14 +40,16 @@ _BRACKETS = "[](){} "
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", ",": ",", ";": ";", "\t": "\t", " ": " "}
 _DECIMALS = {"comma": ",", "point": ".", ",": ",", ".": "."}
+_OR_POINT = "--decimal comma, or point"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?", re.ASCII)
+_TWO_NUMBERS = re.compile(r"[\d.+-]+\s*([^\w\s.,+-])\s*[\d.+-]+")
 _LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
 """Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
 _LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
 _CUT_OFF = re.compile(rb"[.eE+-]\s*$")
-_DATE = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d.*")
+_DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d.*")
 
 
 class Layout(Struct, frozen=True):
@@ -67,8 +69,9 @@ class Layout(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Refuse words that mean nothing."""
         for what, given, known in (("separator", self.separator, _SEPARATORS), ("decimal", self.decimal, _DECIMALS)):
-            if given is not None and given not in known:
-                raise ConfigError(f"--{what}: expected one of {', '.join(list(known)[:4])}, came {given!r}")
+            if given is not None and given not in known and (what == "decimal" or len(given) != 1):
+                words = ", ".join(each for each in known if len(each) > 1)
+                raise ConfigError(f"--{what}: expected one of {words}, or the sign itself, came {given!r}")
 
 
 class Head(Struct, frozen=True):
@@ -84,6 +87,8 @@ class Head(Struct, frozen=True):
     """Byte at which it begins."""
     separator: str
     decimal_comma: bool
+    thousands: bool
+    """Whether a comma is one of thousands, as decimals were said to stand behind a point."""
 
     def place(self, name: str) -> int:
         """Return which column has a name; raises ConfigError where none has it, or several."""
@@ -101,7 +106,7 @@ class Head(Struct, frozen=True):
         return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
 
     def is_date(self, place: int) -> bool:
-        """Return True if the first cell of a column is an ISO date with a time."""
+        """Return True if the first cell of a column is an ISO date with a time, or a time of day."""
         return bool(self.sample) and bool(_DATE.fullmatch(self.sample[0][place]))
 
 
@@ -131,7 +136,10 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     texts = [_decoded(each, f"{name}, line {at}", at) for at, each in enumerate(lines, 1)]
     at, separator, comment = _first_row(texts, layout)
     if at >= len(texts):
-        raise ConfigError(f"{name}: the file is empty; the first line must be the header, rate_deg_s,...")
+        found = "has comments alone" if comment else "is empty"
+        raise ConfigError(f"{name}: the file {found}; the first line must be the header, rate_deg_s,...")
+    if "\r" in texts[at].rstrip("\r"):
+        raise ConfigError(f"{name}: its lines end with a carriage return alone; save it with line feeds")
     separator = separator or _separator(texts[at], "".join(texts[at + 1 : at + 2]))
     header, at = _header(texts, at, separator, comment, layout, f"{name}, line {at + 1}")
     names = [column_name(cell) for cell in header]
@@ -145,7 +153,9 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     sample = [_cells(text, separator) for text in texts[at : at + _SAMPLE]]
     full = tuple(tuple(row) for row in sample if len(row) == len(header))
     comma = _decimal_comma(full, separator, layout.decimal, f"{name}, line {at + 1}")
-    return Head(name, tuple(names), full, at + 1, sum(len(each) + 1 for each in lines[:at]), separator, comma)
+    thousands = layout.decimal in {"point", "."} and separator != ","
+    before = sum(len(each) + 1 for each in lines[:at])
+    return Head(name, tuple(names), full, at + 1, before, separator, comma, thousands)
 
 
 def with_unit(name: ColumnName, written: str) -> ColumnName:
@@ -156,11 +166,11 @@ def with_unit(name: ColumnName, written: str) -> ColumnName:
 
 def _first_row(texts: Sequence[str], layout: Layout) -> tuple[int, str | None, str]:
     """Return the first line that is no comment, the separator if one is told, and the last comment before it."""
-    separator, comment = _SEPARATORS[layout.separator] if layout.separator else None, ""
+    separator, comment = _SEPARATORS.get(layout.separator or "", layout.separator), ""
     for at in range(layout.skip, len(texts)):
         text = texts[at].strip()
-        if text.startswith("sep=") and len(text) == 5:
-            separator = separator or text[4]
+        if text.startswith("sep=") and len(texts[at].rstrip("\r")) == 5:
+            separator = separator or texts[at][4]
         elif text.startswith(_COMMENTS):
             comment = text.lstrip("#%/ ")
         elif text:
@@ -183,6 +193,9 @@ def _header(  # noqa: PLR0917
         raise ConfigError(f"{where}: this is no line of names for the numbers below", hint=f"--skip {skipped}")
     if named:  # a name for each column, of which there were none, or doubled ones
         header = list(layout.columns)
+    elif not numbers and at + 1 < len(texts) and _alike(texts[at], texts[at + 1]):
+        words = shorten(texts[at], 40)
+        raise ConfigError(f"{where}: expected names above numbers alone, came {words!r}, as in the line below")
     elif numbers:
         names = _cells(comment, separator)
         if len(names) != len(header):
@@ -345,7 +358,7 @@ def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
         for sign in dict.fromkeys((separator, ",", ";", "\t")):
             names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
             named = len(names) == len(numbers) and not any(map(_is_any_number, names))
-            if named and sum(map(_is_any_number, numbers)) * 2 > len(numbers):
+            if named and sum(map(_is_any_number, numbers)) * 3 > len(numbers):
                 return place
     return None
 
@@ -375,8 +388,16 @@ def _decimal_comma(rows: Sequence[Sequence[str]], separator: str, stated: str | 
     if not commas:
         return False
     if all(_THOUSANDS.fullmatch(cell) for cell in commas):
-        raise ConfigError(f"{where}: {commas[0]!r} may be a decimal comma, or one of thousands", hint="--decimal comma")
+        raise ConfigError(
+            f"{where}: {commas[0]!r} may be a decimal comma, or one of thousands", hint="--decimal comma, or point"
+        )
     return True
+
+
+def _alike(first: str, second: str) -> bool:
+    """Return True if two lines differ in their digits alone."""
+    bare, other = (re.sub(r"-?\d+", "0", text) for text in (first, second))
+    return bare == other and first != second
 
 
 def _is_number(cell: str) -> bool:
@@ -397,7 +418,7 @@ def _is_comma_number(cell: str) -> bool:
 
 def _date_s(cell: str, where: str) -> float:
     try:
-        found = datetime.fromisoformat(cell)
+        found = datetime.fromisoformat(cell if "-" in cell[:5] else f"2000-01-01T{cell}")
     except ValueError:
         raise ConfigError(
             f"{where}: expected a date such as 2026-11-29T10:00:00.5, came {shorten(cell, 40)!r}"
@@ -410,6 +431,8 @@ def _date_s(cell: str, where: str) -> float:
 def _number(cell: str, where: str, head: Head) -> float:
     shown = shorten(cell, 40)
     text = cell.replace(",", ".") if head.decimal_comma and "." not in cell else cell
+    if head.thousands and _THOUSANDS.fullmatch(cell):
+        text = cell.replace(",", "")
     if not _NUMBER.fullmatch(text):
         if not cell:
             raise ConfigError(f"{where}: the value is missing")
@@ -419,8 +442,11 @@ def _number(cell: str, where: str, head: Head) -> float:
             raise ConfigError(f"{where}: {shown!r} has a typographic minus sign; write it with a hyphen")
         if "," in cell:
             meant = "a comma of thousands, or a decimal one" if _THOUSANDS.fullmatch(cell) else "a decimal comma"
-            raise ConfigError(f"{where}: {shown!r} has {meant}; write it with a point, or none", hint="--decimal comma")
-        raise ConfigError(f"{where}: {shown!r} is not a number")
+            raise ConfigError(
+                f"{where}: {shown!r} has {meant}; write it with a point, or none", hint="--decimal comma, or point"
+            )
+        two = _TWO_NUMBERS.fullmatch(cell)
+        raise ConfigError(f"{where}: {shown!r} is not a number", hint=f"--separator '{two[1]}'" if two else None)
     value = float(text)
     if not math.isfinite(value):
         raise ConfigError(f"{where}: {shown} is too large for a number")

@@ -209,8 +209,9 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     if layout.time is not None:
         place = head.place(layout.time)
     else:
-        found = [place for place, each in enumerate(head.names) if each.is_time and place != value]
-        found = [place for place in found if not head.is_text(place) or head.is_date(place)]
+        dated = list(map(head.is_date, range(len(head.names))))
+        timed = [each.is_time and not head.is_text(place) for place, each in enumerate(head.names)]
+        found = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
         if len(found) > 1:
             several = ", ".join(head.names[place].written for place in found)
             raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time says which one")
