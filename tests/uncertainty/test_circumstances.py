@@ -12,10 +12,12 @@ from msgspec.structs import replace
 from tests.procedures.fakes import make_settings
 from vcfbench.analysis.budget import Source, evaluate
 from vcfbench.instructions.schedule import Earth
+from vcfbench.procedures.virtual_coriolis.budget import zeros_apart
 from vcfbench.station.settings import Sources, Station
-from vcfbench.uncertainty.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
+from vcfbench.uncertainty.phases import PhaseErrors
 from vcfbench.uncertainty.statement import Circumstances, Statement, stated_value, statement
 from vcfbench.uncertainty.windows import Flicker
+from vcfbench.values.sources import CARRIER_PHASE, DEMODULATOR_PHASE, MISALIGNMENT, TEMPERATURE, WARM_UP
 
 KNOWN = Sources(
     carrier_phase_deg=2.0,
@@ -91,8 +93,8 @@ VALUES = {
 def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> None:
     """A kelvin, a tilt of 1e-3 and a degree of the demodulator's phase, by hand."""
     around = circumstances(KNOWN)
-    q = {"temperature": 0.6, "warm-up": 0.4, "misalignment": 1e-3, DEMODULATOR_PHASE: 1.0}
-    found = around.applied(VALUES, q)
+    q = {TEMPERATURE: 0.6, WARM_UP: 0.4, MISALIGNMENT: 1e-3, DEMODULATOR_PHASE: 1.0}
+    found = {**around.applied(VALUES, q), **zeros_apart(around, VALUES, q)}
     scale, k_vc = 1.0 + around.phases.effect("scale_factor", q), 1.0 + around.phases.effect("k_vc", q)
     moved = 0.043 * (1.0 / (k_vc * scale * (1.0 - 100e-6 * 0.6)) - 1.0)
     drifted = 0.01 * 1.0 + 0.5
@@ -109,14 +111,15 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
             "bias_difference_v": 0.043 + moved,
         }
     )
-    assert around.applied(VALUES, {}) == pytest.approx(VALUES)  # nothing is away from what they are stated for
+    still = {**around.applied(VALUES, {}), **zeros_apart(around, VALUES, {})}
+    assert still == pytest.approx(VALUES)  # nothing is away from what they are stated for
     one = {"scale_factor": -0.0125, "bias": -0.042}
     assert around.applied(one, q)["bias"] == pytest.approx(-0.042 + drifted * 0.0125)
 
 
 def test_what_changes_no_volt_of_v_vc_leaves_the_difference_of_the_zeros() -> None:
     tilted = circumstances(Sources(misalignment_deg=2.0))
-    assert tilted.applied(VALUES, {"misalignment": 1e-3})["bias_difference_v"] == 0.043
+    assert zeros_apart(tilted, VALUES, {MISALIGNMENT: 1e-3}) == {}
     assert circumstances(Sources()).applied(VALUES, {}) is VALUES
 
 

@@ -19,10 +19,10 @@ from vcfbench.uncertainty.line import (
     instrument_sources,
     limited,
     line_sums,
-    noises_of,
     table_values,
 )
 from vcfbench.uncertainty.windows import Sweep
+from vcfbench.values.sources import noise_of
 
 ROOT3 = math.sqrt(3.0)
 RATES = [0.0, 1.0, 2.0, 4.0, 8.0]
@@ -119,4 +119,4 @@ def test_the_table_s_line_is_what_is_read_less_the_errors(moved: dict[str, float
     line = line_of([-1.0, 0.0, 1.0], [2.5, 0.5, -1.5])
     found = table_values(line, {**QUIET, **moved})
     assert found == pytest.approx({"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope})
-    assert noises_of("table slope", {**QUIET, **moved}) == pytest.approx(-2.0 - slope if "slope" in str(moved) else 0.0)
+    assert noise_of("table slope", {**QUIET, **moved}) == pytest.approx(-2.0 - slope if "slope" in str(moved) else 0.0)

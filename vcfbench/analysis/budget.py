@@ -20,7 +20,7 @@ from vcfbench.values.quantile import t_quantile
 _ONLY_DERIVATIVES = 1.0
 """Uncertainty of a quantity in a model: any but 0, because only its derivatives are read."""
 
-Model: TypeAlias = Callable[[Mapping[str, Any]], Mapping[str, Any]]
+Model: TypeAlias = Callable[[Mapping[Any, Any]], Mapping[str, Any]]
 """From the quantities by name to the results by name, with + - * / ** and functions that take uncertain numbers."""
 Correlations: TypeAlias = Mapping[tuple[str, str], float]
 """Correlation coefficients of pairs of sources; pairs that are not named are uncorrelated."""
@@ -110,7 +110,7 @@ class Budget(Struct, frozen=True):
 def evaluate(
     sources: Sequence[Source], model: Model, correlations: Correlations | None = None, confidence: float = 0.95
 ) -> Budget:
-    """Propagate the sources through `model`.
+    """Propagate the sources through `model` (U9 of docs/uncertainty.md).
 
     Args:
         sources: the input quantities; names must differ.

@@ -26,6 +26,7 @@ from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.uncertainty.of_range import windows_of
 from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
 from vcfbench.values.quantile import t_quantile
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET, TABLE_RATE
 from vcfbench.values.value import UncertaintyPart, Value
 
 STATED_PPM: Final = 500.0
@@ -131,9 +132,9 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
 
 _ROLES: Final = {
     "multimeter": "multimeter",
-    "meter gain": "multimeter",
-    "meter offset": "multimeter",
-    "table rate": "rate_table",
+    METER_GAIN: "multimeter",
+    METER_OFFSET: "multimeter",
+    TABLE_RATE: "rate_table",
 }
 """Roles of the instruments that sources of a budget are of, by the beginnings of their names."""
 

@@ -203,13 +203,13 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     scale_factor = _scale_factor(settings, of_blocks, slopes, of_slopes, len(points))
     bias = null_blocks.bias_at_rest(settings, points, TABLE, of_blocks, scale_factor.value)
     pairs = zip(rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
-    shared = v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET  # errors of the instrument that V_Vc is known by
+    ranges = parts.keys() - {*of_rate, *of_v_vc, v_vc.RESOLUTION}  # errors within the limits of each
     of_k_vc = [
         UncertaintyPart(
             *(name, math.sqrt(max(0.0, float(part[1, 1])))),
             finite(of_blocks.dof) if name in {READ_TABLE, READ_DRIVEN} else None,
-            error.owner if name.startswith(shared) else None,
-            rectangular=name.startswith(tuple(f"{each}, " for each in shared)),
+            error.owner if name in {v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET, *ranges} else None,
+            rectangular=name in ranges,
         )
         for name, part in parts.items()
     ]

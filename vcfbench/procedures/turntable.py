@@ -22,8 +22,9 @@ from vcfbench.uncertainty import line as lines
 from vcfbench.uncertainty.found import SweepFound, sweep_found
 from vcfbench.uncertainty.nonlinearity import CurvedLine, line_statement, warming_v
 from vcfbench.uncertainty.of_range import scale_factor_of_range
-from vcfbench.uncertainty.statement import Statement
+from vcfbench.uncertainty.statement import Circumstances, Statement
 from vcfbench.uncertainty.windows import OutputSum, WindowNoise, sweep_of
+from vcfbench.values.sources import Errors
 from vcfbench.values.value import Unstated, Value
 
 STEP = 1
@@ -106,19 +107,26 @@ _MEANINGS = {
 def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) -> Statement:
     """Return the budget of a calibration on the table: scale factor, bias and non-linearity of its line."""
     line = lines.Line.of(sweep_of(settings, points, STEP))
-    noise = WindowNoise.of(settings, points, line.scale_factor)
+    noise, around = WindowNoise.of(settings, points, line.scale_factor), Circumstances.of(settings)
     sources = [*lines.instrument_sources(settings.station.sources), *lines.earth_sources(settings, line.scale_factor)]
     uneven, sums = lines.Asymmetry.of(settings, line), lines.line_sums("table", line)
     if uneven is not None:
         sums.append(OutputSum(lines.ASYMMETRY, uneven.of_outputs @ line.mixing, "ppm"))
 
-    def model(q: Mapping[str, Any]) -> Mapping[str, Any]:
+    def model(q: Errors) -> Mapping[str, Any]:
         own = {} if uneven is None else {lines.ASYMMETRY: uneven.value(q)}
-        return {**lines.table_values(line, q), **own}
+        return around.applied({**lines.table_values(line, q), **own}, q)
 
     curved = [CurvedLine.of("nonlinearity", line)]
-    named: dict[str, Any] = {"noise": noise, "meanings": _MEANINGS, "warming": warming_v(settings, points, line)}
-    found = line_statement(settings, sources, sums, model=model, curved=curved, **named)
+    found = line_statement(
+        *(settings, sources, sums),
+        model=model,
+        around=around,
+        noise=noise,
+        meanings=_MEANINGS,
+        curved=curved,
+        warming=warming_v(settings, points, line),
+    )
     of_range = scale_factor_of_range(settings, points, STEP, found.value("scale_factor"))
     return replace(found, bounds=(*of_range, *found.bounds))
 

@@ -13,6 +13,7 @@ from vcfbench.analysis.budget import Source
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import V_VC_RANGE_V, Sources
 from vcfbench.uncertainty.line import limited
+from vcfbench.values.sources import Errors, SourceName
 
 _ONE_LEVEL = 0.02
 """Levels that differ by no more of themselves are taken to be on one range, wherever the ranges are."""
@@ -23,9 +24,9 @@ class LevelEffects(Struct, frozen=True):
 
     sources: tuple[Source, ...]
     by: str
-    effects: Mapping[str, Mapping[str, float]]
+    effects: Mapping[str, Mapping[SourceName, float]]
 
-    def through(self, value: str, q: Mapping[str, Any]) -> Any:
+    def through(self, value: str, q: Errors) -> Any:
         """Return the effect of the errors of V_Vc on a value."""
         return sum(size * q[name] for name, size in self.effects[value].items())
 
@@ -99,15 +100,15 @@ class KnownLevels(Struct, frozen=True):
         `moved` holds of each value the levels, V, and what a volt of error of each of them adds to it; `own` is what
         the levels' own errors make of it, as a :class:`Source` has it: u, unit, degrees of freedom, rectangular.
         """
-        sources: dict[str, Source] = {}
-        effects: dict[str, dict[str, float]] = {value: {} for value in moved}
+        sources: dict[SourceName, Source] = {}
+        effects: dict[str, dict[SourceName, float]] = {value: {} for value in moved}
         for value, (volts, through) in moved.items():
             of = "" if self.ranges_v else f": {value}"  # the worst of one value is not that of another
             for _, _, effect, error in sorted(self.shared(volts, through[None]), key=lambda each: each[0]):
-                name = f"{error.name}{of}"
+                name = SourceName(f"{error.name}{of}")
                 sources[name], effects[value][name] = structs.replace(error, name=name), float(effect[0])
         for value, stated in own.items():
-            name = f"{self.by} {self.besides}: {value}"
+            name = SourceName(f"{self.by} {self.besides}: {value}")
             sources[name], effects[value][name] = Source(name, 0.0, *stated), 1.0
         return LevelEffects(tuple(sources.values()), self.by, effects)
 

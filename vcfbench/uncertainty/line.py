@@ -1,7 +1,6 @@
 """A least-squares line of outputs against rates, and the sources of its errors: readings, meter, table, Earth."""
 
 import math
-from collections.abc import Mapping
 from typing import Any, Self
 
 import numpy as np
@@ -12,9 +11,9 @@ from vcfbench.analysis.budget import Source
 from vcfbench.instructions.schedule import earth_left_deg_s
 from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.uncertainty.windows import OutputSum, Sweep, line_weights
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET, TABLE_RATE, TILT, WARM_UP, Errors, noise_of
 
-TILT = "Earth's rate by the axis' tilt"
-ASYMMETRY, WARM_UP = "asymmetry", "warm-up"
+ASYMMETRY = "asymmetry"
 
 
 class Line(Struct, frozen=True):
@@ -99,14 +98,9 @@ class Asymmetry(Struct, frozen=True):
             moved = math.sqrt(3.0) * sum(abs(float(each @ left)) for each in (by_factor, by_bias))
         return cls(2e6 * share, np.asarray(of_outputs), moved)
 
-    def value(self, q: Mapping[str, Any]) -> Any:
-        """Return it as the sources `q` move it, ppm."""
-        return self.ppm - noises_of(ASYMMETRY, q) - self.ppm_per_k * q.get(WARM_UP, 0.0)
-
-
-def noises_of(name: str, q: Mapping[str, Any]) -> Any:
-    """Return the contribution of readings and flicker to a sum of outputs."""
-    return q[f"readings: {name}"] + q[f"flicker: {name}"]
+    def value(self, q: Errors) -> Any:
+        """Return it, the errors `q` taken out, ppm (U3)."""
+        return self.ppm - noise_of(ASYMMETRY, q) - self.ppm_per_k * q.get(WARM_UP, 0.0)
 
 
 def limited(name: str, limit: float | None, unit: str, sigmas: float | None = None) -> Source:
@@ -116,20 +110,20 @@ def limited(name: str, limit: float | None, unit: str, sigmas: float | None = No
     return Source.within(name, 0.0, limit, unit)
 
 
-def table_values(line: Line, q: Mapping[str, Any]) -> dict[str, Any]:
-    """Return scale factor and bias of the line on the table as the sources `q` move them."""
-    gain = 1.0 + q["meter gain"]
-    slope = (line.scale_factor - noises_of("table slope", q)) / gain / (1.0 + q["table rate"])
-    bias = (line.bias_v - noises_of("table bias", q) - q["meter offset"] - q.get(TILT, 0.0)) / gain
+def table_values(line: Line, q: Errors) -> dict[str, Any]:
+    """Return scale factor (U1) and bias (U2) of the line on the table, the errors `q` taken out."""
+    gain = 1.0 + q[METER_GAIN]
+    slope = (line.scale_factor - noise_of("table slope", q)) / gain / (1.0 + q[TABLE_RATE])
+    bias = (line.bias_v - noise_of("table bias", q) - q[METER_OFFSET] - q.get(TILT, 0.0)) / gain
     return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
 
 
 def instrument_sources(known: Sources) -> list[Source]:
     """Return the contributions of multimeter and table to every line."""
     return [
-        limited("meter gain", known.meter_gain, "1", known.meter_sigmas),
-        limited("meter offset", known.meter_offset_v, "V", known.meter_sigmas),
-        limited("table rate", known.table_rate, "1"),
+        limited(METER_GAIN, known.meter_gain, "1", known.meter_sigmas),
+        limited(METER_OFFSET, known.meter_offset_v, "V", known.meter_sigmas),
+        limited(TABLE_RATE, known.table_rate, "1"),
     ]
 
 

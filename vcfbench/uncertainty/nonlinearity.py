@@ -19,7 +19,7 @@ from vcfbench.analysis.budget import Model, Source
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.uncertainty.known_levels import KnownLevels
-from vcfbench.uncertainty.line import WARM_UP, Line, noises_of
+from vcfbench.uncertainty.line import Line
 from vcfbench.uncertainty.statement import (
     Circumstances,
     StatedValue,
@@ -29,6 +29,7 @@ from vcfbench.uncertainty.statement import (
     statement,
 )
 from vcfbench.uncertainty.windows import OutputSum, WindowNoise, window_times
+from vcfbench.values.sources import WARM_UP, Errors, SourceName, noise_of
 from vcfbench.values.value import Value
 
 Places: TypeAlias = "NDArray[np.intp]"
@@ -122,7 +123,7 @@ class CurvedLine(Struct, frozen=True):
     """(m, n): change of each residual by 1 deg/s of each rate, outputs as they were, ppm/(deg/s)."""
     weights: Floats
     """(m, N): change of each residual by a volt at the output of each of all windows, ppm/V."""
-    effects: Mapping[str, Floats] = field(default_factory=dict)
+    effects: Mapping[SourceName, Floats] = field(default_factory=dict)
     """Change of each residual by one unit of each source shared with others, ppm."""
     own: Mapping[str, Floats] = field(default_factory=dict)
     """Change of each residual by each level's own standard uncertainty: (m, levels), ppm."""
@@ -162,7 +163,8 @@ class CurvedLine(Struct, frozen=True):
         own = {f"{known.by} {known.besides}": through * u_v}
         shared = list(known.shared(volts, through, int(np.abs(self.ppm).argmax())))
         if known.ranges_v:
-            return structs.replace(self, effects={error.name: effect for _, _, effect, error in shared}, own=own)
+            effects = {SourceName(error.name): effect for _, _, effect, error in shared}
+            return structs.replace(self, effects=effects, own=own)
         for kind in ("gain", "offset"):
             columns = [effect * error.u for of, _, effect, error in shared if of == kind]
             own[f"{known.by} {kind}"] = np.column_stack(columns)
@@ -175,6 +177,7 @@ def line_statement(
     sums: Sequence[OutputSum],
     *,
     model: Model,
+    around: Circumstances,
     noise: WindowNoise,
     meanings: Mapping[str, tuple[str, str]],
     curved: Sequence[CurvedLine],
@@ -184,19 +187,18 @@ def line_statement(
 ) -> Statement:
     """Return the statement of lines with the non-linearities that stand above errors, and a bound for the others.
 
-    `sources` are those beside the `noise` of the windows, `warming` is that of :func:`warming_v`; `meanings`,
-    `difference` and `levels_by` are those of :func:`.statement`. The budget is done a second time with one more sum for
-    each non-linearity, so that what stood there keeps its last digit.
+    `sources` are those beside the `noise` of the windows and the circumstances `around`; `warming` is that of
+    :func:`warming_v`; `meanings`, `difference` and `levels_by` are those of :func:`.statement`. The budget is done a
+    second time with one more sum for each non-linearity, so that what stood there keeps its last digit.
     """
     windows, correlations = noise.sources(sums)
     stated = statement(
-        *(settings, [*windows, *sources], model, correlations, meanings),
+        *(settings, [*windows, *sources, *around.sources], model, correlations, meanings),
         difference=difference,
         levels_by=levels_by,
         flicker=noise.flicker,
     )
     curved = [each for each in curved if each.ppm.size > 2]  # two points lie on any line
-    around = Circumstances.of(settings)
     known = {source.name: source for source in (*sources, *around.sources)}
     if WARM_UP in known:
         curved = [each.with_warm_up(*warming) for each in curved]
@@ -204,8 +206,8 @@ def line_statement(
     windows, correlations = noise.sources([*sums, *(each.sum for each in worst)])
     own = [source for each in worst for source in each.own]
 
-    def both(q: Mapping[str, Any]) -> Mapping[str, Any]:
-        return {**around.applied(model(q), q), **{each.sum.name: each.value(q) for each in worst}}
+    def both(q: Errors) -> Mapping[str, Any]:
+        return {**model(q), **{each.sum.name: each.value(q) for each in worst}}
 
     every, cannot_be = budget_of([*windows, *sources, *own, *around.sources], both, correlations)
     values, kept, bounds = list(stated.values), list(range(len(stated.values))), list[Value]()
@@ -254,7 +256,7 @@ class WorstResidual(Struct, frozen=True):
     sum: OutputSum
     """The largest residual, as a sum of outputs."""
     own: tuple[Source, ...]
-    effects: Mapping[str, float]
+    effects: Mapping[SourceName, float]
     rates_deg_s: tuple[float, ...]
     """Rates at which the largest may be."""
     by_trials: LargestResidual | None
@@ -267,7 +269,8 @@ class WorstResidual(Struct, frozen=True):
         steady = [False] * len(curved.weights)
         normal = noise.by_flicker(curved.weights, steady) + sum(each @ each.T for each in curved.own.values())
         shared = [sources[name] for name in curved.effects]
-        common = np.array([curved.effects[each.name] * each.u for each in shared]).reshape(-1, len(steady))
+        common = np.array([effect * sources[name].u for name, effect in curved.effects.items()])
+        common = common.reshape(-1, len(steady))
         rectangular = np.array([each.rectangular for each in shared], dtype=bool)
         white = noise.by_readings(curved.weights)
         spread = ResidualSpread(curved.ppm, white, noise.dof, normal, common, rectangular)
@@ -282,15 +285,15 @@ class WorstResidual(Struct, frozen=True):
             float(np.abs(curved.ppm[k])),
             OutputSum(curved.name, sign * curved.weights[k], "ppm"),
             tuple(own),
-            effects | {source.name: 1.0 for source in own},
+            effects | {SourceName(source.name): 1.0 for source in own},
             tuple(curved.rate_deg_s[places].tolist()),
             spread.largest() if places.size > 1 else None,
             curved.only_bound,
         )
 
-    def value(self, q: Mapping[str, Any]) -> Any:
-        """Return it as the sources move it, ppm."""
-        return self.size_ppm - noises_of(self.sum.name, q) - sum(size * q[name] for name, size in self.effects.items())
+    def value(self, q: Errors) -> Any:
+        """Return it, the errors `q` taken out, ppm (U8)."""
+        return self.size_ppm - noise_of(self.sum.name, q) - sum(size * q[name] for name, size in self.effects.items())
 
     def moved(self, value: StatedValue) -> StatedValue:
         """Return the value with the u and U95 of trials where several residuals may be the largest."""

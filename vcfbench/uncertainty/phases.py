@@ -12,8 +12,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.budget import Source
 from vcfbench.station.settings import Sources
-
-CARRIER_PHASE, DEMODULATOR_PHASE = "carrier phase", "demodulator phase"
+from vcfbench.values.sources import CARRIER_PHASE, DEMODULATOR_PHASE, Errors, SourceName
 
 _Value: TypeAlias = Literal["k_vc", "scale_factor", "self_calibrated", "bias_deg_s"]
 """K_Vc, a scale factor on the table, one by V_Vc, whose K_Vc was found at other phases, and a bias by quadrature."""
@@ -23,7 +22,7 @@ class PhaseErrors(Struct, frozen=True):
     """Limits of both phases about those that values are stated for, and the effect of a degree of each."""
 
     sources: tuple[Source, ...]
-    per_deg: Mapping[_Value, Mapping[str, float]]
+    per_deg: Mapping[_Value, Mapping[SourceName, float]]
     """By value and source: relative, of a bias deg/s."""
 
     @classmethod
@@ -34,7 +33,7 @@ class PhaseErrors(Struct, frozen=True):
         carrier = _per_deg(known.k_vc_ppm_carrier_deg, known.carrier_phase_deg)
         demodulator = _per_deg(known.scale_factor_ppm_demodulator_deg, known.demodulator_phase_deg)
         of_k_vc = 1e-6 * known.k_vc_ppm_demodulator_deg
-        per_deg: dict[_Value, dict[str, float]] = {
+        per_deg: dict[_Value, dict[SourceName, float]] = {
             "k_vc": {CARRIER_PHASE: carrier, DEMODULATOR_PHASE: of_k_vc},
             "scale_factor": {DEMODULATOR_PHASE: demodulator},
             "self_calibrated": {CARRIER_PHASE: carrier, DEMODULATOR_PHASE: demodulator + of_k_vc},
@@ -42,14 +41,14 @@ class PhaseErrors(Struct, frozen=True):
         }
         return cls(tuple(sources), per_deg)
 
-    def effect(self, value: _Value, q: Mapping[str, Any]) -> Any:
+    def effect(self, value: _Value, q: Errors) -> Any:
         """Return the effect of the phases `q`, deg, on a value."""
         return sum(by * q.get(name, 0.0) for name, by in self.per_deg[value].items())
 
     def u(self, value: _Value) -> dict[str, float]:
         """Return the contributions of each to a value, standard uncertainties."""
         by = self.per_deg[value]
-        return {source.name: abs(by[source.name]) * source.u for source in self.sources if by.get(source.name)}
+        return {each.name: size for each in self.sources if (size := abs(by.get(SourceName(each.name), 0.0)) * each.u)}
 
 
 def _per_deg(ppm_deg: float, limit_deg: float | None) -> float:

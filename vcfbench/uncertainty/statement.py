@@ -14,11 +14,11 @@ from msgspec import Struct, structs
 from vcfbench.analysis.budget import Budget, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.instructions.schedule import earth_left_deg_s
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.uncertainty.line import WARM_UP
 from vcfbench.uncertainty.measurand import finite
-from vcfbench.uncertainty.phases import CARRIER_PHASE, DEMODULATOR_PHASE, PhaseErrors
+from vcfbench.uncertainty.phases import PhaseErrors
 from vcfbench.uncertainty.windows import Flicker
 from vcfbench.values.kinds import kind_of
+from vcfbench.values.sources import CARRIER_PHASE, DEMODULATOR_PHASE, MISALIGNMENT, TEMPERATURE, WARM_UP, Errors
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 
@@ -103,8 +103,7 @@ def statement(
     `meanings` are unit and meaning of each value; E_n is over the expanded uncertainty of `difference`; V_Vc is known
     by `levels_by`, where there is any; `flicker` is that which the sources hold.
     """
-    around = Circumstances.of(settings)
-    budget, cannot_be = budget_of([*sources, *around.sources], lambda q: around.applied(model(q), q), correlations)
+    budget, cannot_be = budget_of(sources, model, correlations)
     # With the Earth's rate added to the table's, none of it is in the bias
     earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
     unit_and_meaning = {name: (unit, words.replace(*earth)) for name, (unit, words) in meanings.items()}
@@ -173,24 +172,24 @@ class Circumstances(Struct, frozen=True):
         known, sources = settings.station.sources, []
         if known.scale_factor_ppm_k is not None and known.bias_deg_h_k is not None:
             if known.temperature_k:
-                sources.append(Source.within(_TEMPERATURE, 0.0, known.temperature_k, "K"))
+                sources.append(Source.within(TEMPERATURE, 0.0, known.temperature_k, "K"))
             if known.warm_up_k:
                 left_k = known.warm_up_k * math.exp(-settings.start_up_s / known.warm_up_time_s)
                 sources.append(Source.within(WARM_UP, 0.0, left_k, "K"))
         if known.misalignment_deg:
             tilted = 1.0 - math.cos(math.radians(known.misalignment_deg))
-            sources.append(Source.within(_MISALIGNMENT, 0.0, tilted, "1"))
+            sources.append(Source.within(MISALIGNMENT, 0.0, tilted, "1"))
         phases = PhaseErrors.of(known)
         scale_factor_per_k, bias_per_k = 1e-6 * (known.scale_factor_ppm_k or 0.0), (known.bias_deg_h_k or 0.0) / 3600.0
         return cls((*sources, *phases.sources), scale_factor_per_k, bias_per_k, phases)
 
-    def applied(self, values: Mapping[str, Any], q: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the values of the stated temperature and phases, and the gyroscope's own axis."""
+    def applied(self, values: Mapping[str, Any], q: Errors) -> Mapping[str, Any]:
+        """Return the values at the stated temperature and phases, about the gyroscope's own axis (U4)."""
         if not self.sources:
             return values
-        away_k = q.get(_TEMPERATURE, 0.0) + q.get(WARM_UP, 0.0)
+        away_k = q.get(TEMPERATURE, 0.0) + q.get(WARM_UP, 0.0)
         k_vc, scale_factor = (1.0 + self.phases.effect(value, q) for value in ("k_vc", "scale_factor"))
-        mounted = 1.0 + q.get(_MISALIGNMENT, 0.0)
+        mounted = 1.0 + q.get(MISALIGNMENT, 0.0)
         drifted = self.bias_deg_s_per_k * away_k + self.phases.effect("bias_deg_s", q)
         found = dict(values)
         for name, value in values.items():
@@ -203,34 +202,18 @@ class Circumstances(Struct, frozen=True):
                 found[name] = value - drifted * values[f"{column}.scale_factor" if column else "scale_factor"]
             elif kind == "bias_deg_s":
                 found[name] = (value - drifted) / mounted
-        # A known source that changes the effect of a volt of V_Vc; the rest of the warm-up is too small
-        moving = {_TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE}
-        if _DIFFERENCE in values and any(source.name in moving for source in self.sources):
-            # The factor of the output of a volt at the modulator: that of its offset too. The offset sets the zeros
-            # of both columns apart, so their difference goes with it
-            warmer = 1.0 + self.scale_factor_per_k * q.get(_TEMPERATURE, 0.0)
-            moved = values[_DIFFERENCE] * (1.0 / (k_vc * scale_factor * warmer) - 1.0)
-            found[_DIFFERENCE] = values[_DIFFERENCE] + moved
-            # That of one source adds to what it does to the zero of the table: sizes are told, hardly their signs
-            apart_deg_s = values[_DIFFERENCE] / values["virtual.scale_factor"]
-            sign = math.copysign(1.0, getattr(apart_deg_s, "nominal_value", apart_deg_s))
-            also_deg_s = sign * apart_deg_s * self._of_offset(q)
-            found["virtual.bias"] = found["virtual.bias"] - also_deg_s * values["virtual.scale_factor"]
-            found["virtual.bias_deg_s"] = found["virtual.bias_deg_s"] - also_deg_s
         return found
 
-    def _of_offset(self, q: Mapping[str, Any]) -> Any:
+    def of_a_volt(self, q: Errors) -> Any:
         """Return by how much the sources move what a volt at the modulator does, with the signs that a bias has."""
         per_k = math.copysign(self.scale_factor_per_k, self.bias_deg_s_per_k)
-        of, found = self.phases.per_deg, per_k * q.get(_TEMPERATURE, 0.0)
+        of, found = self.phases.per_deg, per_k * q.get(TEMPERATURE, 0.0)
         for name in (CARRIER_PHASE, DEMODULATOR_PHASE):
             moved = abs(of["k_vc"][name] + of["scale_factor"].get(name, 0.0))
             found = found + math.copysign(moved, of["bias_deg_s"].get(name, 0.0)) * q.get(name, 0.0)
         return found
 
 
-_DIFFERENCE = "bias_difference_v"
-_TEMPERATURE, _MISALIGNMENT = "temperature", "misalignment"
 _KINDS = ("normal", "rectangular")
 
 

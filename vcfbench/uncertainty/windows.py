@@ -5,7 +5,7 @@ weights go with it, and noise and flicker go through them with all their correla
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations, pairwise
 from typing import Self
 
@@ -20,6 +20,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.instructions.schedule import ZERO_DRIVEN, ZERO_TABLE, SweepSettings
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings, Sources
+from vcfbench.values.sources import SourceName, by_flicker, by_readings
 
 ENOUGH_DOF = 10.0
 """Degrees of freedom of B by a run's own zeros from which it replaces the stated one: Student's factor is within 14 %
@@ -230,17 +231,17 @@ class WindowNoise(Struct, frozen=True):
     def sources(self, sums: Sequence[OutputSum]) -> tuple[list[Source], dict[tuple[str, str], float]]:
         """Return the variation from window to window as sources of these sums, with its correlations between sums."""
         weights = np.array([each.weights for each in sums])
-        sources, correlations = _jointly("readings", sums, self.by_readings(weights), self.dof)
+        sources, correlations = _jointly(by_readings, sums, self.by_readings(weights), self.dof)
         flicker = self.by_flicker(weights, [each.steady for each in sums])
-        more, also = _jointly("flicker", sums, flicker, self.flicker_dof)
+        more, also = _jointly(by_flicker, sums, flicker, self.flicker_dof)
         return sources + more, correlations | also
 
 
 def _jointly(
-    kind: str, sums: Sequence[OutputSum], covariance: Floats, dof: float
+    name_of: Callable[[str], SourceName], sums: Sequence[OutputSum], covariance: Floats, dof: float
 ) -> tuple[list[Source], dict[tuple[str, str], float]]:
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    sources = [Source(f"{kind}: {each.name}", 0.0, float(u[n]), each.unit, dof=dof) for n, each in enumerate(sums)]
+    sources = [Source(name_of(each.name), 0.0, float(u[n]), each.unit, dof=dof) for n, each in enumerate(sums)]
     pairs = {
         (sources[a].name, sources[b].name): float(np.clip(covariance[a, b] / (u[a] * u[b]), -1.0, 1.0))
         for a, b in combinations(range(len(sums)), 2)

@@ -13,7 +13,8 @@ from vcfbench.procedures.health.explained import rise_since
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.reports.document import Table, Text, heads
-from vcfbench.uncertainty import phases
+from vcfbench.uncertainty.phases import PhaseErrors
+from vcfbench.values import sources as source_names
 from vcfbench.values.value import UncertaintyPart
 
 NOT_MEASURED: Final = "not measured"
@@ -36,7 +37,7 @@ kHz: a capacitor at the corner of a filter, off by 3 %. 5e-4 of what the modes a
 as far as `experiments/ageing.py` goes. `k_vc_not_measured_ppm` replaces them all.
 """
 _AMPLITUDES = ("drive_amplitude_v", "carrier_amplitude_v")
-_COUNTED = frozenset({phases.CARRIER_PHASE, phases.DEMODULATOR_PHASE})
+_COUNTED = frozenset({source_names.CARRIER_PHASE, source_names.DEMODULATOR_PHASE})
 """Phases measured by health, or counted as not measured: not missing, though no bench file says it."""
 
 
@@ -85,9 +86,9 @@ def by_phases(settings: KnownDeviceSettings) -> list[UncertaintyPart]:
 
     Of limits that are assumed :func:`unmeasured` has what they do to K_Vc, and this what they do to the output.
     """
-    errors, assumed = phases.PhaseErrors.of(settings.station.sources), settings.station.sources.assumed
+    errors, assumed = PhaseErrors.of(settings.station.sources), settings.station.sources.assumed
     whole, output = errors.u("self_calibrated"), errors.u("scale_factor")
-    keys = {phases.CARRIER_PHASE: "carrier_phase_deg", phases.DEMODULATOR_PHASE: "demodulator_phase_deg"}
+    keys = {source_names.CARRIER_PHASE: "carrier_phase_deg", source_names.DEMODULATOR_PHASE: "demodulator_phase_deg"}
     found = {name: (output if keys[name] in assumed else whole).get(name) for name in keys}
     return [UncertaintyPart(name, u) for name, u in found.items() if u]
 

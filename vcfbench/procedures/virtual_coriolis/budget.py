@@ -18,8 +18,20 @@ from vcfbench.uncertainty import line as lines
 from vcfbench.uncertainty.known_levels import KnownLevels, LevelEffects, known_levels
 from vcfbench.uncertainty.nonlinearity import CurvedLine, line_statement, warming_v
 from vcfbench.uncertainty.of_range import scale_factor_of_range
-from vcfbench.uncertainty.statement import Statement
+from vcfbench.uncertainty.statement import Circumstances, Statement
 from vcfbench.uncertainty.windows import OutputSum, WindowNoise, sweep_of
+from vcfbench.values.sources import (
+    CARRIER_PHASE,
+    DEMODULATOR_PHASE,
+    METER_GAIN,
+    METER_OFFSET,
+    TABLE_RATE,
+    TEMPERATURE,
+    TILT,
+    ZEROS_APART,
+    Errors,
+    noise_of,
+)
 
 MEANINGS = MappingProxyType(
     {
@@ -48,8 +60,7 @@ _OF_CURVE: Mapping[str, str] = {
 }
 _RANGES_ARE_LEFT = "the curve took the modulator out, what is left is the generator's ranges"
 
-_Quantities: TypeAlias = Mapping[str, Any]
-_Found: TypeAlias = tuple[LevelEffects, list[OutputSum], Callable[[_Quantities], tuple[Any, Any, Any]], CurvedLine]
+_Found: TypeAlias = tuple[LevelEffects, list[OutputSum], Callable[[Errors], tuple[Any, Any, Any]], CurvedLine]
 """Errors of V_Vc, noise of the matches, K_Vc, slope and bias of the virtual line by both, its non-linearity."""
 
 
@@ -59,7 +70,7 @@ def four_step_statement(
     """Return the budget of a four-step calibration: K_Vc, both lines, and their difference."""
     sweeps = [sweep_of(settings, points, step) for step in (3, 4)]
     table, virtual = map(lines.Line.of, sweeps)
-    known = settings.station.sources
+    known, around = settings.station.sources, Circumstances.of(settings)
     on_levels = known_levels(points, known)
     if isinstance(matching, Matching):
         levels, matches, found, curve = _by_match(points, virtual, matching, on_levels)
@@ -69,9 +80,9 @@ def four_step_statement(
         levels, matches, found, curve = _by_nulls(level_v, virtual, matching, on_levels)
         of = _OF_CURVE if matching.curve is not None else _OF_PAIR
 
-    def model(q: _Quantities) -> _Quantities:
+    def model(q: Errors) -> Mapping[str, Any]:
         of_table, (k_vc, slope, bias) = lines.table_values(table, q), found(q)
-        return {
+        values = {
             "k_vc": k_vc,
             **{f"turntable.{name}": value for name, value in of_table.items()},
             "virtual.scale_factor": slope,
@@ -80,12 +91,14 @@ def four_step_statement(
             "scale_factor_error_percent": 100.0 * (slope / of_table["scale_factor"] - 1.0),
             "bias_difference_v": bias - of_table["bias"],
         }
+        return {**around.applied(values, q), **zeros_apart(around, values, q)}
 
     stated = line_statement(
         settings,
         [*lines.instrument_sources(known), *levels.sources, *lines.earth_sources(settings, table.scale_factor)],
         [*lines.line_sums("table", table), *lines.line_sums("virtual", virtual), *matches],
         model=model,
+        around=around,
         noise=WindowNoise.of(settings, points, table.scale_factor),
         meanings={name: (unit, of.get(name, words)) for name, (unit, words) in MEANINGS.items()},
         warming=warming_v(settings, points, table),
@@ -97,8 +110,30 @@ def four_step_statement(
     return replace(stated, bounds=(*of_range, *stated.bounds))
 
 
+def zeros_apart(around: Circumstances, values: Mapping[str, Any], q: Errors) -> dict[str, Any]:
+    """Return what the generator's offset makes of the zeros at the stated temperature and phases (U7).
+
+    Its volts go through the modulator, so the difference of both columns' zeros goes with what a volt of V_Vc does. The
+    rest of a warm-up is too small for it.
+    """
+    if not any(source.name in {TEMPERATURE, CARRIER_PHASE, DEMODULATOR_PHASE} for source in around.sources):
+        return {}
+    of_phases = [1.0 + around.phases.effect(value, q) for value in ("k_vc", "scale_factor")]
+    warmer = 1.0 + around.scale_factor_per_k * q.get(TEMPERATURE, 0.0)
+    apart_v, slope, applied = values["bias_difference_v"], values["virtual.scale_factor"], around.applied(values, q)
+    # What one source does adds to what it does to the table's zero: sizes are told, hardly their signs
+    apart_deg_s = apart_v / slope
+    sign = math.copysign(1.0, getattr(apart_deg_s, "nominal_value", apart_deg_s))
+    also_deg_s = sign * apart_deg_s * around.of_a_volt(q)
+    return {
+        "bias_difference_v": apart_v + apart_v * (1.0 / (of_phases[0] * of_phases[1] * warmer) - 1.0),
+        "virtual.bias": applied["virtual.bias"] - also_deg_s * slope,
+        "virtual.bias_deg_s": applied["virtual.bias_deg_s"] - also_deg_s,
+    }
+
+
 def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, known: KnownLevels) -> _Found:
-    """Return what makes K_Vc by one match and the virtual line: errors of V_Vc by gain and offset of each range."""
+    """Return what makes K_Vc by one match (U5) and the virtual line (U6); V_Vc errs by range."""
     k_vc, absolute = matching.k_vc, matching.match.value == "absolute"
     # The windows of steps 1 and 2 make the difference left between the two outputs
     zeros = 0.0 if absolute else 1.0
@@ -134,22 +169,19 @@ def _by_match(points: Sequence[Point], line: lines.Line, matching: Matching, kno
     if absolute:
         levels = replace(levels, sources=(*levels.sources, _apart(matching, span_v)))
 
-    def found(q: _Quantities) -> tuple[Any, Any, Any]:
-        gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
+    def found(q: Errors) -> tuple[Any, Any, Any]:
+        gain, rate = 1.0 + q[METER_GAIN], 1.0 + q[TABLE_RATE]
         # Level that was found, over the one that gives the output
-        matched = 1.0 + lines.noises_of("match", q) / span_v + q.get(_ZEROS_APART, 0.0)
+        matched = 1.0 + noise_of("match", q) / span_v + q.get(ZEROS_APART, 0.0)
         level = 1.0 + levels.through("match", q)  # at the match, over its known value
-        slope = line.scale_factor - lines.noises_of("virtual slope", q) - levels.through("virtual slope", q)
-        bias = line.bias_v - lines.noises_of("virtual bias", q) - q["meter offset"]
-        bias = bias - levels.through("virtual bias", q) - q.get(lines.TILT, 0.0)
+        slope = line.scale_factor - noise_of("virtual slope", q) - levels.through("virtual slope", q)
+        bias = line.bias_v - noise_of("virtual bias", q) - q[METER_OFFSET]
+        bias = bias - levels.through("virtual bias", q) - q.get(TILT, 0.0)
         return k_vc * rate / level / matched, slope / gain / rate * level * matched, bias / gain
 
     curve = CurvedLine.of("virtual.nonlinearity", line)  # the error of the one match scales all rates and cancels
     curve = curve.with_errors(known, level_v, curve.of_outputs * line.derivative * k_vc)
     return levels, [OutputSum("match", np.array(weights), "V")], found, curve
-
-
-_ZEROS_APART = "difference of the zeros, generator off and on"
 
 
 def _apart(matching: Matching, span_v: float) -> Source:
@@ -160,11 +192,11 @@ def _apart(matching: Matching, span_v: float) -> Source:
     """
     share = (matching.zero_virtual.output_v - matching.zero_table.output_v) / span_v
     effect = max(abs(share), abs(share) / (1.0 + share)) if share > -1.0 else math.inf
-    return Source(_ZEROS_APART, 0.0, effect, "1")
+    return Source(ZEROS_APART, 0.0, effect, "1")
 
 
 def _by_nulls(level_v: Floats, line: lines.Line, matching: NullMatching, known: KnownLevels) -> _Found:
-    """Return what makes K_Vc by null comparisons and the virtual line: errors common to both go through both.
+    """Return what makes K_Vc by null comparisons and the virtual line (U5, U6): common errors go through both.
 
     A volt of noise in a match, or an error of the V_Vc of one of its ranges, changes the rates that all levels of the
     virtual line stand for; to first order that is one more sum of outputs, and of errors of ranges, for each value.
@@ -190,12 +222,12 @@ def _by_nulls(level_v: Floats, line: lines.Line, matching: NullMatching, known: 
         OutputSum("match bias", shifting @ powers @ noise, "V"),
     ]
 
-    def found(q: _Quantities) -> tuple[Any, Any, Any]:
-        gain, rate = 1.0 + q["meter gain"], 1.0 + q["table rate"]
-        k_vc = (matching.k_vc - lines.noises_of("match", q) - levels.through("k_vc", q)) * rate
-        slope = line.scale_factor - lines.noises_of("virtual slope", q) + lines.noises_of("match slope", q)
-        bias = line.bias_v - lines.noises_of("virtual bias", q) + lines.noises_of("match bias", q)
-        bias = bias - q["meter offset"] - q.get(lines.TILT, 0.0) - levels.through("bias", q)
+    def found(q: Errors) -> tuple[Any, Any, Any]:
+        gain, rate = 1.0 + q[METER_GAIN], 1.0 + q[TABLE_RATE]
+        k_vc = (matching.k_vc - noise_of("match", q) - levels.through("k_vc", q)) * rate
+        slope = line.scale_factor - noise_of("virtual slope", q) + noise_of("match slope", q)
+        bias = line.bias_v - noise_of("virtual bias", q) + noise_of("match bias", q)
+        bias = bias - q[METER_OFFSET] - q.get(TILT, 0.0) - levels.through("bias", q)
         return k_vc, (slope - levels.through("slope", q)) / gain / rate, bias / gain
 
     # The virtual line with errors of V_Vc, in itself and in the matches, and noise of the matches
