@@ -76,6 +76,12 @@ def test_degrees_of_freedom_against_allantools(noise: str, alpha: int) -> None:
 
 
 @pytest.mark.exhaustive
+def test_a_record_that_may_be_overwritten_has_the_same_deviations() -> None:
+    record = np.random.default_rng(1).standard_normal(1000)
+    kept = [each.deviation for each in allan_deviation(record, 0.1)]
+    assert [each.deviation for each in allan_deviation(record, 0.1, overwrite=True)] == pytest.approx(kept, rel=1e-12)
+
+
 def test_ten_million_samples_take_two_seconds_and_the_memory_of_one_more_record() -> None:
     """Processor time, the best of three: others may hold the caches meanwhile."""
     record = np.random.default_rng(1).standard_normal(10_000_000)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import tracemalloc
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -106,6 +107,22 @@ def test_drift_that_outweighs_the_noise_ends_in_no_error(tmp_path: Path, drift: 
     found = analyze_record(written(tmp_path / "zero.csv", "rate_deg_s", readings), 1.0)
     assert len(found.allan_deg_h) > 3
     found.report()
+
+
+@pytest.mark.exhaustive
+def test_a_long_record_takes_little_more_memory_than_its_numbers(tmp_path: Path) -> None:
+    size, parts = 2_000_000, list[float]()
+    rows = "\n".join(f"{each:.5f}" for each in np.random.default_rng(3).standard_normal(size).tolist())
+    (tmp_path / "long.csv").write_text(f"rate [deg/s]\n{rows}\n")
+    analyze_record(written(tmp_path / "zero.csv", "rate_deg_s", NOISE), 100.0)  # the libraries
+    tracemalloc.start()
+    try:
+        analyze_record(tmp_path / "long.csv", 100.0, progress=parts.append)
+        assert tracemalloc.get_traced_memory()[1] < 1.2 * 8 * size + 10e6  # sums of lags are kept, for any size
+    finally:
+        tracemalloc.stop()
+    assert parts == sorted(parts)
+    assert parts[-1] == 1.0
 
 
 def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ record (for one reading a cluster: the bias function B2 of Barnes, NBS Technical
 import math
 from collections.abc import Iterable, Sequence
 from enum import Enum
-from typing import Self
+from typing import Self, TypeAlias
 
 import numpy as np
 from msgspec import Struct
@@ -54,10 +54,13 @@ class AllanPoint(Struct, frozen=True):
     high: float
 
 
-def _deviation(phase: Floats, factor: int) -> float:
-    """Return the root of half the mean square of second differences of the phase over all clusters, block by block."""
+def _deviation(phase: Floats, factor: int, *, from_0: bool) -> float:
+    """Return the root of half the mean square of second differences of the phase over all clusters, block by block.
+
+    A phase that is not from 0 lacks the 0 that every running sum begins with.
+    """
     terms = phase.size - 2 * factor
-    total = 0.0
+    total = 0.0 if from_0 else float(phase[2 * factor - 1] - 2.0 * phase[factor - 1]) ** 2
     buffer, scaled = np.empty(min(terms, _BLOCK)), np.empty(min(terms, _BLOCK))
     for start in range(0, terms, _BLOCK):
         count = min(_BLOCK, terms - start)
@@ -68,7 +71,7 @@ def _deviation(phase: Floats, factor: int) -> float:
             np.multiply(phase[first : first + count], weight, out=part)
             difference += part
         total += float(difference @ difference)
-    return math.sqrt(total / terms / 2.0) / factor
+    return math.sqrt(total / (terms + (not from_0)) / 2.0) / factor
 
 
 def averaging_factors(samples: int, per_octave: int = 1) -> list[int]:
@@ -79,11 +82,17 @@ def averaging_factors(samples: int, per_octave: int = 1) -> list[int]:
 
 
 def allan_deviation(
-    record: ArrayLike, interval_s: float, factors: Iterable[int] | None = None, *, confidence: float = 0.6827
+    record: ArrayLike,
+    interval_s: float,
+    factors: Iterable[int] | None = None,
+    *,
+    confidence: float = 0.6827,
+    overwrite: bool = False,
 ) -> list[AllanPoint]:
     """Return the overlapping deviation of `record`, sampled every `interval_s`, with chi-square intervals.
 
-    The equivalent degrees of freedom are those of white noise. Takes memory for one more record.
+    The equivalent degrees of freedom are those of white noise. Takes memory for one more record, unless it may
+    `overwrite` this one.
 
     Raises:
         ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time.
@@ -96,14 +105,14 @@ def allan_deviation(
     chosen = list(averaging_factors(values.size) if factors is None else factors)
     edfs = [equivalent_dof(values.size, factor) for factor in chosen]
     # The running sum from 0; the mean is taken out first, which no difference sees, to keep its digits
-    phase = np.empty(values.size + 1)
-    phase[0] = 0.0
-    np.subtract(values, values.mean(), out=phase[1:])
-    np.cumsum(phase[1:], out=phase[1:])
+    phase = values if overwrite else np.zeros(values.size + 1)
+    sums = phase[phase.size - values.size :]
+    np.subtract(values, values.mean(), out=sums)
+    np.cumsum(sums, out=sums)
     points = []
     for factor, edf in zip(chosen, edfs, strict=True):
         low, high = confidence_interval(edf, confidence)
-        found = _deviation(phase, factor)
+        found = _deviation(phase, factor, from_0=not overwrite)
         points.append(AllanPoint(factor * interval_s, found, edf, low * found, high * found))
     return points
 
@@ -244,10 +253,12 @@ class BiasStability(Struct, frozen=True):
     """Minimum / 0.6643, the B of IEEE 952 as read off; the fitted one is in `noise_fit`."""
 
 
-def bias_stability(
-    record: ArrayLike, sampling: Sampling, curve: Sequence[AllanPoint], unit: float = 1.0
-) -> BiasStability:
-    """Return every definition for a `record` so sampled, and its Allan `curve`, times `unit`.
+Spreads: TypeAlias = tuple[float | None, float | None, float | None, float | None, float | None]
+"""The first five of :class:`BiasStability`."""
+
+
+def spreads_of_means(record: ArrayLike, sampling: Sampling, unit: float = 1.0) -> Spreads:
+    """Return the scatter of means of 1, 10 and 100 s, of a `record` so sampled, times `unit`.
 
     Raises:
         ConfigError: fewer than three readings.
@@ -267,11 +278,14 @@ def bias_stability(
         place = np.arange(tens.size) - (tens.size - 1) / 2.0
         left = tens - tens.mean() - place * float(place @ tens / (place @ place))
         detrended = unit * math.sqrt(float(left @ left) / (tens.size - 2))
+    return sd_1, sd_10, sd_100, detrended, unit * float(np.ptp(tens)) if tens.size > 1 else None
+
+
+def bias_stability(spreads: Spreads, curve: Sequence[AllanPoint], unit: float = 1.0) -> BiasStability:
+    """Return every definition for a record with these spreads of means, and this Allan curve times `unit`."""
     lowest = min(curve, key=lambda point: point.deviation)
     return BiasStability(
-        *(sd_1, sd_10, sd_100),
-        detrended,
-        unit * float(np.ptp(tens)) if tens.size > 1 else None,
+        *spreads,
         *(unit * lowest.deviation, unit * lowest.low, unit * lowest.high, lowest.tau_s),
         unit * (lowest.deviation / BIAS_INSTABILITY_FACTOR),
     )

@@ -14,7 +14,7 @@ import math
 import re
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from textwrap import shorten
 from typing import IO
@@ -31,7 +31,7 @@ NO_VALUE = 9.9e37 * (1.0 - 1e-9)
 """From this magnitude on a number is an instrument's word for none (SCPI-99 vol. 1, 7.2.1.4: 9.9E37, 9.91E37)."""
 
 _HEAD = 1 << 16
-_PIECE = 1 << 22
+_PIECE = 1 << 20
 _SAMPLE = 400
 """Lines that tell how decimals are written."""
 _FORMULA = "=+-@"
@@ -214,8 +214,12 @@ def _header(  # noqa: PLR0917
     return header, at + 1
 
 
-def read_numbers(file: IO[bytes], head: Head, places: Sequence[int]) -> Numbers:
+def read_numbers(
+    file: IO[bytes], head: Head, places: Sequence[int], progress: Callable[[float], None] | None = None
+) -> Numbers:
     """Return the columns at `places`, one line a reading; a column of ISO dates in seconds.
+
+    `progress` is told the part that is read.
 
     Raises:
         ConfigError: one sentence with file, line and column, for anything that is not a complete table of numbers.
@@ -245,6 +249,8 @@ def read_numbers(file: IO[bytes], head: Head, places: Sequence[int]) -> Numbers:
             values.resize((max(room, len(values)), len(places)), refcheck=False)
         values[filled : filled + len(found)] = found
         filled += len(found)
+        if progress:
+            progress((file.tell() - head.offset) / left)
     values.resize((filled, len(places)), refcheck=False)
     return Numbers(values, head.line, tuple(dropped))
 

@@ -17,7 +17,7 @@ from vcfbench.analysis.regression import LineFit
 _FAR: Final = 8.0
 """Robust standard deviations from the neighbours beyond which a reading, or a block, is no noise."""
 _SAMPLE: Final = 200_000
-_PIECE: Final = 1 << 20
+_PIECE: Final = 1 << 17
 _BLOCKS: Final = (200, 50)
 _RUN: Final = 20
 _HELD: Final = 0.9
@@ -114,12 +114,12 @@ def _piled_up(rates: Floats) -> Iterator[Doubt]:
     """Yield readings that stand on an extreme more often than on the value beside it."""
     if len(set(rates[:_LEVELS].tolist())) <= _COARSE:
         return
-    for what, value in (("largest", float(rates.max())), ("least", float(rates.min()))):
+    for what, extreme, none in (("largest", np.max, -np.inf), ("least", np.min, np.inf)):
+        value = extreme(rates)
         top = np.flatnonzero(rates == value)
         if top.size < _PILED:
             continue
-        away = float(np.min(np.abs(rates - value), where=rates != value, initial=np.inf))
-        beside = int(np.count_nonzero(np.abs(rates - value) == away))
+        beside = np.count_nonzero(rates == extreme(rates, where=rates != value, initial=none))
         if top.size > 3 * beside:
             yield Doubt(int(top[0]), f"{top.size} readings are the {what}, {value:.6g} deg/s: clipped, or saturated")
 
@@ -132,10 +132,11 @@ def _parted(rates: Floats) -> Iterator[Doubt]:
         return
     at = int(inner.argmax())
     apart, middle = float(inner[at]), 0.5 * float(ordered[at + _FEW - 1] + ordered[at + _FEW])
+    if apart <= _GAP * float(np.ptp(rates)) or apart <= _LEVELS_APART * _least_digit(rates):
+        return
     above = rates > middle
     crossed = np.flatnonzero(above[1:] != above[:-1])
-    wide = apart > _GAP * float(np.ptp(rates)) and apart > _LEVELS_APART * _least_digit(rates)
-    if wide and crossed.size >= _FEW:
+    if crossed.size >= _FEW:
         words = (
             f"nothing between readings {apart:.3g} deg/s apart, {crossed.size} times crossed: wrapped, or two states"
         )

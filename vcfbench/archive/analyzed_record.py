@@ -1,9 +1,11 @@
 """Noise of a record at rest that was taken elsewhere, from its file: Allan deviation, N, B, K, R, stability."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
@@ -99,6 +101,7 @@ def analyze_record(
     *,
     scale_factor_per_deg_s: float | None = None,
     layout: Layout | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> RecordAnalysis:
     """Analyse a record at rest, as ``vcfbench analyze --rate`` does: a text file with one line a reading.
 
@@ -107,6 +110,7 @@ def analyze_record(
         rate_hz: readings a second; None where a column of times tells it.
         scale_factor_per_deg_s: of an output in volts, V/(deg/s); of one in counts, LSB/(deg/s).
         layout: how the file is to be read, where it does not tell by itself; the column of several that is analysed.
+        progress: is told the part of the file that is read.
 
     Raises:
         ConfigError: file, line and column of what cannot be read; a unit that is none; a stated rate that the times
@@ -123,8 +127,9 @@ def analyze_record(
             name = with_unit(name, unit)
         factor, taken_as = _factor(name, scale_factor_per_deg_s, head.file)
         time = None if layout.time == "none" else _time_place(head, layout, place)
-        numbers = read_numbers(raw, head, [place] if time is None else [place, time[0]])
-    record = numbers.values[:, 0] * factor
+        numbers = read_numbers(raw, head, [place] if time is None else [place, time[0]], progress)
+    record = np.ascontiguousarray(numbers.values[:, 0])
+    record *= factor
     if record.size < _FEWEST:
         raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, came {record.size}")
     notices, begin = list[str](), 0
@@ -137,11 +142,12 @@ def analyze_record(
     doubts = doubts_of_record(record)
     notices += [f"{each.words} (first in line {numbers.line(begin + each.row)})" for each in doubts]
     del numbers
+    mean_deg_s, sampling = float(record.mean()), Sampling.without_gaps(interval_s)
     found: RecordNoise = record_noise(
-        record, Sampling.without_gaps(interval_s), corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0
+        record, sampling, corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0, overwrite=True
     )
     return RecordAnalysis(
-        name.written, taken_as, tuple(notices), record.size, interval_s, float(record.mean()), found.coefficients,
+        name.written, taken_as, tuple(notices), record.size, interval_s, mean_deg_s, found.coefficients,
         found.rows, found.stability, found.fitted_from_s,
         found.fitted_to_s, _densities(found), found.described, found.remarks,
     )  # fmt: skip

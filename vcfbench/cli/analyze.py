@@ -1,5 +1,6 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
+import sys
 from csv import reader
 from json import dumps
 from pathlib import Path
@@ -67,7 +68,8 @@ def analyze(  # noqa: PLR0917  # options of a command
     if rate is not None or scale_factor is not None or len(names) == 1 or _begins_with_times(file, layout):
         if compare is not None:
             raise ConfigError("--compare: of a calibration table, not of a record at rest")
-        of_record = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout)
+        seen = _progress if sys.stderr.isatty() else None
+        of_record = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout, progress=seen)
         _answer(of_record, f"Noise of {of_record.column}", file.name, output, json=json)
         notices = of_record.notices
     else:
@@ -77,6 +79,10 @@ def analyze(  # noqa: PLR0917  # options of a command
         notices = of_table.notices
     if strict and notices:
         raise typer.Exit(1)
+
+
+def _progress(part: float) -> None:
+    typer.echo(f"\r{100.0 * part:3.0f} % read" if part < 1.0 else "\r\x1b[K", err=True, nl=False)
 
 
 def _begins_with_times(file: Path, layout: Layout) -> bool:

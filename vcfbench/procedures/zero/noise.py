@@ -9,7 +9,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis import allan
-from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stability, deviation_factor
+from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stability, deviation_factor, spreads_of_means
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.analysis.noise_model import NoiseModel, noise_model
@@ -104,7 +104,13 @@ class RecordNoise(Struct, frozen=True):
 
 
 def record_noise(
-    rates_deg_s: Floats, sampling: Sampling, *, corrected: bool, u_bandwidth_hz: float, meter_deg_s: float
+    rates_deg_s: Floats,
+    sampling: Sampling,
+    *,
+    corrected: bool,
+    u_bandwidth_hz: float,
+    meter_deg_s: float,
+    overwrite: bool = False,
 ) -> RecordNoise:
     """Return the noise of `rates_deg_s`, one every ``sampling.interval_s``.
 
@@ -114,16 +120,20 @@ def record_noise(
         corrected: whether dead time is taken out; else the record counts as gapless.
         u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
         meter_deg_s: the most that a reading of the meter may scatter by itself, rms.
+        overwrite: whether the memory of a gapless record may be used, for ten million readings.
 
     Raises:
         ConfigError: a rate is larger than any gyroscope's.
     """
-    if float(np.abs(rates_deg_s).max()) > _LARGEST:
+    if max(float(rates_deg_s.max()), -float(rates_deg_s.min())) > _LARGEST:
         raise ConfigError("a rate of the record is larger than any gyroscope's")
     fitted = sampling if corrected else Sampling.without_gaps(sampling.interval_s)
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
-    curve = allan.allan_deviation(rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE)
+    spreads = spreads_of_means(rates_deg_s, sampling, _DEG_H)
+    curve = allan.allan_deviation(
+        rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE, overwrite=overwrite
+    )
     noisy = all(point.deviation > 0.0 for point in curve)
     model = noise_model(curve, size, fitted) if noisy else None
     follows = curve if model is None else curve[model.begin : max(model.end, model.begin + 1)]
@@ -165,7 +175,7 @@ def record_noise(
         fit,
         tuple(rows),
         tuple(coefficients),
-        bias_stability(rates_deg_s, sampling, curve, _DEG_H),
+        bias_stability(spreads, curve, _DEG_H),
         _DEG_RTH * walk,
         follows[0].tau_s,
         follows[-1].tau_s,
