@@ -39,6 +39,7 @@ COMMANDS = {
     "talk": "Talk to the bench, or to one of its instruments.",
     "safe": "Stop the table, switch the outputs off, check both.",
     "sim": "Show the simulated bench, make one, serve it.",
+    "kit": "Record how instruments answer, and check it.",
     "validate": "Validate the program on this machine.",
     "article": "Make the paper's numbers, figures and errata again.",
 }
@@ -50,7 +51,7 @@ _GROUPS = {
     "Measure": ("run", "resume", "batch", "panel", "study"),
     "Results": ("report", "compare", "device", "runs", "plot", "page", "analyze"),
     "Bench": ("bench", "talk", "safe"),
-    "Program": ("sim", "validate", "article"),
+    "Program": ("sim", "kit", "validate", "article"),
 }
 """Headings of the help, and the commands below each."""
 

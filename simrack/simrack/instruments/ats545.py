@@ -258,7 +258,9 @@ def _of_setpoint(pattern: str, name: str, low: float, high: float) -> scpi.Comma
     def read(stream: TemptronicATS545Twin) -> float:
         return float(getattr(stream.setpoint, name))
 
-    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_one_decimal)
+    return scpi.Command(
+        pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_one_decimal, reads=True
+    )
 
 
 def _of_settings(pattern: str, name: str, low: float, high: float) -> scpi.Command:
@@ -270,7 +272,9 @@ def _of_settings(pattern: str, name: str, low: float, high: float) -> scpi.Comma
         return float(getattr(stream.settings, name))
 
     reply = _one_decimal if name.endswith("_c") else _whole
-    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=reply)
+    return scpi.Command(
+        pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=reply, reads=True
+    )
 
 
 def _kept(pattern: str, low: float, high: float) -> scpi.Command:
@@ -282,7 +286,9 @@ def _kept(pattern: str, low: float, high: float) -> scpi.Command:
     def read(stream: TemptronicATS545Twin) -> float:
         return stream.settings.numbers[pattern]
 
-    return scpi.Command(pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_whole)
+    return scpi.Command(
+        pattern, (_number(low, high),), do=write, query=read, query_parameters=(), reply=_whole, reads=True
+    )
 
 
 def _number(low: float, high: float) -> scpi.Number:
@@ -309,7 +315,12 @@ _TABLE = scpi.CommandTable(
     *(each for each in scpi.COMMON_COMMANDS if each.pattern != "SYSTem:ERRor"),
     scpi.Command("FLOW", (_number(0, 1),), do=TemptronicATS545Twin.set_flow),
     scpi.Command(
-        "HEAD", (_number(0, 1),), do=_move_head, query=lambda stream: int(stream.head_down), query_parameters=()
+        "HEAD",
+        (_number(0, 1),),
+        do=_move_head,
+        query=lambda stream: int(stream.head_down),
+        query_parameters=(),
+        reads=True,
     ),
     scpi.Command(
         "SETN",
@@ -317,6 +328,7 @@ _TABLE = scpi.CommandTable(
         do=TemptronicATS545Twin.select,
         query=lambda stream: stream.settings.number,
         query_parameters=(),
+        reads=True,
     ),
     scpi.Command(
         "SETP",
@@ -325,6 +337,7 @@ _TABLE = scpi.CommandTable(
         query=lambda stream: stream.setpoint.temperature_c,
         query_parameters=(),
         reply=_one_decimal,
+        reads=True,
     ),
     _of_setpoint("WNDW", "window_k", 0.1, 9.9),
     _of_setpoint("SOAK", "soak_s", 0.0, 9999.0),

@@ -81,6 +81,7 @@ def attribute(
         query_parameters=query_parameters,
         reply=str if isinstance(reply, str) else reply,
         takes_s=takes_s,
+        reads=True,
     )
 
 
@@ -96,7 +97,7 @@ def remembered(
     def read(model: Any, *suffixes: Any) -> Any:
         return model.engine.remembered.get((pattern, *suffixes), default)
 
-    return Command(pattern, (parameter,), do=write, query=read, reply=reply, **row)
+    return Command(pattern, (parameter,), do=write, query=read, reply=reply, reads=True, **row)
 
 
 class Rows(list[Command]):

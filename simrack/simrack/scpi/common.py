@@ -39,7 +39,7 @@ COMMON_COMMANDS = (
     Command("*CLS", do=lambda model: model.engine.clear_status()),
     attribute("*ESE", _MASK_8, "engine.status.ese", _INTEGER, query_parameters=()),
     Command("*ESR", query=lambda model: model.engine.dialect.integer(model.engine.status.read_esr())),
-    Command("*IDN", query=lambda model: model.identity(), indefinite=True),
+    Command("*IDN", query=lambda model: model.identity(), indefinite=True, reads=True),
     Command(
         "*OPC",
         do=lambda model: model.engine.announce_completion(),
@@ -49,7 +49,9 @@ COMMON_COMMANDS = (
     Command("*RST", do=reset),
     attribute("*SRE", _MASK_8, "engine.status.sre", _INTEGER, convert=lambda mask: mask & ~64, query_parameters=()),
     Command(
-        "*STB", query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now()))
+        "*STB",
+        query=lambda model: model.engine.dialect.integer(model.engine.status.master(model.engine.status_now())),
+        reads=True,
     ),
     Command("*WAI", do=lambda model: model.engine.when_operations_end(lambda: None)),
     Command("SYSTem:ERRor", query=next_error),
@@ -81,7 +83,7 @@ def event(pattern: str, register: Callable[[Any], Register]) -> Command:
 
 def condition(pattern: str, register: Callable[[Any], Register]) -> Command:
     """Declare the query of a condition register."""
-    return Command(pattern, query=lambda model: model.engine.dialect.integer(register(model).condition))
+    return Command(pattern, query=lambda model: model.engine.dialect.integer(register(model).condition), reads=True)
 
 
 def enable(pattern: str, register: str) -> Command:

@@ -42,6 +42,8 @@ class Command(Struct, frozen=True):
         indefinite: the reply has no definite end, so a query after it in the same message is refused with -440.
         urgent: executed even while an earlier command keeps the parser busy.
         part: attribute of the model that handlers and limits are given instead of it (a further channel).
+        reads: the query only reads: by it nothing is measured, begun, cleared, taken out of a queue, saved or moved, in
+            the real instrument either. A program may ask it at a stranger's bench.
     """
 
     pattern: str
@@ -56,6 +58,7 @@ class Command(Struct, frozen=True):
     indefinite: bool = False
     urgent: bool = False
     part: str = ""
+    reads: bool = False
 
     def parts(self) -> Iterator[tuple[tuple[Mnemonic, ...], bool]]:
         """Yield the parts of the header: the mnemonics of each, and True if it may be left out."""
@@ -199,6 +202,14 @@ class CommandTable:
             if step.error is not None and not -299 <= step.error.number <= -200:
                 break
         return tuple(steps)
+
+    def asked(self, question: str) -> Command | None:
+        """Return the row that answers a question, the first of a message; None where there is none."""
+        unit = next(iter(units(question)))
+        try:
+            return self._find(unit.mnemonics, unit)[0]
+        except ScpiError:
+            return None
 
     def _step(self, unit: Unit, path: tuple[str, ...]) -> tuple[CompiledUnit, tuple[str, ...]]:
         if unit.error is not None and not unit.mnemonics:

@@ -59,6 +59,7 @@ def _attribute(name: str, of: Callable[[Sequence[float]], float], reply: Callabl
         query=lambda model, which: of(model.memory.points(which or model.state.user)),
         query_parameters=(NameParameter(required=False),),
         reply=reply,
+        reads=True,
     )
 
 
@@ -82,13 +83,17 @@ COMMANDS = (
         (NameParameter(), NameParameter(required=False)),
         do=lambda model, name, source: model.memory.keep(name, source or "VOLATILE"),
     ),
-    Command("DATA:CATalog", query=lambda model: names_reply(model.memory.names())),
-    Command("DATA:NVOLatile:CATalog", query=lambda model: names_reply(model.memory.kept_names())),
-    Command("DATA:NVOLatile:FREE", query=lambda model: 4 - len(model.memory.kept_names()), reply=signed_integer),
+    Command("DATA:CATalog", query=lambda model: names_reply(model.memory.names()), reads=True),
+    Command("DATA:NVOLatile:CATalog", query=lambda model: names_reply(model.memory.kept_names()), reads=True),
+    Command(
+        "DATA:NVOLatile:FREE", query=lambda model: 4 - len(model.memory.kept_names()), reply=signed_integer, reads=True
+    ),
     Command("DATA:DELete[:NAME]", (NameParameter(),), do=lambda model, name: model.delete(name)),
     _attribute("AVERage", mean),
     _attribute("CFACtor", crest),
     _attribute("POINts", len, signed_integer),
     _attribute("PTPeak", lambda points: (max(points) - min(points)) / 2.0),
-    Command("[SOURce:]FUNCtion:USER", (NameParameter(),), do=_set_user, query=lambda model: model.state.user),
+    Command(
+        "[SOURce:]FUNCtion:USER", (NameParameter(),), do=_set_user, query=lambda model: model.state.user, reads=True
+    ),
 )

@@ -39,6 +39,7 @@ def mode_switch(pattern: str, mode: str) -> scpi.Command:
         do=lambda model, state: model.switch_mode(mode, on=state),
         query=lambda model: model.state.mode == mode,
         reply=scpi.boolean,
+        reads=True,
     )
 
 
@@ -68,7 +69,7 @@ def angle(pattern: str, path: str, low_deg: float, high_deg: float) -> scpi.Comm
         return math.radians(degrees) if model.state.angle == "RAD" else degrees
 
     return scpi.Command(
-        pattern, (scpi.Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3
+        pattern, (scpi.Number(limits=_angle_limits(high_deg, low_deg)),), do=write, query=read, reply=nr3, reads=True
     )
 
 
@@ -90,6 +91,7 @@ def part_of_period(
         do=write,
         query=lambda model: 100.0 * getattr(model.state, name) * model.state.frequency_hz,
         reply=nr3,
+        reads=True,
     )
 
 

@@ -70,6 +70,7 @@ def _levels(model: _Model) -> tuple[float, float]:
     query=lambda model: _levels(model)[1],
     reply=nr3,
     takes_s=LEVEL_S,
+    reads=True,
 )
 def _set_high(model: _Model, high: float) -> None:
     low, gap = _levels(model)[0], model.kind.least_vpp * model.levels.share
@@ -88,6 +89,7 @@ def _set_high(model: _Model, high: float) -> None:
     query=lambda model: _levels(model)[0],
     reply=nr3,
     takes_s=LEVEL_S,
+    reads=True,
 )
 def _set_low(model: _Model, low: float) -> None:
     high, gap = _levels(model)[1], model.kind.least_vpp * model.levels.share
@@ -120,13 +122,13 @@ LOAD = Number(unit="OHM", limits=Limits(1.0, 10000.0, 50.0), words={"INFinity": 
 OFFSET = Number(unit="V", limits=_offset_limits, name="offset")
 
 
-@ROWS.do("[SOURce:]VOLTage", (AMPLITUDE,), query=amplitude_shown, reply=nr3, takes_s=LEVEL_S)
+@ROWS.do("[SOURce:]VOLTage", (AMPLITUDE,), query=amplitude_shown, reply=nr3, takes_s=LEVEL_S, reads=True)
 def _set_amplitude(model: _Model, given: Quantity) -> None:
     model.levels.set_amplitude(vpp_of(model, given))
     model.update()
 
 
-@ROWS.do("[SOURce:]VOLTage:OFFSet", (OFFSET,), query=offset_shown, reply=nr3, takes_s=LEVEL_S)
+@ROWS.do("[SOURce:]VOLTage:OFFSet", (OFFSET,), query=offset_shown, reply=nr3, takes_s=LEVEL_S, reads=True)
 def _set_offset(model: _Model, volts: float) -> None:
     model.levels.set_offset(model.levels.rounded(volts))
     model.update()

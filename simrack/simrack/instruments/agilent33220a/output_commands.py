@@ -59,7 +59,7 @@ def _apply_parameters(function: str) -> tuple[Parameter, ...]:
     )
 
 
-@ROWS.query("APPLy")
+@ROWS.query("APPLy", reads=True)
 def _applied(model: _Model) -> str:
     values = (model.state.frequency_hz, level_commands.amplitude_shown(model), level_commands.offset_shown(model))
     return quoted(f"{model.state.function} " + ",".join(map(declarations.nr3, values)))

@@ -14,6 +14,7 @@ COMMANDS = (
         query=lambda model: 1.0 / model.state.frequency_hz,
         reply=nr3,
         takes_s=TUNE_S,
+        reads=True,
     ),
     # Widths that fit the period, s
     setting(

@@ -33,6 +33,7 @@ COMMANDS = (
         query=lambda model, place: model.state_names[place],
         query_parameters=(_STATES,),
         reply=quoted,
+        reads=True,
     ),
     Command("MEMory:STATe:DELete", (_STATES,), do=lambda model, place: model.forget(place)),
     Command(
@@ -40,8 +41,9 @@ COMMANDS = (
         query=lambda model, place: model.has_stored(place),
         query_parameters=(_STATES,),
         reply=boolean,
+        reads=True,
     ),
-    Command("MEMory:STATe:CATalog", query=lambda model: names_reply(list(model.state_names.values()))),
+    Command("MEMory:STATe:CATalog", query=lambda model: names_reply(list(model.state_names.values())), reads=True),
     attribute("MEMory:STATe:RECall:AUTO", Boolean(), "panel.auto_recall", boolean),
-    Command("MEMory:NSTates", query=lambda _: 5, reply=signed_integer),
+    Command("MEMory:NSTates", query=lambda _: 5, reply=signed_integer, reads=True),
 )

@@ -28,6 +28,7 @@ def _sweep(pattern: str, read: Callable[[float, float], float], write: Callable[
         do=do,
         query=lambda model: read(model.state.start_hz, model.state.stop_hz),
         reply=nr3,
+        reads=True,
     )
 
 

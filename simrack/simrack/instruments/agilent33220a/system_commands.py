@@ -28,6 +28,7 @@ def _calibrate(model: _Model) -> int:
     (scpi.Boolean(), scpi.Word()),
     query=lambda model: model.panel.secured,
     reply=scpi.boolean,
+    reads=True,
 )
 def _secure(model: _Model, state: object, code: str) -> None:
     if code != model.panel.code:
@@ -55,8 +56,8 @@ def _require_unsecured(model: _Model) -> None:
 COMMANDS = (
     *ROWS,
     # it has no adjustments
-    scpi.Command("CALibration:COUNt", query=lambda _: 1, reply=scpi.signed_integer),
-    scpi.Command("CALibration:VALue", query=lambda _: 0.0, reply=nr3),
+    scpi.Command("CALibration:COUNt", query=lambda _: 1, reply=scpi.signed_integer, reads=True),
+    scpi.Command("CALibration:VALue", query=lambda _: 0.0, reply=nr3, reads=True),
     scpi.attribute("DISPlay", scpi.Boolean(), "panel.display", scpi.boolean),
     scpi.attribute("DISPlay:TEXT", scpi.Text(limit=40), "panel.text", scpi.quoted),
     scpi.Command("DISPlay:TEXT:CLEar", do=lambda model: setattr(model.panel, "text", "")),
@@ -65,7 +66,7 @@ COMMANDS = (
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "panel.beep", scpi.boolean),
     scpi.attribute("SYSTem:KLOCk[:STATe]", scpi.Boolean(), "panel.lock", scpi.boolean),
     scpi.attribute("SYSTem:KLOCk:EXCLude", scpi.Choice(("NONE", "LOCal")), "panel.exclude", str),
-    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0", reads=True),
     scpi.attribute("SYSTem:COMMunicate:RLSTate", scpi.Choice(("LOCal", "REMote", "RWLock")), "panel.remote"),
     *(
         scpi.Command(f"SYSTem:{word}", do=lambda model, short=word[:3]: setattr(model.panel, "remote", short.upper()))
@@ -79,7 +80,7 @@ COMMANDS = (
     scpi.attribute("SYSTem:COMMunicate:LAN:SMASk", scpi.Text(limit=15), "panel.mask", scpi.quoted),
     scpi.attribute("SYSTem:COMMunicate:LAN:GATEway", scpi.Text(limit=15), "panel.gateway", scpi.quoted),
     scpi.attribute("SYSTem:COMMunicate:LAN:HOSTname", scpi.Text(limit=15), "panel.host", scpi.quoted),
-    scpi.Command("SYSTem:COMMunicate:LAN:MAC", query=lambda _: '"0030D3002041"'),
+    scpi.Command("SYSTem:COMMunicate:LAN:MAC", query=lambda _: '"0030D3002041"', reads=True),
     scpi.condition("STATus:QUEStionable:CONDition", lambda model: model.questionable),
     scpi.event("STATus:QUEStionable[:EVENt]", lambda model: model.questionable),
     scpi.enable("STATus:QUEStionable:ENABle", "questionable"),

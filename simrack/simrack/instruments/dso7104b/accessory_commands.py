@@ -29,7 +29,7 @@ def _no_medium(_: SimulatedDso7104B, *arguments: object) -> None:
 # --- the input EXTernal
 
 
-@ROWS.query("EXTernal")
+@ROWS.query("EXTernal", reads=True)
 def _external_learned(model: SimulatedDso7104B) -> str:
     own = model.state.external
     limit = scpi.boolean(own.bandwidth_limit)
@@ -48,23 +48,27 @@ _EXTERNAL = (
         "EXTernal:RANGe", scpi.Number(unit="V", limits=scpi.Limits(1.0, 8000.0)), "state.external.range_v", "nr3"
     ),
     scpi.attribute("EXTernal:PROBe", scpi.Number(limits=scpi.Limits(0.1, 1000.0)), "state.external.probe", "nr3"),
-    scpi.Command("EXTernal:PROBe:ID", query=lambda _: "NONE"),
+    scpi.Command("EXTernal:PROBe:ID", query=lambda _: "NONE", reads=True),
     scpi.attribute("EXTernal:PROBe:STYPe", scpi.Choice(("DIFFerential", "SINGle")), "state.external.probe_type"),
     scpi.attribute("EXTernal:UNITs", scpi.Choice(("VOLT", "AMPere")), "state.external.unit"),
-    scpi.Command("EXTernal:IMPedance", query=lambda _: "ONEM"),
-    scpi.Command("EXTernal:PROTection", query=lambda _: "NORM"),
+    scpi.Command("EXTernal:IMPedance", query=lambda _: "ONEM", reads=True),
+    scpi.Command("EXTernal:PROTection", query=lambda _: "NORM", reads=True),
 )
 
 # --- user calibration
 
 _CALIBRATION = (
-    scpi.Command("CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=scpi.comma_list(scpi.signed_integer)),
-    scpi.Command("CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=scpi.comma_list(scpi.signed_integer)),
+    scpi.Command(
+        "CALibrate:DATE", query=lambda _: _CALIBRATED["DATE"], reply=scpi.comma_list(scpi.signed_integer), reads=True
+    ),
+    scpi.Command(
+        "CALibrate:TIME", query=lambda _: _CALIBRATED["TIME"], reply=scpi.comma_list(scpi.signed_integer), reads=True
+    ),
     scpi.attribute("CALibrate:LABel", scpi.Text(limit=32), "calibration_label", scpi.quoted),
     scpi.Command("CALibrate:STARt", do=nothing),
-    scpi.Command("CALibrate:STATus", query=lambda _: '+0,"Calibrated"'),
-    scpi.Command("CALibrate:SWITch", query=lambda _: "UNPR"),
-    scpi.Command("CALibrate:TEMPerature", query=lambda model: model.nr3(0.0)),
+    scpi.Command("CALibrate:STATus", query=lambda _: '+0,"Calibrated"', reads=True),
+    scpi.Command("CALibrate:SWITch", query=lambda _: "UNPR", reads=True),
+    scpi.Command("CALibrate:TEMPerature", query=lambda model: model.nr3(0.0), reads=True),
 )
 """A calibration takes nothing off the errors of the specimen."""
 

@@ -62,7 +62,7 @@ def _clear_protection(model: SimulatedDso7104B, channel: int) -> None:
     model.state.channel[channel].protection = "NORM"
 
 
-@ROWS.query("CHANnel<1-4>")
+@ROWS.query("CHANnel<1-4>", reads=True)
 def _learned(model: SimulatedDso7104B, channel: int) -> str:
     """Return the learn string of one channel, in the shape of a recorded one."""
     own = model.state.channel[channel]
@@ -104,10 +104,11 @@ VERTICAL_COMMANDS = (
         (VOLTS,),
         do=lambda model, channel, volts: _set_range(model, channel, 8.0 * volts),
         query=lambda model, n: model.nr3(model.state.channel[n].range_v / 8.0),
+        reads=True,
     ),
     _channel("OFFSet", VOLTS, "offset_v", "nr3", do=_set_offset),
     _channel("PROBe", scpi.Number(limits=scpi.Limits(0.1, 1000.0)), "probe", "nr3", do=_set_probe),
-    scpi.Command("CHANnel<1-4>:PROBe:ID", query=lambda *_: "NONE"),
+    scpi.Command("CHANnel<1-4>:PROBe:ID", query=lambda *_: "NONE", reads=True),
     _channel("PROBe:SKEW", scpi.Number(unit="S", limits=scpi.Limits(-100e-9, 100e-9)), "skew_s", "nr3"),
     _channel("PROBe:STYPe", scpi.Choice(("DIFFerential", "SINGle")), "probe_type"),
     _channel("BWLimit", scpi.Boolean(), "bandwidth_limit", scpi.boolean),
@@ -116,7 +117,7 @@ VERTICAL_COMMANDS = (
     _channel("IMPedance", scpi.Choice(("ONEMeg", "FIFTy")), "impedance", do=_set_impedance),
     _channel("INVert", scpi.Boolean(), "inverted", scpi.boolean),
     _channel("LABel", _Label(), "label", scpi.quoted),
-    scpi.Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state.channel[n].protection),
+    scpi.Command("CHANnel<1-4>:PROTection", query=lambda model, n: model.state.channel[n].protection, reads=True),
     _channel("UNITs", scpi.Choice(("VOLT", "AMPere")), "unit"),
     _channel("VERNier", scpi.Boolean(), "vernier", scpi.boolean),
 )

@@ -41,6 +41,7 @@ def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], R
             do=write,
             query=lambda model: of(model).enable,
             reply=signed_integer,
+            reads=True,
         ),
         Command(read_event, query=lambda model: of(model).read_event(), reply=signed_integer),
     )
@@ -48,7 +49,7 @@ def registers(pattern: str, read_event: str, of: Callable[[SimulatedDso7104B], R
 
 def learned(pattern: str, shape: str) -> Command:
     """Declare the query of a subsystem's settings, `shape` with fields of :class:`.settings.ScopeSettings`."""
-    return Command(pattern, query=lambda model: shape.format(model.state))
+    return Command(pattern, query=lambda model: shape.format(model.state), reads=True)
 
 
 def clipped(model: SimulatedDso7104B, value: float, low: float, high: float) -> float:

@@ -60,7 +60,7 @@ def _offset(pattern: str) -> Command:
     return replace(set_, query=lambda model: model.nr3(math_scale(model.state)[1]))
 
 
-@ROWS.query("FUNCtion")
+@ROWS.query("FUNCtion", reads=True)
 def _learned(model: SimulatedDso7104B) -> str:
     """Return the settings in the shape of the guide's sample."""
     state = model.state
@@ -93,6 +93,7 @@ FUNCTION_COMMANDS = (
         (Choice(("CHANnel<1-4>", "GOFT")),),
         do=_set_source,
         query=lambda model, index: model.state.function.source[index],
+        reads=True,
     ),
     attribute(
         "FUNCtion:GOFT:OPERation", Choice(("ADD", "SUBTract", "MULTiply")), "state.function.goft_operation", then=_anew
@@ -102,18 +103,21 @@ FUNCTION_COMMANDS = (
         (CHANNEL,),
         do=_set_goft_source,
         query=lambda model, index: model.state.function.goft_source[index],
+        reads=True,
     ),
     Command(
         "FUNCtion:RANGe",
         (Number(unit=("V", "DB")),),
         do=_set_range,
         query=lambda model: model.nr3(math_scale(model.state)[0]),
+        reads=True,
     ),
     Command(
         "FUNCtion:SCALe",
         (Number(unit=("V", "DB")),),
         do=lambda model, scale: _set_range(model, 8.0 * scale),
         query=lambda model: model.nr3(math_scale(model.state)[0] / 8.0),
+        reads=True,
     ),
     _offset("FUNCtion:OFFSet"),
     _offset("FUNCtion:REFerence"),

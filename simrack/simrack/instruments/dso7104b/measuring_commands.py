@@ -260,7 +260,7 @@ def _sources(model: SimulatedDso7104B) -> str:
     return ",".join(model.state.measure.sources)
 
 
-@ROWS.do("MEASure:SOURce", (declarations.SOURCE, declarations.OPTIONAL_SOURCE), query=_sources)
+@ROWS.do("MEASure:SOURce", (declarations.SOURCE, declarations.OPTIONAL_SOURCE), query=_sources, reads=True)
 def _set_sources(model: SimulatedDso7104B, first: str, second: str | None) -> None:
     model.state.measure.sources = (first, second or model.state.measure.sources[1])
 
@@ -296,7 +296,7 @@ def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
 
 MEASURE_COMMANDS = (
     *ROWS,
-    scpi.Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}"),
+    scpi.Command("MEASure", query=lambda model: f":MEAS:SOUR {_sources(model)}", reads=True),
     scpi.attribute("MEASure:SHOW", scpi.Boolean(), "state.measure.shown", scpi.boolean),
     scpi.attribute(
         "MEASure:STATistics",

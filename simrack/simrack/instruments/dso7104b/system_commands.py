@@ -58,7 +58,7 @@ def _activity_now(model: SimulatedDso7104B) -> Generator[None, None, str]:
 
 
 ROOT_COMMANDS = (
-    scpi.Command("*OPT", query=lambda _: _OPTIONS),
+    scpi.Command("*OPT", query=lambda _: _OPTIONS, reads=True),
     scpi.Command("*TST", query=lambda _: 0, reply=scpi.signed_integer, query_takes_s=5.0),
     scpi.Command("*TRG", do=_digitize),
     scpi.Command("*SAV", (_PLACES,), do=lambda model, place: model.save(place)),
@@ -85,15 +85,19 @@ ROOT_COMMANDS = (
     ),
     scpi.Command("AER", query=lambda model: model.armed(), reply=scpi.signed_integer),
     scpi.Command("TER", query=lambda model: model.was_triggered(), reply=scpi.signed_integer),
-    scpi.Command("SERial", query=lambda model: model.identity().split(",")[2]),
+    scpi.Command("SERial", query=lambda model: model.identity().split(",")[2], reads=True),
     scpi.Command("PRINt", do=declarations.nothing),
     scpi.Command("MERGe", (scpi.Choice(("PMEMory<0-9>",)),), do=declarations.nothing),
     scpi.Command("ACTivity", do=declarations.nothing, query=_activity),
-    scpi.Command("OPERegister:CONDition", query=lambda model: model.operation.condition, reply=scpi.signed_integer),
+    scpi.Command(
+        "OPERegister:CONDition", query=lambda model: model.operation.condition, reply=scpi.signed_integer, reads=True
+    ),
     *declarations.registers("OPEE", "OPERegister[:EVENt]", lambda model: model.operation),
     *declarations.registers("OVLenable", "OVLRegister", lambda model: model.overload),
     *declarations.registers("HWEenable", "HWERegister[:EVENt]", lambda model: model.hardware),
-    scpi.Command("HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=scpi.signed_integer),
+    scpi.Command(
+        "HWERegister:CONDition", query=lambda model: model.hardware.condition, reply=scpi.signed_integer, reads=True
+    ),
     scpi.attribute("AUToscale:CHANnels", scpi.Choice(("ALL", "DISPlayed")), "state.autoscale_channels"),
 )
 """Root and common commands."""
@@ -173,6 +177,7 @@ def _moment(name: str, *limits: tuple[int, int]) -> scpi.Command:
         do=lambda model, *values: setattr(model, name, values),
         query=lambda model: getattr(model, name),
         reply=scpi.comma_list(scpi.signed_integer),
+        reads=True,
     )
 
 

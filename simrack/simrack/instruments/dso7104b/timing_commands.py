@@ -33,7 +33,11 @@ def _scale(pattern: str, name: str) -> Command:
         setattr(model.state.timebase, name, 10.0 * seconds)
 
     return Command(
-        pattern, (_SCALE,), do=write, query=lambda model: model.nr3(getattr(model.state.timebase, name) / 10.0)
+        pattern,
+        (_SCALE,),
+        do=write,
+        query=lambda model: model.nr3(getattr(model.state.timebase, name) / 10.0),
+        reads=True,
     )
 
 
@@ -78,7 +82,9 @@ TIMING_COMMANDS = (
     attribute("ACQuire:COUNt", Integer(limits=Limits(2, 65536)), "state.acquire.count", signed_integer),
     attribute("ACQuire:COMPlete", Integer(limits=Limits(0, 100)), "state.acquire.complete_percent", signed_integer),
     attribute("ACQuire:SEGMented:COUNt", Integer(limits=Limits(2, 2000)), "state.acquire.segments", signed_integer),
-    Command("ACQuire:POINts", query=lambda model: memory_points(model.state, model.kind), reply=signed_integer),
-    Command("ACQuire:SRATe", query=lambda model: model.nr3(sample_rate_hz(model.state, model.kind))),
+    Command(
+        "ACQuire:POINts", query=lambda model: memory_points(model.state, model.kind), reply=signed_integer, reads=True
+    ),
+    Command("ACQuire:SRATe", query=lambda model: model.nr3(sample_rate_hz(model.state, model.kind)), reads=True),
 )
 """What is said to :TIMebase and :ACQuire."""

@@ -39,6 +39,7 @@ def _level(pattern: str, mode: str) -> scpi.Command:
         do=write,
         query=lambda model, source: model.nr3(model.state.levels_v[source or getattr(model.state, mode).source]),
         query_parameters=(scpi.Choice(("CHANnel<1-4>", "EXTernal"), required=False),),
+        reads=True,
     )
 
 
@@ -58,7 +59,7 @@ _SOURCE = scpi.Choice(("CHANnel<1-4>", "EXTernal", "LINE"))
 _PULSE_TIME = scpi.Number(unit="S", limits=scpi.Limits(2e-9, 10.0))
 
 
-@ROWS.query("TRIGger")
+@ROWS.query("TRIGger", reads=True)
 def _learned(model: SimulatedDso7104B) -> str:
     """Return the settings common to all modes, and the edge (siblings' guides; of other modes nothing is known)."""
     state = model.state
@@ -75,7 +76,7 @@ def _learned(model: SimulatedDso7104B) -> str:
     )
 
 
-@ROWS.do("TRIGger[:EDGE]:REJect", (scpi.Choice(("OFF", "LF", "HF")),), query=_reject)
+@ROWS.do("TRIGger[:EDGE]:REJect", (scpi.Choice(("OFF", "LF", "HF")),), query=_reject, reads=True)
 def _set_reject(model: SimulatedDso7104B, word: str) -> None:
     """Turn one filter on and the other off; LF is the coupling of that name."""
     model.state.trigger.reject_hf = word == "HF"
@@ -117,6 +118,7 @@ TRIGGER_COMMANDS = (
         (scpi.Number(unit="S", limits=scpi.Limits(10e-9, 10.0)),) * 2,
         do=_set_pulse_range,
         query=lambda model: scpi.comma_list(model.nr3)(model.state.pulse.range_s),
+        reads=True,
     ),
     _setting(":TV:SOURce", CHANNEL, "television.source"),
     _setting(":TV:MODE", _FIELDS, "television.mode"),

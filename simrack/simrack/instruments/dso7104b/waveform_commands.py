@@ -48,6 +48,7 @@ def _points(model: SimulatedDso7104B) -> int:
     (Number(words={"NORMal": -1.0, "MAXimum": -2.0, "RAW": -3.0}),),
     query=_points,
     reply=signed_integer,
+    reads=True,
 )
 def _set_points(model: SimulatedDso7104B, points: float) -> None:
     """Take a number, or NORMal, MAXimum, RAW, which set the mode too."""
@@ -225,7 +226,7 @@ def _looked_at(of: Callable[[SimulatedDso7104B], str]) -> Callable[[SimulatedDso
     return lambda model: model.look(lambda: of(model))
 
 
-@ROWS.query("WAVeform")
+@ROWS.query("WAVeform", reads=True)
 def _learned(model: SimulatedDso7104B) -> str:
     """Return source, format and order of the data, in the shape of the siblings' guides."""
     state = model.state
@@ -248,8 +249,8 @@ WAVEFORM_COMMANDS = (
     _scaled("YINCrement", 3),
     _scaled("YORigin", 4),
     _scaled("YREFerence", 5, integer=True),
-    Command("WAVeform:COUNt", query=_average_count, reply=signed_integer),
-    Command("WAVeform:TYPE", query=lambda model: model.state.acquire.type),
+    Command("WAVeform:COUNt", query=_average_count, reply=signed_integer, reads=True),
+    Command("WAVeform:TYPE", query=lambda model: model.state.acquire.type, reads=True),
     Command("WAVeform:SEGMented:COUNt", query=_looked_at(lambda model: signed_integer(model.shown.segments()))),
     Command("WAVeform:SEGMented:TTAG", query=_looked_at(lambda model: model.nr3(model.shown.time_tag_s()))),
     attribute("WAVeform:VIEW", Choice(("MAIN",)), "state.waveform.view"),

@@ -117,6 +117,7 @@ def _level(what: str, unit: str, header: str, *, triggered: bool = False) -> scp
         query_parameters=(_ChannelsOrWord(required=False), _LIST),
         reply=_listed(_NR3),
         takes_s=_PROGRAMMING_S,
+        reads=True,
     )
 
 
@@ -159,7 +160,7 @@ def _kept(name: str, header: str, parameter: scpi.Parameter, reply: Callable[[An
         return [getattr(supply, name)[each] for each in _of(supply, names)]
 
     return scpi.Command(
-        header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply)
+        header, (parameter, _LIST), do=write, query=read, query_parameters=(_LIST,), reply=_listed(reply), reads=True
     )
 
 
@@ -168,7 +169,7 @@ def _tripped(header: str, cause: str) -> scpi.Command:
         supply.observe()
         return [supply.tripped[name] == cause for name in _of(supply, names)]
 
-    return scpi.Command(header, query=read, query_parameters=(_LIST,), reply=_listed(scpi.boolean))
+    return scpi.Command(header, query=read, query_parameters=(_LIST,), reply=_listed(scpi.boolean), reads=True)
 
 
 def _clear(supply: SimulatedE36312A, names: Names | None) -> None:
@@ -204,6 +205,7 @@ _SLOT = (scpi.Integer(limits=scpi.Limits(0, 9), named=False),)
     query_parameters=(scpi.Choice((*_NAMES, "CH<1-3>"), required=False),),
     reply=scpi.quoted,
     takes_s=_PROGRAMMING_S,
+    reads=True,
 )
 def _apply(supply: SimulatedE36312A, identifier: str, volts: Any, amps: Any) -> None:
     name = _named(identifier)
@@ -258,7 +260,9 @@ TABLE = scpi.CommandTable(
     _kept("rise_delay_s", "OUTPut[:STATe]:DELay:RISE", scpi.Number(unit="S", limits=scpi.Limits(0.0, 3600.0)), _NR3),
     _kept("fall_delay_s", "OUTPut[:STATe]:DELay:FALL", scpi.Number(unit="S", limits=scpi.Limits(0.0, 3600.0)), _NR3),
     scpi.remembered("SYSTem:COMMunicate:RLSTate", scpi.Choice(("LOCal", "REMote", "RWLock")), "REM"),
-    scpi.Command("SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=scpi.signed_integer),
+    scpi.Command(
+        "SYSTem:ERRor:COUNt", query=lambda supply: len(supply.engine.errors), reply=scpi.signed_integer, reads=True
+    ),
     *scpi.status_commands("QUEStionable", "questionable", lacking=("event", "enable")),
     *scpi.status_commands("OPERation", "operation"),
     scpi.attribute(
@@ -272,6 +276,7 @@ TABLE = scpi.CommandTable(
         query_parameters=(_LIST,),
         reply=_listed(scpi.boolean),
         takes_s=_PROGRAMMING_S,
+        reads=True,
     ),
     scpi.attribute("OUTPut:PAIR", scpi.Choice(("OFF", "PARallel", "SERies")), "pair"),
     scpi.attribute("OUTPut:TRACk[:STATe]", scpi.Boolean(), "tracking", scpi.boolean, convert=bool),
@@ -281,6 +286,7 @@ TABLE = scpi.CommandTable(
         repeat=True,
         do=_couple,
         query=lambda supply: ",".join(f"CH{_NAMES.index(name) + 1}" for name in supply.together) or "NONE",
+        reads=True,
     ),
     scpi.Command("OUTPut:PROTection:CLEar", (_LIST,), do=_clear),
     _kept("over_v", "[SOURce:]VOLTage:PROTection[:LEVel][:AMPLitude]", _OVER, _NR3),
@@ -298,9 +304,9 @@ TABLE = scpi.CommandTable(
     scpi.Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
-    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0", reads=True),
     *(scpi.Command(f"SYSTem:{word}", do=lambda _: None) for word in ("LOCal", "REMote", "RWLock")),
-    scpi.Command("*OPT", query=lambda _: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the model)
+    scpi.Command("*OPT", query=lambda _: "0", reads=True),  # IEEE 488.2, 10.20: there is none (unverified of the model)
     scpi.Command("*TST", query=lambda _: 0, reply=scpi.signed_integer, query_takes_s=1.0),
     scpi.Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot)),
     scpi.Command("*RCL", _SLOT, do=lambda supply, slot: supply.recall(slot)),

@@ -82,7 +82,9 @@ _CODE = scpi.Word(word_too_long=704)
 _LEVEL = (scpi.Choice(("MINimum", "MAXimum")),)
 
 CALIBRATION_COMMANDS = (
-    scpi.Command("CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=scpi.bare_integer),
+    scpi.Command(
+        "CALibration:COUNt", query=lambda supply: supply.calibration.count, reply=scpi.bare_integer, reads=True
+    ),
     scpi.Command("CALibration:SECure:CODE", (_CODE,), do=_set_code),
     scpi.Command(
         "CALibration:SECure:STATe",
@@ -90,6 +92,7 @@ CALIBRATION_COMMANDS = (
         do=_set_secured,
         query=lambda supply: supply.calibration.secured,
         reply=scpi.boolean,
+        reads=True,
     ),
     scpi.attribute("CALibration:STRing", scpi.Text(limit=40), "calibration.text", scpi.quoted, do=_set_text),
     scpi.Command("CALibration:VOLTage[:DATA]", (scpi.Number(unit="V"),), do=_take_volts),

@@ -118,6 +118,7 @@ _AMPS = scpi.Number(unit="A", limits=lambda supply: _AMP_LIMITS[supply.selected]
     query_parameters=_OUTPUT_OR_SELECTED,
     reply=scpi.quoted,
     takes_s=_PROGRAMMING_S,
+    reads=True,
 )
 def _applied(supply: SimulatedE3631A, name: str | None) -> str:
     output = supply.outputs[name or supply.selected]
@@ -153,6 +154,7 @@ OUTPUT_COMMANDS = (
         do=_couple,
         query=lambda supply: "ALL" if len(supply.coupled) == len(KINDS) else ",".join(supply.coupled) or "NONE",
         repeat=True,
+        reads=True,
     ),
     remote(
         scpi.attribute(

@@ -58,7 +58,7 @@ SYSTEM_COMMANDS = (
     scpi.Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda supply: setattr(supply, "display_text", "")),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),  # SCPI's own optional node; not in the guide, unverified
-    scpi.Command("SYSTem:VERSion", query=lambda _: "1995.0"),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1995.0", reads=True),
     *SERIAL_COMMANDS,
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=_SELF_TEST_S),
     remote(scpi.Command("*SAV", _SLOT, do=lambda supply, slot: supply.save(slot))),
@@ -81,5 +81,6 @@ STATUS_COMMANDS = (
         query=lambda supply, number: _summary(supply, number).enable,
         query_parameters=(),
         reply=_BARE,
+        reads=True,
     ),
 )

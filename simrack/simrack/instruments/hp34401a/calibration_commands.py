@@ -37,12 +37,15 @@ def _set_calibration_value(meter: SimulatedHp34401A, value: float) -> None:
 COMMANDS = (
     *ROWS,
     scpi.Command("CALibration", query=lambda meter: meter.calibrate()),
-    scpi.Command("CALibration:COUNt", query=lambda meter: meter.calibration.count, reply=scpi.signed_integer),
+    scpi.Command(
+        "CALibration:COUNt", query=lambda meter: meter.calibration.count, reply=scpi.signed_integer, reads=True
+    ),
     scpi.Command(
         "CALibration:SECure:STATe",
         (scpi.Boolean(), scpi.Word()),
         do=_set_secured,
         query=lambda meter: meter.calibration.secured,
         reply=scpi.boolean,
+        reads=True,
     ),
 )

@@ -125,8 +125,9 @@ FUNCTION = Command(
     query=lambda meter: meter.function.name,
     reply=quoted,
     takes_s=_FUNCTION_CHANGE_S,
+    reads=True,
 )
-CONFIGURATION = Command("CONFigure", query=_configuration, reply=quoted)
+CONFIGURATION = Command("CONFigure", query=_configuration, reply=quoted, reads=True)
 
 COMMANDS = (
     *ROWS,

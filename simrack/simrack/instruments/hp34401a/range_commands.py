@@ -56,6 +56,7 @@ def range_commands(
             query_parameters=(shown,),
             reply=reply,
             takes_s=_RANGE_CHANGE_S,
+            reads=True,
         ),
         attribute(f"[SENSe:]{header}:RANGe:AUTO", Boolean(), f"setups[{name}].auto", boolean),
     )
@@ -82,6 +83,7 @@ def resolution_command(function: Function, header: str) -> Command:
         query=read,
         query_parameters=(Choice(("MINimum", "MAXimum"), required=False),),
         reply=_NR3,
+        reads=True,
     )
 
 
@@ -117,6 +119,7 @@ def zero_command(name: str, header: str, parameter: Boolean) -> Command:
         do=lambda meter, state: meter.set_autozero(name, on=state is True),
         query=lambda meter: bool(meter.autozeroes(name)),
         reply=boolean,
+        reads=True,
     )
 
 
@@ -153,5 +156,5 @@ COMMANDS = (
     bandwidth_command("[SENSe:]DETector:BANDwidth"),
     attribute("[SENSe:]ZERO:AUTO", Boolean(words=("ONCE",)), "autozero", boolean, convert=lambda state: state is True),
     impedance_command("INPut:IMPedance:AUTO"),
-    Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
+    Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON", reads=True),
 )

@@ -43,7 +43,7 @@ COMMANDS = (
     Command("DISPlay[:WINDow]:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
     Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
     attribute("SYSTem:BEEPer:STATe", Boolean(), "beeper", boolean),
-    Command("SYSTem:VERSion", query=lambda _: "1991.0"),
+    Command("SYSTem:VERSion", query=lambda _: "1991.0", reads=True),
     *SERIAL_COMMANDS,
     *(Command(f"L{number}", do=_language(number)) for number in (1, 2, 3)),
     # status

@@ -36,6 +36,7 @@ def trigger_settings(counts: scpi.Limits, delay_digits: int) -> tuple[scpi.Comma
             do=set_delay,
             query=lambda meter: meter.delay_s(),
             reply=_NR3,
+            reads=True,
         ),
         scpi.attribute("TRIGger:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
         scpi.attribute("TRIGger:COUNt", count, "triggering.trigger_count", _NR3, convert=float),
@@ -53,8 +54,11 @@ COMMANDS = (
         query=lambda meter, _: meter.triggering.feed,
         query_parameters=(scpi.Choice(("RDG_STORE",), required=False),),
         reply=scpi.quoted,
+        reads=True,
     ),
-    scpi.Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer),
+    scpi.Command(
+        "DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer, reads=True
+    ),
     *trigger_settings(scpi.Limits(1, 50000), 5),
     BUS_TRIGGER,
 )

@@ -137,7 +137,9 @@ def function_command(
             raise scpi.ScpiError(-224)
         meter.choose(meter.functions[by_reply.get(typed, typed)])
 
-    return scpi.Command(pattern, (scpi.Text(),), do=choose, query=lambda meter: names[meter.function.name], reply=reply)
+    return scpi.Command(
+        pattern, (scpi.Text(),), do=choose, query=lambda meter: names[meter.function.name], reply=reply, reads=True
+    )
 
 
 def digits_commands(
@@ -213,6 +215,7 @@ def integration(name: str, header: str, parameter: scpi.Number, reply: Callable[
         do=write,
         query=lambda meter: _setup(meter, name).nplc * unit(meter),
         reply=reply,
+        reads=True,
     )
 
 

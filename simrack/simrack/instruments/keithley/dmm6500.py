@@ -209,6 +209,7 @@ def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
     query=lambda meter, _buffer: meter.points,
     query_parameters=_NAMED,
     reply=scpi.signed_integer,
+    reads=True,
 )
 def _resize(meter: KeithleyDMM6500Twin, points: int, buffer: str | None) -> None:
     """TRACe:POINts: a buffer of another size begins empty."""
@@ -223,6 +224,7 @@ def _resize(meter: KeithleyDMM6500Twin, points: int, buffer: str | None) -> None
     query=lambda meter, _buffer: meter.fill,
     query_parameters=_NAMED,
     reply=str,
+    reads=True,
 )
 def _fill(meter: KeithleyDMM6500Twin, mode: str, buffer: str | None) -> None:
     _require_buffer(meter, buffer)
@@ -253,7 +255,9 @@ def _refuse_tsp(meter: KeithleyDMM6500Twin) -> str:
 _COMMANDS = (
     *ROWS,
     *scpi.COMMON_COMMANDS,
-    scpi.Command("*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set),
+    scpi.Command(
+        "*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set, reads=True
+    ),
     scpi.Command("TSP", do=_refuse_tsp, query=_refuse_tsp),
     common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),  # PyMeasure's tests of a real one, QCoDeS' driver
     scpi.attribute(
@@ -317,20 +321,23 @@ _COMMANDS = (
     scpi.Command("TRACe:DELete", (scpi.Text(),), do=lambda meter, name: meter.made.pop(name, None)),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
     scpi.Command(
-        "TRIGger:STATe", query=lambda meter: "IDLE;IDLE;1" if meter.triggering.sequence is None else "RUNNING;RUNNING;1"
+        "TRIGger:STATe",
+        query=lambda meter: "IDLE;IDLE;1" if meter.triggering.sequence is None else "RUNNING;RUNNING;1",
+        reads=True,
     ),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.remembered(_PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
     scpi.Command("SYSTem:EVENtlog:NEXT", query=scpi.next_error),
-    scpi.Command("SYSTem:ERRor:COUNt", query=lambda meter: len(meter.engine.errors)),
+    scpi.Command("SYSTem:ERRor:COUNt", query=lambda meter: len(meter.engine.errors), reads=True),
     scpi.Command(
         "SYSTem:EVENtlog:COUNt",
         query=lambda meter, kind: 0 if kind in {"WARN", "INF"} else len(meter.engine.errors),
         query_parameters=(scpi.Choice(("ALL", "ERRor", "WARNing", "INFormational"), required=False),),
+        reads=True,
     ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
-    scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
-    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
+    scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON", reads=True),
+    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
     # its clock: seconds since 1970, or after a 1 as text (both from memory of the manual, unverified)
     scpi.Command(
         "SYSTem:TIME",
@@ -339,11 +346,12 @@ _COMMANDS = (
         do=common.ignored,
         query=lambda meter, text: _date(meter.clock.now()).ctime() if text else int(_BEGUN_S + meter.clock.now()),
         query_parameters=(scpi.Integer(required=False),),
+        reads=True,
     ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
     scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),
-    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0"),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0", reads=True),
     scpi.Command("DISPlay:CLEar", do=common.ignored),
     scpi.Command("DISPlay:SCReen", (scpi.Word(),), do=common.ignored),
     *(scpi.Command(f"DISPlay:USER{line}:TEXT[:DATA]", (scpi.Text(),), do=common.ignored) for line in (1, 2)),
@@ -362,12 +370,12 @@ _COMMANDS = (
         )
     ),
     # no card is in the slot (form of the replies unverified)
-    scpi.Command("SYSTem:CARD1:IDN", query=lambda _: "Empty Slot"),
+    scpi.Command("SYSTem:CARD1:IDN", query=lambda _: "Empty Slot", reads=True),
     *(
-        scpi.Command(f"SYSTem:CARD1:{each}", query=lambda _: "0")
+        scpi.Command(f"SYSTem:CARD1:{each}", query=lambda _: "0", reads=True)
         for each in ("VCHannel[:STARt]", "VCHannel:END", "VMAX")
     ),
-    scpi.Command("ROUTe:SCAN[:CREate]", query=lambda _: "(@)"),
+    scpi.Command("ROUTe:SCAN[:CREate]", query=lambda _: "(@)", reads=True),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     *scpi.status_commands("OPERation", "operation"),
     *scpi.status_commands("QUEStionable", "questionable"),

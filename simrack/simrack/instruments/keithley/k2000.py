@@ -90,7 +90,13 @@ def _fetch(meter: Keithley2000Twin) -> Any:
     return _formatted(meter, [meter.ring.last])
 
 
-@ROWS.do("SYSTem:AZERo[:STATe]", (scpi.Boolean(),), query=lambda meter: meter.autozeroes("VOLT"), reply=scpi.boolean)
+@ROWS.do(
+    "SYSTem:AZERo[:STATe]",
+    (scpi.Boolean(),),
+    query=lambda meter: meter.autozeroes("VOLT"),
+    reply=scpi.boolean,
+    reads=True,
+)
 def _set_azero(meter: Keithley2000Twin, state: object) -> None:
     for name in common.NAMES:
         meter.set_autozero(name, on=bool(state))
@@ -101,6 +107,7 @@ def _set_azero(meter: Keithley2000Twin, state: object) -> None:
     (scpi.Number(unit="S", limits=scpi.Limits(0.0, 999_999.999, 0.0)),),
     query=lambda meter: meter.delay_s(),
     reply=_NR3,
+    reads=True,
 )
 def _set_delay(meter: Keithley2000Twin, seconds: float) -> None:
     meter.triggering.delay_s, meter.triggering.delay_auto = seconds, False
@@ -164,7 +171,7 @@ _COMMANDS = (
         scpi.Command(f"MEASure:{_FUNCTIONS[name].header}", query=partial(_measure, name=name), query_parameters=())
         for name in common.NAMES
     ),
-    scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted),
+    scpi.Command("CONFigure", query=lambda meter: common.NAMES[meter.function.name], reply=scpi.quoted, reads=True),
     common.function_command("[SENSe:]FUNCtion"),
     *common.settings_of_functions(_FUNCTIONS, _WORDS),
     *common.digits_commands(_FUNCTIONS, "[SENSe:]", scpi.Limits(4, 7)),
@@ -191,7 +198,9 @@ _COMMANDS = (
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
     scpi.Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
     # bytes left and used; 24 a reading and a byte of overhead are what its manual's 1024 readings come to (unverified)
-    scpi.Command("TRACe:FREE", query=lambda meter: f"{24 * (_BUFFER - len(meter.stored))},{24 * len(meter.stored)}"),
+    scpi.Command(
+        "TRACe:FREE", query=lambda meter: f"{24 * (_BUFFER - len(meter.stored))},{24 * len(meter.stored)}", reads=True
+    ),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(2, _BUFFER)), "points", scpi.signed_integer),
     scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
@@ -199,13 +208,14 @@ _COMMANDS = (
     scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
     scpi.remembered("SYSTem:POSetup", scpi.Choice(("RST", "PRESet", "SAV0")), "PRES"),
     scpi.Command("SYSTem:KEY", (scpi.Integer(limits=scpi.Limits(1, 31)),), do=common.ignored),
-    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz)),
+    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
     scpi.Command(
         "FORMat:ELEMents",
         (scpi.Choice(("READing", "UNITs", "CHANnel", "RNUMber")),),
         do=lambda meter, *elements: setattr(meter, "elements", elements),
         query=lambda meter: ",".join(meter.elements),
         repeat=True,
+        reads=True,
     ),
     scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
@@ -214,7 +224,7 @@ _COMMANDS = (
         scpi.remembered(f"{each}:STATe", scpi.Boolean(), default=False, reply=scpi.boolean)
         for each in ("CALCulate<2-2>", _LIMIT, _SHOWN)
     ),
-    *common.formula_commands("CALCulate", "formulas[VOLT]", ("NONE", "MXB", "PERCent"), ":KMATh"),
+    *common.formula_commands("CALCulate<1-1>", "formulas[VOLT]", ("NONE", "MXB", "PERCent"), ":KMATh"),
     scpi.attribute("UNIT:VOLTage:DC", scpi.Choice(("V", "DB", "DBM")), "unit"),
     scpi.attribute("[SENSe:]HOLD:STATe", scpi.Boolean(), "held", lambda held: scpi.boolean(held is not None), do=_hold),
     scpi.remembered("CALCulate<1-1>:KMATh:MUNits", scpi.Text(limit=3), "MXB", scpi.quoted),
@@ -231,10 +241,10 @@ _COMMANDS = (
     scpi.Command("CALCulate<1-1>:DATA[:LATest]", query=_fetch),
     scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
     scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
-    scpi.Command("SYSTem:FRSWitch", query=lambda meter: not meter.rear, reply=scpi.boolean),
-    scpi.Command("SYSTem:VERSion", query=lambda _: "1991.0"),
+    scpi.Command("SYSTem:FRSWitch", query=lambda meter: not meter.rear, reply=scpi.boolean, reads=True),
+    scpi.Command("SYSTem:VERSion", query=lambda _: "1991.0", reads=True),
     *(scpi.Command(f"SYSTem:{word}", do=common.ignored) for word in ("LOCal", "REMote", "RWLock")),
-    scpi.Command("*OPT", query=lambda _: "0,0"),
+    scpi.Command("*OPT", query=lambda _: "0,0", reads=True),
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     *scpi.status_commands("OPERation", "operation"),
     *scpi.status_commands("QUEStionable", "questionable"),

@@ -111,7 +111,7 @@ def _apply_dc(model: _Model, frequency: Any, amplitude: Any, offset: Any) -> Non
     model.update()
 
 
-@ROWS.query("APPLy")
+@ROWS.query("APPLy", reads=True)
 def _applied(model: _Model) -> str:
     amplitude, offset = level_commands.amplitude_shown(model), level_commands.offset_shown(model)
     return scpi.quoted(f"{_selected(model)} {_nr3(model.state.frequency_hz)},{nr3(amplitude)},{nr3(offset)}")
@@ -149,6 +149,7 @@ def _limit(name: str) -> scpi.Command:
         do=write,
         query=lambda model: getattr(model.state, name) * model.levels.share,
         reply=_nr3,
+        reads=True,
     )
 
 
@@ -230,6 +231,7 @@ def _arbitrary_rate(word: str, unit: str, power: int) -> scpi.Command:
         do=write,
         query=lambda model: (model.state.sample_rate_hz / _points(model)) ** power,
         reply=_nr3,
+        reads=True,
     )
 
 
@@ -245,6 +247,7 @@ _COUNT: Any = _BURST_COUNT.parameters[0]
     (scpi.Choice(("SINusoid", "SQUare", "TRIangle", "RAMP", "PULSe", "PRBS", "NOISe", "ARBitrary", "DC")),),
     query=_selected,
     takes_s=SWITCH_S,
+    reads=True,
 )
 def _select(model: _Model, function: str) -> None:
     model.rules.select("USER" if function == "ARB" else function)
@@ -273,6 +276,7 @@ OWN = (
         query=lambda model: 1.0 / model.state.frequency_hz,
         reply=_nr3,
         takes_s=TUNE_S,
+        reads=True,
     ),
     replace(_BURST_COUNT, parameters=(replace(_COUNT, limits=scpi.Limits(1, 1e8)),), reply=_nr3),
     setting(
@@ -289,6 +293,7 @@ OWN = (
         do=lambda model, name: model.choose_arbitrary(name),
         query=lambda model: path(model.state.user),
         reply=scpi.quoted,
+        reads=True,
     ),
     scpi.attribute(
         "[SOURce:]FUNCtion:ARBitrary:SRATe",
@@ -307,7 +312,7 @@ OWN = (
         then=_retune,
     ),
     setting("[SOURce:]FUNCtion:PRBS:DATA", scpi.Choice(("PN7",)), "state.sequence"),
-    scpi.Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=scpi.signed_integer),
+    scpi.Command("[SOURce:]FUNCtion:ARBitrary:POINts", query=_points, reply=scpi.signed_integer, reads=True),
     setting("[SOURce:]FUNCtion:ARBitrary:FILTer", scpi.Choice(("NORMal", "STEP", "OFF")), "state.filter"),
     setting("[SOURce:]FUNCtion:ARBitrary:ADVance", scpi.Choice(("TRIGger", "SRATe")), "state.advance"),
     # both edges are one: what is set of one is set of the other
@@ -342,11 +347,17 @@ OWN = (
     scpi.remembered("OUTPut:SYNC:SOURce", scpi.Choice(("CH1", "CH2")), "CH1"),
     scpi.remembered("ROSCillator:SOURce", scpi.Choice(("INTernal", "EXTernal")), "INT"),
     scpi.remembered("ROSCillator:SOURce:AUTO", scpi.Boolean(), default=False, reply=scpi.boolean),
-    scpi.Command("*OPT", query=lambda _model: "0"),  # IEEE 488.2, 10.20: there is none (unverified of the series)
-    scpi.Command("SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer),
+    scpi.Command(
+        "*OPT", query=lambda _model: "0", reads=True
+    ),  # IEEE 488.2, 10.20: there is none (unverified of the series)
+    scpi.Command(
+        "SYSTem:ERRor:COUNt", query=lambda model: len(model.engine.errors), reply=scpi.signed_integer, reads=True
+    ),
     *scpi.status_commands("OPERation", "operation"),
     scpi.Command(
-        "[SOURce:]DATA:VOLatile:CATalog", query=lambda model: ",".join(map(scpi.quoted, model.waveforms.names()))
+        "[SOURce:]DATA:VOLatile:CATalog",
+        query=lambda model: ",".join(map(scpi.quoted, model.waveforms.names())),
+        reads=True,
     ),
     setting("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "state.order"),
 )

@@ -162,7 +162,9 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         ),
         scpi.Command("DATA:LAST", query=_last),
         scpi.Command("[SENSe:]DATA2", query=_second, reply=_NR3),
-        scpi.Command("DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer),
+        scpi.Command(
+            "DATA:POINts", query=lambda meter: len(meter.triggering.memory), reply=scpi.signed_integer, reads=True
+        ),
         *(forgetting(each) for each in trigger_settings(scpi.Limits(1, kind.most_readings, 1), 6)),
         forgetting(scpi.attribute("TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "ring.slope")),
         *(forgetting(each) for each in _OF_34465A if kind.apertures_s),

@@ -84,6 +84,7 @@ def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command,
             do=write,
             query=lambda meter: meter.inputs.aperture_s(meter.setups[name].nplc),
             reply=_NR3,
+            reads=True,
         ),
         Command(
             f"[SENSe:]{header}:APERture:ENABled",
@@ -91,6 +92,7 @@ def _aperture_commands(name: str, limits: tuple[float, float]) -> tuple[Command,
             do=lambda meter, state: meter.aperture_on.update({name: bool(state)}),
             query=lambda meter: meter.aperture_on[name],
             reply=boolean,
+            reads=True,
         ),
     )
 

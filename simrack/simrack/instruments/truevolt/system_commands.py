@@ -32,7 +32,9 @@ def _clock(word: str, shown: str) -> scpi.Command:
         meter.engine.remembered[word,] = ",".join(f"{each:g}" for each in numbers)
 
     numbers = (scpi.Number(),) * 3
-    return scpi.Command(f"SYSTem:{word}", numbers, do=write, query=lambda m: m.engine.remembered.get((word,), shown))
+    return scpi.Command(
+        f"SYSTem:{word}", numbers, do=write, query=lambda m: m.engine.remembered.get((word,), shown), reads=True
+    )
 
 
 def _up_time(meter: SimulatedTruevolt) -> str:
@@ -48,9 +50,9 @@ def _lan() -> tuple[scpi.Command, ...]:
         scpi.remembered(f"{lan}DHCP", scpi.Boolean(), default=True, reply=scpi.boolean),
         scpi.remembered(f"{lan}HOSTname", scpi.Text(limit=15), "K-34461A-00001", scpi.quoted),
         *(scpi.remembered(f"{lan}{each}", scpi.Text(limit=15), "0.0.0.0", scpi.quoted) for each in addresses),  # noqa: S104  (what a box says that has none)
-        scpi.Command(f"{lan}DOMain", query=lambda _: "", reply=scpi.quoted),
-        scpi.Command(f"{lan}MAC", query=lambda _: "0030D3000001", reply=scpi.quoted),
-        scpi.Command(f"{lan}CONTrol", query=lambda _: 0, reply=scpi.signed_integer),
+        scpi.Command(f"{lan}DOMain", query=lambda _: "", reply=scpi.quoted, reads=True),
+        scpi.Command(f"{lan}MAC", query=lambda _: "0030D3000001", reply=scpi.quoted, reads=True),
+        scpi.Command(f"{lan}CONTrol", query=lambda _: 0, reply=scpi.signed_integer, reads=True),
         scpi.Command(f"{lan}UPDate", do=lambda _: None),
     )
 
@@ -63,24 +65,24 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
             "DISPlay:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:_TEXT_LIMIT]
         ),
         scpi.Command("DISPlay:TEXT:CLEar", do=lambda meter: setattr(meter, "display_text", "")),
-        scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON"),
+        scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON", reads=True),
         scpi.Command("SYSTem:BEEPer[:IMMediate]", do=lambda _: None),
         scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
         scpi.attribute("SYSTem:IDENtify", scpi.Choice(_identities(kind)), "identifies_as"),
         _clock("DATE", "2026,1,1"),
         _clock("TIME", "12,0,0.000"),
-        scpi.Command("SYSTem:UPTime", query=_up_time),
-        scpi.Command("SYSTem:TEMPerature", query=lambda _meter: 30.0, reply=scpi.real(8)),
+        scpi.Command("SYSTem:UPTime", query=_up_time, reads=True),
+        scpi.Command("SYSTem:TEMPerature", query=lambda _meter: 30.0, reply=scpi.real(8), reads=True),
         scpi.remembered("SYSTem:LABel", scpi.Text(limit=_TEXT_LIMIT), "", scpi.quoted),
         scpi.remembered("SYSTem:CLICk:STATe", scpi.Boolean(), default=True, reply=scpi.boolean),
-        scpi.Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}"),
-        scpi.Command("SYSTem:LICense:CATalog", query=lambda _meter: '""'),
+        scpi.Command("SYSTem:LFRequency", query=lambda meter: f"{meter.line_hz:+d}", reads=True),
+        scpi.Command("SYSTem:LICense:CATalog", query=lambda _meter: '""', reads=True),
         scpi.Command("SYSTem:LOCal", do=lambda _: None),
         scpi.Command("SYSTem:PRESet", do=scpi.reset),
-        scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0"),
+        scpi.Command("SYSTem:VERSion", query=lambda _meter: "1994.0", reads=True),
         scpi.Command("*SAV", (_STATES,), do=lambda meter, place: meter.save(place)),
         scpi.Command("*RCL", (_STATES,), do=lambda meter, place: meter.recall(place)),
-        scpi.Command("*OPT", query=lambda _meter: "0,0,0"),
+        scpi.Command("*OPT", query=lambda _meter: "0,0,0", reads=True),
         scpi.Command("*TST", query=lambda meter: meter.forget() or "+0", query_takes_s=_SELF_TEST_S),
         scpi.Command("TEST:ALL", query=lambda meter: meter.forget() or "+0", query_takes_s=_WHOLE_TEST_S),
         *_lan(),
@@ -90,9 +92,9 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "NORM"),
         scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
         # of CALibration the queries: it stays secured; values of a unit that was calibrated once
-        scpi.Command("CALibration:COUNt", query=lambda _meter: 1, reply=scpi.signed_integer),
-        scpi.Command("CALibration:SECure:STATe", query=lambda _meter: True, reply=scpi.boolean),
-        scpi.Command("CALibration:STRing", query=lambda _meter: "", reply=scpi.quoted),
+        scpi.Command("CALibration:COUNt", query=lambda _meter: 1, reply=scpi.signed_integer, reads=True),
+        scpi.Command("CALibration:SECure:STATe", query=lambda _meter: True, reply=scpi.boolean, reads=True),
+        scpi.Command("CALibration:STRing", query=lambda _meter: "", reply=scpi.quoted, reads=True),
         scpi.remembered("OUTPut:TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "NEG"),
         scpi.Command("STATus:PRESet", do=_preset_status),
     )

@@ -1,0 +1,40 @@
+"""``vcfbench kit``: the program is written, and what it recorded is checked."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+from typer.testing import CliRunner
+
+from tests.testing.kit.recording import recorded
+from vcfbench.cli.main import app
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_the_kit_is_written_once(tmp_path: Path) -> None:
+    file = str(tmp_path / "kit.py")
+    assert CliRunner().invoke(app, ["kit", "write", file]).exit_code == 0
+    again = CliRunner().invoke(app, ["kit", "write", file])
+    assert (again.exit_code, "cannot be written: File exists" in again.output) == (2, True)
+
+
+def test_a_bundle_is_told_in_a_line_and_what_differs_in_others(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    recorded(path, "34401A", driven=False)
+    same = CliRunner().invoke(app, ["kit", "check", str(path)])
+    assert (same.exit_code, same.output[:47]) == (0, "seen on a 34401A, firmware 11-5-2 (read): 62 co")
+    path.write_text(path.read_text().replace("+1.00000000E+01\\n", "10\\n"))
+    other = CliRunner().invoke(app, ["kit", "check", str(path)])
+    assert other.exit_code == 1
+    assert "  VOLT:RANG?: form: expected +1.00000000E+01, came 10\n" in other.output
+    (seen,) = json.loads(CliRunner().invoke(app, ["kit", "check", str(path), "--json"]).output)["seen"]
+    assert {"command": "VOLT:RANG?", "status": "form", "expected": "+1.00000000E+01", "came": "10"} in seen["findings"]
+
+
+def test_what_is_no_bundle_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.trace").write_text("volts\n")
+    refused = CliRunner().invoke(app, ["kit", "check", str(tmp_path / "a.trace")])
+    assert (refused.exit_code, "expected a trace" in refused.output) == (2, True)

@@ -1,0 +1,342 @@
+"""Records how your instruments answer, for vcfbench (its simulated instruments and drivers were written from manuals).
+
+    pip install pyvisa pyvisa-py       or pyvisa alone, with the VISA library of your instruments' maker
+    python vcfbench-kit.py             asks which instruments are there, and writes vcfbench-bundle.trace
+
+First it only reads: identity, settings, status registers. Nothing is set, measured, saved or switched by that; an
+instrument beeps where it does not know a question. Only if you say so twice, an instrument is then set: back to its
+power-on settings (*RST), a supply to 1 V and 50 mA at most, a generator to 0.2 V; disconnect its outputs first. It is
+switched off at the end, also after Ctrl-C and after an error.
+
+What is written: each message, each answer, their times. What is not: serial numbers, addresses, LAN settings, labels,
+names of files, texts of calibration. By an allow-list: of an answer only numbers and the words of the model's manual
+are kept, of any other text each letter is an X and each digit a 0. The file is text: read it before you send it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import base64
+import json
+import re
+import signal
+import sys
+import time
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from datetime import datetime, timezone
+from typing import Any, TextIO
+
+HEADER = "# vcfbench trace 1"
+PACKED = ""
+"""The questions by model; made of the tables of vcfbench by `vcfbench kit write`."""
+ERROR_QUESTION = "SYST:ERR?"
+LATER = 3.0
+"""How much longer than our driver's deadline an answer is waited for, as a factor: a late one is to be seen as late."""
+MOST_SILENT = 3
+"""Unanswered questions in a row after which an instrument is left alone."""
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d{1,3})?", re.IGNORECASE)
+_EXACT_DIGITS = 5
+_APART = re.compile(r"([\s,;\"'()@]+)")
+
+Script = dict[str, Any]
+
+COMMON: Script = {
+    "reads": ["*IDN?", "*OPT?", "*ESE?", "*SRE?", "*STB?", "SYST:VERS?"],
+    "timeout_s": 5.0,
+    "words": ["NO", "ERROR"],
+}
+"""What an instrument is asked of which we know nothing."""
+
+
+def scripts() -> dict[str, Script]:
+    """Return the questions by model."""
+    return json.loads(zlib.decompress(base64.b85decode(PACKED))) if PACKED else {}
+
+
+def escaped(data: bytes) -> str:
+    """Return bytes as printable ASCII without tabs, as vcfbench's traces have them."""
+    return data.decode("latin-1").encode("unicode_escape").decode("ascii")
+
+
+def model_of(identity: str) -> str:
+    """Return the model in an answer to ``*IDN?``, as it is sold."""
+    answered = [*identity.split(","), ""][1]
+    return answered.strip().upper().removeprefix("MODEL ").replace("-X ", "X")
+
+
+def blotted(text: str) -> str:
+    """Return text whose letters are X and whose digits are 0: its form is left."""
+    return re.sub(r"[^\W\d_]", "X", re.sub(r"\d", "0", text))
+
+
+def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -> str:
+    """Return an answer without what could tell whose instrument it is.
+
+    Kept are numbers, words of the list (with the number of a channel), and of ``*IDN?`` maker, model and firmware. Not
+    kept is a whole number of more than five digits, or any in quotes, and whatever holds the serial number.
+    """
+    if question.upper().startswith("*IDN?"):
+        fields = answer.split(",")
+        return ",".join([*fields[:2], *map(blotted, fields[2:3]), *fields[3:4], *map(blotted, fields[4:])])
+    allowed, parts, quoted = {word.upper() for word in words}, [], False
+    for index, part in enumerate(_APART.split(answer)):
+        if index % 2:
+            quoted ^= part.count('"') % 2 == 1
+            parts.append(part)
+            continue
+        number = _NUMBER.fullmatch(part)
+        if number:
+            kept = number[2] or "." in part or not (quoted or len(part.strip("+-")) > _EXACT_DIGITS)
+        else:
+            heads = [each.rstrip("0123456789") for each in part.upper().split(":")]
+            kept = (
+                all(
+                    (not each or each in allowed) and len(whole) - len(each) <= 1
+                    for each, whole in zip(heads, part.split(":"), strict=True)
+                )
+                or part.upper() in allowed
+            )
+        foreign = len(serial) > 2 and serial.upper() in part.upper()
+        parts.append(part if kept and not foreign else blotted(part))
+    return "".join(parts)
+
+
+class Bundle:
+    """The file that is written: a trace of vcfbench, a line for each message."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+        self._began_s = time.monotonic()
+        self._names: list[str] = []
+        print(HEADER, file=file)
+
+    def named(self, model: str) -> str:
+        """Return a name for an instrument that no other has."""
+        known = self._names.count(model)
+        self._names.append(model)
+        return model if not known else f"{model} {known + 1}"
+
+    def note(self, role: str, kind: str, mark: str, text: str = "") -> None:
+        """Write a line, at once: none of it is to be lost."""
+        line = (
+            f"{time.monotonic() - self._began_s:.6f}",
+            role,
+            f"{kind}::INSTR",
+            mark,
+            escaped(text.encode("latin-1")),
+        )
+        print("\t".join(line), file=self._file, flush=True)
+
+
+class Silent(Exception):
+    """The instrument does not answer any more."""
+
+
+class Connection:
+    """One instrument: everything that is said and heard goes into the bundle."""
+
+    def __init__(self, reopen: Callable[[], Any], bundle: Bundle) -> None:
+        self.reopen, self.bundle, self.script = reopen, bundle, COMMON
+        self.role, self.serial, self.silent = "", "", 0
+        self.connect()
+
+    def connect(self) -> None:
+        """Open it, also anew."""
+        self.opened = opened = self.reopen()
+        opened.timeout = 5000
+        self.kind = str(getattr(opened.interface_type, "name", "instr")).upper()
+        self.stream = self.kind == "ASRL" or opened.resource_class == "SOCKET"
+        if self.stream:
+            opened.read_termination = "\n"
+
+    def begin(self, role: str) -> None:
+        """Begin a connection in the bundle."""
+        self.role = role
+        interface = {"GPIB": "gpib", "USB": "usb", "ASRL": "asrl"}.get(self.kind, "socket" if self.stream else "instr")
+        self.bundle.note(
+            role, self.kind, "open", f"{interface} {datetime.now(timezone.utc).isoformat(timespec='milliseconds')}"
+        )
+
+    def send(self, message: str) -> None:
+        """Send a message."""
+        self.bundle.note(self.role, self.kind, ">", message + "\n")
+        self.opened.timeout = 5000
+        self.opened.write_raw(message.encode("ascii") + b"\n")
+
+    def ask(self, question: str, wait_s: float) -> str | None:
+        """Ask, and return the answer, or None where none comes; raises Silent when that is so again and again."""
+        self.send(question)
+        self.opened.timeout = 1000.0 * wait_s
+        try:
+            answer = bytes(self.opened.read_raw()).decode("latin-1")
+        except Exception as error:
+            if "timeout" not in str(error).lower() and not isinstance(error, TimeoutError):
+                self.bundle.note(self.role, self.kind, "!", "LinkLost the connection broke")
+                raise
+            self.bundle.note(self.role, self.kind, "!", "DeadlineExceeded no answer")
+            self.silent += 1
+            self.clear()
+            if self.silent >= MOST_SILENT:
+                raise Silent from error
+            return None
+        self.silent = 0
+        words = masked(question, answer, self.script["words"], self.serial)
+        self.bundle.note(self.role, self.kind, "<" if self.stream else "<|", words)
+        return answer
+
+    def clear(self) -> None:
+        """Do a device clear."""
+        self.bundle.note(self.role, self.kind, "clear")
+        with suppress(Exception):  # not every interface can
+            self.opened.clear()
+
+    def say(self, message: str, deadline_s: float) -> None:
+        """Send a message, and take its answer if it is a question."""
+        if "?" in message:
+            self.ask(message, LATER * deadline_s)
+        else:
+            self.send(message)
+
+
+def read(connection: Connection, say: Callable[[str], Any]) -> None:
+    """Ask all that only reads, and after each question for its error."""
+    script, connection.silent = connection.script, 0
+    for number, question in enumerate(script["reads"], start=1):
+        connection.ask(question, script["timeout_s"])
+        connection.ask(ERROR_QUESTION, script["timeout_s"])
+        if number % 50 == 0:
+            say(f"  {number} of {len(script['reads'])} questions")
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Let nothing interrupt what makes safe."""
+    before = [(each, signal.signal(each, signal.SIG_IGN)) for each in (signal.SIGINT, signal.SIGTERM)]
+    try:
+        yield
+    finally:
+        for each, handler in before:
+            signal.signal(each, handler)
+
+
+def drive(connection: Connection) -> None:
+    """Set and measure as our driver does; at the end, however it comes, the instrument is safe."""
+    script = connection.script
+    try:
+        connection.clear()
+        for message, pause_s, deadline_s in script["drives"]:
+            time.sleep(pause_s)
+            connection.say(message, deadline_s)
+    finally:
+        with uninterrupted():
+            make_safe(connection)
+
+
+def make_safe(connection: Connection) -> None:
+    """Say the words that switch off, and reset; over a new connection if the old one is gone."""
+    connection.clear()
+    words = (*connection.script["safe"], "*RST")
+    try:
+        for word in words:
+            connection.send(word)
+    except Exception:  # whatever a VISA library raises
+        connection.connect()
+        for word in words:
+            connection.send(word)
+    if connection.ask("*OPC?", connection.script["timeout_s"]) is None:
+        print(f"{connection.role}: no answer after it was switched off: LOOK AT ITS OUTPUTS")
+
+
+def wanted(names: Sequence[str], ask: Callable[[str], str]) -> list[str]:
+    """Ask which of the resources are to be talked to."""
+    for number, name in enumerate(names, start=1):
+        print(f"  {number}  {name}")
+    print("Nothing has been sent yet. Which of these shall be asked?\nNumbers, or resource names, with spaces between.")
+    given = ask("> ").split()
+    return [names[int(each) - 1] if each.isdigit() and 0 < int(each) <= len(names) else each for each in given]
+
+
+def talk_to(resource: str, manager: Any, bundle: Bundle, known: dict[str, Script], ask: Callable[[str], str]) -> None:
+    """Record one instrument."""
+    name, _, speed = resource.partition("@")
+
+    def reopen() -> Any:
+        opened = manager.open_resource(name, open_timeout=5000)
+        if speed:
+            opened.baud_rate = int(speed)
+        return opened
+
+    connection = Connection(reopen, bundle)
+    try:
+        connection.opened.write_raw(b"*IDN?\n")
+        identity = bytes(connection.opened.read_raw()).decode("latin-1")
+        model = model_of(identity)
+        connection.serial = [*identity.split(","), "", ""][2].strip()
+        connection.script = known.get(model, COMMON)
+        role = bundle.named(model if model in known else "unknown")
+        connection.begin(role)
+        print(f"{model}: {len(connection.script['reads'])} questions" + ("" if model in known else ", none of its own"))
+        read(connection, print)
+        if connection.script.get("drives") and twice(model, connection.script, ask):
+            connection.send("*RST")
+            connection.begin(f"{role} driven")
+            drive(connection)
+            print(f"{model}: done, switched off and reset")
+    except Silent:
+        print(f"{resource}: it no longer answers, and is left alone")
+    finally:
+        if connection.role:
+            bundle.note(connection.role, connection.kind, "close")
+        connection.opened.close()
+
+
+def twice(model: str, script: Script, ask: Callable[[str], str]) -> bool:
+    """Ask whether an instrument may be set, and if so once more, by its name."""
+    if ask(f"{model}: also set it? It loses its settings, and {script['does']}. y or n: ").strip().lower() != "y":
+        return False
+    return (
+        ask(f"Take all leads off the {model}. Then type {model} to go on, anything else leaves it: ").strip() == model
+    )
+
+
+def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = input) -> int:
+    """Run the kit."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("resources", nargs="*", help="VISA resource names; of a serial port with @ and its speed")
+    parser.add_argument(
+        "--library", default="", help="the VISA library: @py, or a path; default is PyVISA's own choice"
+    )
+    parser.add_argument("--output", default="vcfbench-bundle.trace", help="the file that is written")
+    given = parser.parse_args(words)
+    import pyvisa  # noqa: PLC0415  # who asks for help need not have it
+
+    def ended(*_: Any) -> None:
+        raise KeyboardInterrupt
+
+    with suppress(ValueError):  # not in a thread that is not the first
+        signal.signal(signal.SIGTERM, ended)
+    manager, code = pyvisa.ResourceManager(given.library), 0
+    try:
+        resources = given.resources or wanted(sorted(manager.list_resources("?*")), ask)
+        with open(given.output, "x", encoding="ascii") as file:
+            bundle = Bundle(file)
+            for resource in resources:
+                try:
+                    talk_to(resource, manager, bundle, scripts(), ask)
+                except Exception as error:  # a VISA library is anyone's code, and the others are still to be asked
+                    print(f"{resource}: {error or type(error).__name__}")
+                    code = 1
+    except KeyboardInterrupt:
+        print("\nstopped; what was recorded is kept")
+        return 130
+    except FileExistsError:
+        print(f"{given.output} is there already: name another with --output")
+        return 2
+    print(f"{given.output} is written. Look through it, then send it: see the form 'Seen on' of the project's issues")
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
