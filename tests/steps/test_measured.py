@@ -225,3 +225,20 @@ def test_certificates_correct_every_direct_voltage_that_results_are_made_of(
     assert (*record.output_v, *record.v_vc_v, *sine.voltages_v) == pytest.approx((1.003, v_vc_v, 1.003))
     assert (warm.log[0].voltage_v, rails.outputs[0].voltage_v) == pytest.approx((1.003, 1.003))
     assert found.corrected(Sources())[0].output_v == 1.0  # corrections go before one another, they are not added up
+
+
+@pytest.mark.parametrize(("rho", "grows"), [(0.0, False), (0.7, True)])
+def test_points_whose_readings_remember_each_other_scatter_as_their_means_do(rho: float, *, grows: bool) -> None:
+    rng, points, lines = np.random.default_rng(2), list[Point](), list[dict[str, Any]]()
+    for number in range(40):
+        volts = 1e-4 * rng.standard_normal(30)
+        for at in range(1, 30):
+            volts[at] = rho * volts[at - 1] + math.sqrt(1.0 - rho**2) * volts[at]
+        points.append(Point(1, 0.0, 0.0, float(volts.mean()), float(volts.std(ddof=1)), 30))
+        readings = [{"t_s": float(at), "voltage_v": volt} for at, volt in enumerate(volts.tolist())]
+        lines.append({"type": "step", "n": number, "point": points[-1].as_json(), "result": {"readings": readings}})
+    measured = Measured(points, lambda: lines)
+    assert tuple(measured) == tuple(points)
+    u_v = math.sqrt(float(np.mean([each.std_v**2 for each in measured.corrected(Sources())])) / 30.0)
+    assert u_v == pytest.approx(float(np.std([each.output_v for each in points])), rel=0.3)
+    assert (measured.growth > 1.0) == grows

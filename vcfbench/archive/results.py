@@ -1,5 +1,6 @@
 """Results of the points of a run, the verdict on them, and the report: computed, computed again, or as stored."""
 
+import math
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -85,6 +86,9 @@ def evaluate(
     if failed:
         notice = Text(f"the report of {procedure.name} failed: {failed}")
         report = Report([*generic_report(settings, taken, results).parts, notice])
+    if taken.growth > 1.0:
+        said = f"each reading remembers the one before: u of means is {math.sqrt(taken.growth):.2g} times as large"
+        report = Report([*report.parts, Text(f"{said} as of independent ones; a longer sample_interval_s helps")])
     return Evaluation(results, verdict, report, values, measured)
 
 

@@ -237,7 +237,10 @@ def _covariance(walk: Walk, windows: Sequence[Seen], x: Floats, free: Floats) ->
     by_rate: dict[float, list[float]] = {}
     for each in windows:
         by_rate.setdefault(abs(each.table_deg_s), []).append(each.point.std_v**2)
-    scatter = [max(walk.variance_v2, math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v)) for each in windows]
+    scatter = [
+        max(walk.variance_v2, walk.correlation.growth * math.fsum(v := by_rate[abs(each.table_deg_s)]) / len(v))
+        for each in windows
+    ]
     own = np.array([variance / each.point.n for variance, each in zip(scatter, windows, strict=True)])
     if not walk.settings.smooth:
         own = np.maximum(own, _between_v2(windows))

@@ -9,6 +9,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 
 from msgspec import Struct, field
 
+from vcfbench.analysis.correlation import Correlation
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.schedule import EARTH_DEG_S, Order, SweepSettings
 from vcfbench.records.schema import Point
@@ -150,11 +151,13 @@ class Walk(Struct):
     """Degrees of freedom of the scatter of readings."""
     squares_v2: float = 0.0
     """Squares of that scatter, all windows together."""
+    correlation: Correlation = field(default_factory=Correlation)
+    """That of the readings with the next ones."""
 
     @property
     def variance_v2(self) -> float:
-        """Variance of one reading, pooled over all windows."""
-        return self.squares_v2 / max(1, self.dof)
+        """Variance of one reading, pooled over all windows; of so many as their number their mean has its part."""
+        return self.correlation.growth * self.squares_v2 / max(1, self.dof)
 
     def take(self, step: Step, result: StepResult) -> Seen | None:
         """Take notice of a performed step, and return its window where it is one."""
@@ -177,6 +180,7 @@ class Walk(Struct):
             begin_s + step.physical_s,
             self.up,
         )
+        self.correlation.add([each.voltage_v for each in result.readings])
         self.add(seen)
         return seen
 
@@ -216,7 +220,7 @@ class Walk(Struct):
         if earlier.table_deg_s:  # the table's own rate, and its ripple
             rate_deg_s = abs(earlier.table_deg_s)
             alike = [each.point.std_v**2 for each in self.windows if abs(each.table_deg_s) == rate_deg_s]
-            ripple = max(0.0, math.fsum(alike) / len(alike) - self.variance_v2) / one.n
+            ripple = max(0.0, self.correlation.growth * math.fsum(alike) / len(alike) - self.variance_v2) / one.n
             rate_v = limits.table_rate * (one.output_v - self.windows[0].point.output_v)
             variance += 2.0 * (ripple + rate_v**2)
         apart = max(latest.middle_s - earlier.middle_s, 1e-3) / max(earlier.end_s - earlier.begin_s, 1e-3)

@@ -6,6 +6,7 @@ from there when they are asked for. So it is the same for a run that has just en
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import accumulate, pairwise
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 from msgspec import Struct
 from msgspec.structs import replace
 
+from vcfbench.analysis.correlation import Correlation
 from vcfbench.records.schema import Point
 from vcfbench.steps.decode import Recorded, result_of, step_of
 from vcfbench.steps.step import Step, StepResult
@@ -65,18 +67,20 @@ class Measured(Sequence[Point]):
         points: the averaged points, as they were measured.
         lines: begins to read the journal: its lines, as :func:`vcfbench.records.journal.lines_of` gives them.
         known: whose certificates correct what is given out, points and readings alike; points count from one reference
-            then, wherever the run paused. None gives out what was read.
+            then, wherever the run paused, and scatter as their means do. None gives out what was read.
     """
 
     def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:
         self._raw = tuple(points)
         self._lines = lines
         self._parts: dict[type[Step], Any] = {}
-        self._known = known if known is not None and (known.corrects or self._paused) else None
+        self._known = known if known is not None and (known.corrects or self._paused or self.growth > 1.0) else None
         if self._known is None:
             self._points = self._raw
         else:
-            self._points = tuple(self._known.corrected_point(point.referred()) for point in self._raw)
+            corrected = (self._known.corrected_point(point.referred()) for point in self._raw)
+            grown = math.sqrt(self.growth)
+            self._points = tuple(replace(point, std_v=grown * point.std_v) for point in corrected)
 
     def read_again_from(self, lines: _Lines) -> None:
         """Read the journal from `lines` from now on; data read already is kept."""
@@ -93,9 +97,22 @@ class Measured(Sequence[Point]):
 
     def corrected(self, known: Sources) -> Measured:
         """Return the run with the corrections of the meters' certificates, and with no others."""
-        if self._known is None and not known.corrects and not self._paused:
+        if self._known is None and not known.corrects and not self._paused and self.growth == 1.0:
             return self
         return self._with(self._raw, self._lines, known)
+
+    @cached_property
+    def growth(self) -> float:
+        """Factor of the variance of windows' means, where their readings are not independent of each other.
+
+        Raises:
+            ConfigError: the journal cannot be read any more.
+        """
+        found = Correlation()
+        for line in self._lines():
+            if line.get("type") == "step" and "point" in line:
+                found.add([each["voltage_v"] for each in line["result"].get("readings", ())])
+        return found.growth
 
     def moved(self, output_v: Sequence[float], v_vc_v: Sequence[float]) -> Measured:
         """Return the run with the output of each point moved, V, (n,), and V_Vc as measured beside it, V, (n,)."""
@@ -227,6 +244,7 @@ class _Moved(Measured):
     within_v: NDArray[np.float64] | None = None
 
     def __init__(self, of: Measured, moves: Sequence[tuple[float, float]]) -> None:
+        self.growth = of.growth  # the journal is read once
         super().__init__(of._raw, of._lines, of._known)  # noqa: SLF001  # of the same class
         self._of, self._moves = of, moves
         self._points = tuple(point.moved(*move) for point, move in zip(of, moves, strict=True))
