@@ -13,7 +13,6 @@ import vcfbench
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
-from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.schema import Point
@@ -34,6 +33,7 @@ from vcfbench.steps import (
 from vcfbench.steps.dry_run import walk
 from vcfbench.typed import typed
 from vcfbench.uncertainty.measurand import as_kept
+from vcfbench.uncertainty.over_temperature import Cause, Temperatures, over_temperature
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -239,14 +239,13 @@ def test_three_means_that_move_less_than_is_allowed_stand_still() -> None:
 
 @pytest.mark.exhaustive
 def test_coefficients_scatter_as_their_uncertainties_say() -> None:
-    settings = TemperatureSettings(reference_c=20.0, u_temperature_k=0.0)
     at, claimed = np.array([0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0]), 0
-    seen = [_Seen(t, way, (), 1.0, 0.0, 1.0, None, None) for t, way in zip(at, directions(tuple(at)), strict=True)]
+    temperatures = Temperatures(at, [way == "up" for way in directions(tuple(at))], 20.0)
     rng, z = np.random.default_rng(2), []
-    cause = _Cause("noise", 1e-4 * np.eye(at.size))
+    cause = Cause("noise", 1e-4 * np.eye(at.size))
     for _ in range(400):
         values = 5.0 + 0.1 * (at - 20.0) - 1e-3 * (at - 20.0) ** 2 + 1e-2 * rng.standard_normal(at.size)
-        made = _found(settings, seen, list(values), [cause], ("V", "V", 1.0))
+        made = over_temperature(temperatures, list(values), [cause], ("V", "V", 1.0))
         z.append([(m.value - truth) / m.u for m, truth in ((made.value, 5.0), (made.tc, 0.1), (made.tc2, -1e-3))])
         assert made.hysteresis is not None
         claimed += abs(made.hysteresis.value) > made.hysteresis.u95
@@ -257,11 +256,9 @@ def test_coefficients_scatter_as_their_uncertainties_say() -> None:
 
 
 def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
-    settings = TemperatureSettings(reference_c=20.0, u_temperature_k=0.0)
-    at, ways = np.array([0.0, 20.0, 40.0, 20.0, 0.0]), ["up", "up", "up", "down", "down"]
-    seen = [_Seen(t, way, (), 1.0, 0.0, 1.0, None, None) for t, way in zip(at, ways, strict=True)]
-    values = [5.0, 5.0, 5.0, 5.1, 5.0]
-    found = _found(settings, seen, values, [_Cause("noise", 1e-4 * np.eye(at.size))], ("V", "V", 1.0)).hysteresis
+    temperatures = Temperatures(np.array([0.0, 20.0, 40.0, 20.0, 0.0]), [True, True, True, False, False], 20.0)
+    values, noise = [5.0, 5.0, 5.0, 5.1, 5.0], Cause("noise", 1e-4 * np.eye(5))
+    found = over_temperature(temperatures, values, [noise], ("V", "V", 1.0)).hysteresis
     assert found is not None
     assert found.value == pytest.approx(0.1)
     assert found.u == pytest.approx(0.01 * 2**0.5)

@@ -19,12 +19,11 @@ from vcfbench.procedures import bandwidth
 from vcfbench.procedures.health.found import _feedthrough
 from vcfbench.procedures.null_comparison.blocks import bias_at_rest
 from vcfbench.procedures.power.results import PowerSettings, _imbalance_v, _step_v, _three
-from vcfbench.procedures.temperature.results import _Cause, _found, _Seen
-from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.device_values import Measured
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources, Station
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
+from vcfbench.uncertainty.over_temperature import Cause, Temperatures, over_temperature
 from vcfbench.uncertainty.windows import window_times
 from vcfbench.values.value import Measurand, UncertaintyPart
 
@@ -104,10 +103,9 @@ VALUES = np.array([5.0, 5.2, 5.31, 5.36, 5.33, 5.18])
 
 
 def fitted(at_c: np.ndarray, values: np.ndarray, **known: float) -> Any:
-    asked = TemperatureSettings(reference_c=25.0, **{"u_temperature_k": 0.0, "u_each_temperature_k": 0.0, **known})
-    seen = [_Seen(float(each), "up", (), 1.0, 0.0, 1.0, None, None) for each in at_c]
-    cause = _Cause("noise", np.diag(np.full(at_c.size, 1e-6)))
-    return _found(asked, seen, list(values), [cause], ("V", "ppm", 1e3))
+    temperatures = Temperatures(at_c, [True] * at_c.size, 25.0, **known)
+    cause = Cause("noise", np.diag(np.full(at_c.size, 1e-6)))
+    return over_temperature(temperatures, list(values), [cause], ("V", "ppm", 1e3))
 
 
 def estimates(at_c: np.ndarray, values: np.ndarray = VALUES) -> np.ndarray:
@@ -116,7 +114,7 @@ def estimates(at_c: np.ndarray, values: np.ndarray = VALUES) -> np.ndarray:
 
 
 def test_temperatures_that_are_all_off_alike_move_a_parabola_as_moving_them_does() -> None:
-    found = fitted(AT_C, VALUES, u_temperature_k=0.3)
+    found = fitted(AT_C, VALUES, u_alike_k=0.3)
     moved = 0.5 * (estimates(AT_C + 0.01) - estimates(AT_C - 0.01)) / 0.01
     for number, each in enumerate((found.value, found.tc, found.tc2)):
         expected = 0.3 * abs(moved[number])
@@ -125,7 +123,7 @@ def test_temperatures_that_are_all_off_alike_move_a_parabola_as_moving_them_does
 
 def test_temperatures_that_are_off_each_by_itself_move_it_by_the_slope_there() -> None:
     """An error of one temperature is, to first order, one of its value by the slope of the parabola there."""
-    found = fitted(AT_C, VALUES, u_each_temperature_k=0.2)
+    found = fitted(AT_C, VALUES, u_each_k=0.2)
     off = AT_C - 25.0
     slopes = found.tc.value / 1e3 + 2.0 * found.tc2.value / 1e3 * off
     for number, each in enumerate((found.value, found.tc, found.tc2)):

@@ -6,9 +6,7 @@ from statistics import fmean, stdev
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
 
-from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import ConfigError
@@ -20,10 +18,10 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
-from vcfbench.uncertainty.measurand import measurand, value_table
+from vcfbench.uncertainty.measurand import value_table
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
-from vcfbench.values.quantile import t_of_largest
-from vcfbench.values.value import Measurand, UncertaintyPart, Value
+from vcfbench.uncertainty.over_temperature import Cause, Temperatures, most, over_temperature
+from vcfbench.values.value import Measurand, Value
 
 _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
@@ -123,7 +121,7 @@ class TemperatureResult(Struct, frozen=True):
                 continue
             value = found.called(name, "", words)  # at one level and one temperature: of no kind that limits are for
             seen = not name.endswith("hysteresis") or abs(found.value) > found.u95
-            yield value if seen else value.bound("size-below", _bound(found))
+            yield value if seen else value.bound("size-below", most(found))
 
 
 class _Seen(Struct, frozen=True):
@@ -153,32 +151,14 @@ class _Seen(Struct, frozen=True):
         return fmean(block.zero_v for block in self.blocks)
 
 
-class _Cause(Struct, frozen=True):
-    """Common error of the values at all temperatures by one source: its covariance, degrees of freedom.
-
-    `floor` is what it does to a mean, where the covariance is that of differences alone (flicker); else None.
-    """
-
-    source: str
-    covariance: Floats
-    dof: float | None = None
-    floor: float | None = None
-
-
-class _Found(Struct, frozen=True):
-    """A parabola: value, slope and curvature at the reference, the largest hysteresis, and the residuals."""
-
-    value: Measurand
-    tc: Measurand
-    tc2: Measurand
-    hysteresis: Measurand | None
-    lack_of_fit: float | None
-
-
 def temperature_results(settings: TemperatureSettings, measured: Measured) -> TemperatureResult:
     """Return the results of the run."""
     scale = scale_factor_used(settings)
     seen = [_seen(settings, at, part) for at, part in measured.parted(AtTemperature)]
+    temperatures = Temperatures(
+        *(np.array([each.temperature_c for each in seen]), [each.direction == "up" for each in seen]),
+        *(settings.reference_c, settings.u_temperature_k, settings.u_each_temperature_k),
+    )
     # The noise of the windows, by the residuals of blocks beside levels and drift
     std_v = math.sqrt(fmean(point.std_v**2 for point in measured if point.step == _MEASURED))
     slot_s = fmean((each.end_s - each.begin_s) / (len(CHOPPED) * settings.cycles) for each in seen)
@@ -188,27 +168,25 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     slopes, table = [each.slope for each in seen], settings.by.value == "table"
     (of_plus, both), (_, of_minus) = noise.covariance_v2
     u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
-    of_slope = _Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
-    mean = fmean(slopes)
+    of_slope = Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
+    mean, volts = fmean(slopes), fmean(slopes) if table else scale.value
     units = "V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean
-    factor = _found(settings, seen, slopes, [of_slope, *_of_instruments(settings, mean)], units)
-    volts = mean if table else scale.value
+    factor = over_temperature(temperatures, slopes, [of_slope, *_of_instruments(settings, mean)], units)
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
     u_zero = v_vc.meter_error(settings, "multimeter").u_offset_v / abs(volts)
-    offset = _at_all(settings, "offset of the multimeter", u_zero)
-    bias = _found(settings, seen, biases, [*_of_bias(settings, seen, u_bias, noise), offset], ("deg/s", "deg/s", 1.0))
+    of_bias = [*_of_bias(settings, seen, u_bias, noise), _at_all(settings, "offset of the multimeter", u_zero)]
+    bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
         mean_hz = fmean(hz for hz, _ in found)
-        pooled = math.sqrt(fmean(u**2 for _, u in found))
-        records = _Cause("records", pooled**2 * np.eye(len(found)), 7.0 * len(found))
+        records = Cause("records", fmean(u**2 for _, u in found) * np.eye(len(found)), 7.0 * len(found))
         time_base = _at_all(settings, "time base", TIME_BASE / math.sqrt(3.0) * mean_hz)
-        per = "Hz", "ppm", 1e6 / mean_hz
-        frequency = _found(settings, seen, [hz for hz, _ in found], [records, time_base], per)
+        units = "Hz", "ppm", 1e6 / mean_hz
+        frequency = over_temperature(temperatures, [hz for hz, _ in found], [records, time_base], units)
     if len(splits := [each.split_hz for each in seen if each.split_hz is not None]) == len(seen):
-        fits = _Cause("fits of the response", np.diag([each.u**2 for each in splits]))
-        split = _found(settings, seen, [each.value for each in splits], [fits], ("Hz", "Hz", 1.0))
+        fits = Cause("fits of the response", np.diag([each.u**2 for each in splits]))
+        split = over_temperature(temperatures, [each.value for each in splits], [fits], ("Hz", "Hz", 1.0))
     return TemperatureResult(
         reference_c=settings.reference_c,
         by=settings.by.value,
@@ -267,7 +245,7 @@ def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _
     )
 
 
-def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]:
+def _of_instruments(settings: TemperatureSettings, slope: float) -> list[Cause]:
     """Return the instruments' errors of a scale factor, the same at all temperatures: their offsets cancel.
 
     By V_Vc as it is set both signs are of one range of the generator. By the table its rate and the angle count.
@@ -281,12 +259,12 @@ def _of_instruments(settings: TemperatureSettings, slope: float) -> list[_Cause]
     return [_at_all(settings, source, u * abs(slope)) for source, u in relative.items()]
 
 
-def _at_all(settings: TemperatureSettings, source: str, u: float) -> _Cause:
+def _at_all(settings: TemperatureSettings, source: str, u: float) -> Cause:
     """Return a cause that is the same at all temperatures, so that no coefficient sees it."""
-    return _Cause(source, np.zeros((len(settings.temperatures_c),) * 2), None, u)
+    return Cause(source, np.zeros((len(settings.temperatures_c),) * 2), None, u)
 
 
-def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[_Cause]:
+def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[Cause]:
     """Return the causes of a bias: its readings, and its wander from one temperature to the next.
 
     Flicker of coefficient B has the density (B^2 / pi) / f: no variance, but that of differences, by the logarithm of
@@ -299,86 +277,9 @@ def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noi
     logarithm = np.log(np.where(apart_s > 0.0, apart_s, lasts_s * math.exp(-1.5)))
     flicker = -(wander**2) / math.pi * logarithm
     return [
-        _Cause("readings", u**2 * np.eye(len(seen)), 2.0 * noise.dof if math.isinf(noise.dof) else noise.dof),
-        _Cause("wander (flicker)", flicker, None, math.sqrt(2.0 * math.log(2.0) / math.pi) * wander),
+        Cause("readings", u**2 * np.eye(len(seen)), 2.0 * noise.dof if math.isinf(noise.dof) else noise.dof),
+        Cause("wander (flicker)", flicker, None, math.sqrt(2.0 * math.log(2.0) / math.pi) * wander),
     ]
-
-
-def _found(
-    settings: TemperatureSettings,
-    seen: Sequence[_Seen],
-    values: Sequence[float],
-    causes: Sequence[_Cause],
-    units: tuple[str, str, float],
-) -> _Found:
-    """Fit a parabola by least squares; `units` are those of value and coefficients, and the factor between them."""
-    unit, per, factor = units
-    at = np.array([each.temperature_c - settings.reference_c for each in seen])
-    powers = np.vander(at, 3, increasing=True)
-    if np.linalg.matrix_rank(powers) < 3:
-        raise ConfigError("the temperatures, as they were read, are fewer than three different ones")
-    making, y = np.linalg.pinv(powers), np.array(values)
-    found = making @ y
-    moves = np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0))
-    each_k = np.diag((moves * settings.u_each_temperature_k) ** 2)
-    known = [*causes, *([_Cause("temperatures, each by itself", each_k)] if settings.u_each_temperature_k else [])]
-    moved = (found[1], 2.0 * found[2], 0.0)
-
-    def made(number: int, unit: str, factor: float) -> Measurand:
-        parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
-        u_common = float(abs(factor * moved[number])) * settings.u_temperature_k
-        parts.append(UncertaintyPart("temperature, the same at all", u_common))
-        held = [part for part in parts if part.u > 0.0]
-        return measurand(float(factor * found[number]), unit, held)
-
-    rest, free = y - powers @ found, len(values) - 3
-    return _Found(
-        made(0, unit, 1.0),
-        made(1, f"({per})/K" if "/" in per else f"{per}/K", factor),
-        made(2, f"({per})/K^2" if "/" in per else f"{per}/K^2", factor),
-        _hysteresis(seen, y, known, (per, factor)),
-        None if free <= 0 else float(abs(factor) * math.sqrt(float(rest @ rest) / free)),
-    )
-
-
-def _part(cause: _Cause, weights: Floats, factor: float, *, mean: bool) -> UncertaintyPart:
-    """Return the contribution of a cause to a combination of the values."""
-    variance = max(0.0, float(weights @ cause.covariance @ weights))
-    u = cause.floor if mean and cause.floor is not None else math.sqrt(variance)
-    dof = None if cause.dof is None or math.isinf(cause.dof) else cause.dof
-    return UncertaintyPart(cause.source, abs(factor) * u, dof)
-
-
-def _hysteresis(
-    seen: Sequence[_Seen], values: Floats, causes: Sequence[_Cause], units: tuple[str, float]
-) -> Measurand | None:
-    """Return the largest difference of going down less going up at one temperature, within 0.5 K.
-
-    Its expanded uncertainty is one that all of them keep together. Where one is seen beyond its own, it is the largest
-    of those; else the one that could be the largest.
-    """
-    unit, factor = units
-    found: dict[bytes, Measurand] = {}
-    at_c, rising = np.array([each.temperature_c for each in seen]), np.array([each.direction == "up" for each in seen])
-    for here_c in at_c:
-        near = np.abs(at_c - here_c) <= 0.5
-        down, up = (near & ~rising).astype(float), (near & rising).astype(float)
-        if down.any() and up.any():
-            weights = down / down.sum() - up / up.sum()
-            parts = [_part(cause, weights, factor, mean=False) for cause in causes]
-            difference = float(factor * (weights @ values))
-            found[weights.tobytes()] = measurand(difference, unit, [each for each in parts if each.u > 0.0])
-    together = []
-    for each in found.values():
-        factor = t_of_largest(len(found), math.inf if each.dof is None else each.dof)
-        together.append(replace(each, u95=factor * each.u))
-    if beyond := [each for each in together if abs(each.value) > each.u95]:
-        return max(beyond, key=lambda each: abs(each.value))
-    return max(together, key=_bound, default=None)
-
-
-def _bound(difference: Measurand) -> float:
-    return abs(difference.value) + difference.u95
 
 
 def temperature_report(settings: TemperatureSettings, _measured: Measured, results: TemperatureResult) -> Report:
