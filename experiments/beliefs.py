@@ -38,7 +38,7 @@ from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.stated import values_of
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.steps import Acquire, Window
-from vcfbench.steps.executor import StepFinished
+from vcfbench.steps.events import StepFinished
 from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:

@@ -64,7 +64,7 @@ from vcfbench.drivers import visa_wire
 from vcfbench.drivers.rate_table import line as table_line
 from vcfbench.sim.gyro.data_sheet import settling_s
 from vcfbench.sim.own_gyro import own_gyro_bench
-from vcfbench.steps.executor import StepFinished
+from vcfbench.steps.events import StepFinished
 from vcfbench.studies.metrics import metrics_of
 from vcfbench.studies.truth import truth_of
 from vcfbench.testing.gyroscopes import drawn_sheet

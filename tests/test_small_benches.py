@@ -34,7 +34,7 @@ from vcfbench.station.parts import Limits
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.writing import bench_text
 from vcfbench.steps import CheckRails, DisableSupply, SetRate, Settle
-from vcfbench.steps.executor import ReadingTaken
+from vcfbench.steps.events import ReadingTaken
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from vcfbench.station.description import BenchDescription
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
     from vcfbench.steps.step import Plan, Routine
     from vcfbench.testing import ServedLab
 

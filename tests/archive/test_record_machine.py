@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from vcfbench.records.schema import Point
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 2, "sample_interval_s": 0.5, "settle_s": 0.5}
 FRACTION = st.floats(0.0, 1.0)

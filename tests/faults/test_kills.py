@@ -31,7 +31,7 @@ LONG = {"duration_s": 250.0, "powered_s": 10.0}
 FORKS = """
 import json, os, pathlib, signal, sys
 import vcfbench
-from vcfbench.steps.executor import StepFinished
+from vcfbench.steps.events import StepFinished
 folder, procedure, settings, every = pathlib.Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4])
 write, opened, fsync, fdatasync = os.write, os.open, os.fsync, os.fdatasync
 write_bytes, replace = pathlib.Path.write_bytes, pathlib.Path.replace

@@ -15,13 +15,13 @@ from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench.errors import Aborted, NotSafe
-from vcfbench.steps.executor import StepStarted
+from vcfbench.steps.events import StepStarted
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import FrameType
 
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="its signals are others")
 

@@ -15,7 +15,7 @@ from vcfbench.runs.request import Request, prepare
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
 
 
 class Watching:

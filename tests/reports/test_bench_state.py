@@ -4,7 +4,8 @@ from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.reports.bench_state import BenchState
 from vcfbench.steps import ConfigureGenerator, EnableVvc, SetSine, SetVvc, VvcSetting, Window
-from vcfbench.steps.executor import Event, Executor, StepFinished, StepStarted
+from vcfbench.steps.events import Event, StepFinished, StepStarted
+from vcfbench.steps.executor import Executor
 from vcfbench.steps.step import Done
 
 

@@ -15,12 +15,13 @@ from vcfbench.records.schema import Point, Status
 from vcfbench.reports.live_progress import LiveProgress
 from vcfbench.reports.progress import LineProgress
 from vcfbench.steps import Done, Note, Settle
-from vcfbench.steps.executor import Executor, ReadingTaken, StepFinished, StepStarted
+from vcfbench.steps.events import ReadingTaken, StepFinished, StepStarted
+from vcfbench.steps.executor import Executor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
 
 
 class Terminal(io.StringIO):

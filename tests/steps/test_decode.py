@@ -12,11 +12,12 @@ from tests.steps.test_long_window import acquire, bench, plan
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.steps import SetVvc, VerifyZero, VvcSetting
 from vcfbench.steps.decode import Recorded, result_of, step_of
-from vcfbench.steps.executor import Executor, StepFailed, StepFinished
+from vcfbench.steps.events import StepFailed, StepFinished
+from vcfbench.steps.executor import Executor
 from vcfbench.steps.step import Step, StepResult
 
 if TYPE_CHECKING:
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
     from vcfbench.steps.step import Plan
 
 

@@ -16,16 +16,8 @@ from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import PAPER_RATES_DEG_S, Match
 from vcfbench.steps import Acquire, Done, NotChecked, Settle, SetVvc
 from vcfbench.steps.dry_run import walk
-from vcfbench.steps.executor import (
-    Execution,
-    Executor,
-    Moved,
-    ReadingTaken,
-    StepFailed,
-    StepFinished,
-    StepStarted,
-    WentOn,
-)
+from vcfbench.steps.events import Moved, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.replay import TakenOver
 
@@ -33,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from collections.abc import Set as AbstractSet
 
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
     from vcfbench.steps.step import Plan, Routine, Step
 
 WINDOW_S, SETTLE_S = 10.0, 2.0

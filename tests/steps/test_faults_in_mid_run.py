@@ -15,13 +15,14 @@ from vcfbench.errors import MeasurementError, NotSafe
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.steps.executor import Execution, Executor, StepStarted
+from vcfbench.steps.events import StepStarted
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.testing import SimulatedLab, open_simulated
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
 
 
 class At:

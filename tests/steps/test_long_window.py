@@ -20,14 +20,15 @@ from vcfbench.records.journal import Journal, read_journal
 from vcfbench.records.schema import Status
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps import Acquire, VerifyZero, Window, ZeroWindow
-from vcfbench.steps.executor import Execution, Executor, ReadingTaken
+from vcfbench.steps.events import ReadingTaken
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.tally import Tally
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from vcfbench.steps.executor import Event, Observer
+    from vcfbench.steps.events import Event, Observer
     from vcfbench.steps.step import Plan, Step
 
 NOISE_V = 1.2e-4
@@ -213,7 +214,7 @@ import resource
 import sys
 from pathlib import Path
 from tests.steps.test_long_window import Quiet, acquire, run
-from vcfbench.steps.executor import ReadingTaken
+from vcfbench.steps.events import ReadingTaken
 from vcfbench.records.damage import own_readings
 from vcfbench.records.journal import Journal
 
@@ -249,7 +250,8 @@ from pathlib import Path
 from tests.steps.test_long_window import acquire, plan
 from vcfbench.bench.bench import open_bench
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.steps.executor import Executor, ReadingTaken
+from vcfbench.steps.events import ReadingTaken
+from vcfbench.steps.executor import Executor
 from vcfbench.steps import ConfigureMeter
 from vcfbench.records.damage import own_readings
 from vcfbench.records.journal import Journal

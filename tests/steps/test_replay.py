@@ -41,7 +41,8 @@ from vcfbench.steps import (
     move_leads,
 )
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.executor import Execution, Executor, StepFinished, StepStarted
+from vcfbench.steps.events import StepFinished, StepStarted
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, set_again, start_up_again, taken_over
 from vcfbench.steps.step import Effect, abandon
 
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from vcfbench.station.settings import ProcedureSettings
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
     from vcfbench.steps.step import Plan, Routine, Step
 
 BEFORE = "20260821T142530Z-before-0a1b2c"

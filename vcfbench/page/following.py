@@ -15,7 +15,7 @@ from vcfbench.page.view import View
 from vcfbench.runs.request import Prepared
 from vcfbench.steps import Note
 from vcfbench.steps.decode import result_of, step_of
-from vcfbench.steps.executor import Moved, Paused, StepFailed, StepFinished, WentOn
+from vcfbench.steps.events import Moved, Paused, StepFailed, StepFinished, WentOn
 from vcfbench.typed import typed
 from vcfbench.values.kinds import in_words
 

@@ -12,7 +12,7 @@ from vcfbench.reports.bench_state import BenchState
 from vcfbench.reports.plot import line_of, thinned
 from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
-from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.events import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.steps.step import Effect
 
 

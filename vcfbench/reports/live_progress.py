@@ -19,7 +19,7 @@ from vcfbench.reports.shielded import NoProgress
 from vcfbench.reports.text import printable
 from vcfbench.safety.control import RunState
 from vcfbench.steps import Acquire, Note, Window
-from vcfbench.steps.executor import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.events import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.steps.step import Effect, Step, StepResult
 
 _GAP = "  "

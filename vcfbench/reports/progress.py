@@ -6,7 +6,7 @@ from vcfbench.reports.outlet import Outlet
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.safety.control import RunState
 from vcfbench.steps import Note
-from vcfbench.steps.executor import Event, Paused, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.steps.events import Event, Paused, StepFailed, StepFinished, StepStarted, WentOn
 
 HOW_ON = "p or Enter goes on, Ctrl-C stops"
 

@@ -7,7 +7,7 @@ from typing import Self
 
 from vcfbench.errors import Aborted, NotSafe
 from vcfbench.safety.control import RunState
-from vcfbench.steps.executor import Event, Observer
+from vcfbench.steps.events import Event, Observer
 
 
 class NoProgress:

@@ -43,7 +43,8 @@ from vcfbench.safety.trust import Trust, require_library
 from vcfbench.safety.watchdog import Watchdog
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import equipment_on, overdue_words
-from vcfbench.steps.executor import Event, Execution, Executor, Observer, Paused, StepStarted
+from vcfbench.steps.events import Event, Observer, Paused, StepStarted
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.operator import simulated_operator
 from vcfbench.steps.step import LOOK_AT_SIGNALS

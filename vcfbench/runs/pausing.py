@@ -20,7 +20,7 @@ from vcfbench.instructions.routines import window_of
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps.executor import Moved
+from vcfbench.steps.events import Moved
 from vcfbench.steps.replay import powered_after, set_again
 from vcfbench.steps.step import Effect, Routine, Step, answer
 

@@ -34,7 +34,8 @@ from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import AskOperator
 from vcfbench.steps.dry_run import PlannedStep
 from vcfbench.steps.dry_run import dry_run as walked
-from vcfbench.steps.executor import Execution, Executor, Observer
+from vcfbench.steps.events import Observer
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.step import Plan
 
 if TYPE_CHECKING:

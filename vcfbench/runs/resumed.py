@@ -39,7 +39,8 @@ from vcfbench.station.file import EMBEDDED
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.dry_run import PlannedStep, dry_run
-from vcfbench.steps.executor import Execution, Executor, Observer
+from vcfbench.steps.events import Observer
+from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, start_up_again, taken_over
 from vcfbench.steps.step import Effect, Plan, Routine
 from vcfbench.typed import typed

@@ -14,7 +14,7 @@ from vcfbench.runs.conduct import run
 from vcfbench.safety.control import RunControl, RunState
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription
-from vcfbench.steps.executor import Observer
+from vcfbench.steps.events import Observer
 
 
 class StartedRun(RunControl):

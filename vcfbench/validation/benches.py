@@ -22,7 +22,7 @@ from vcfbench.records.stated import values_of
 from vcfbench.runs.conduct import run
 from vcfbench.runs.resumed import resume
 from vcfbench.safety.control import RunControl
-from vcfbench.steps.executor import StepFinished
+from vcfbench.steps.events import StepFinished
 from vcfbench.studies.truth import truth_of
 from vcfbench.testing.benches import serve_simulated
 from vcfbench.testing.gyroscopes import drawn_bench
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from vcfbench.archive.run import Run
     from vcfbench.station.description import BenchDescription
-    from vcfbench.steps.executor import Event
+    from vcfbench.steps.events import Event
     from vcfbench.testing.benches import ServedLab
 
 RUNS: Final = 100

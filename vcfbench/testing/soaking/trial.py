@@ -29,7 +29,7 @@ from vcfbench.runs.resumed import Resumed, broken_off
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.description import BenchDescription
-from vcfbench.steps.executor import Event, StepFinished, StepStarted
+from vcfbench.steps.events import Event, StepFinished, StepStarted
 from vcfbench.testing.disk import Disk, DiskState
 from vcfbench.testing.soaking.draw import Draw, Happening
 
