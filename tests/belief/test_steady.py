@@ -22,6 +22,7 @@ from vcfbench.belief.jumps import (
     note,
     require_no_jump,
 )
+from vcfbench.belief.unseen import Course, Unseen, unseen
 from vcfbench.belief.walk import Limits, Seen, Walk
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.schedule import Order, Zeros
@@ -111,17 +112,45 @@ def test_the_largest_jump_is_that_of_the_definition(seed: int) -> None:
     assert abs(found.sigmas) == pytest.approx(abs(by_columns(walk)), rel=1e-6)
 
 
-@pytest.mark.exhaustive
-def test_the_look_at_many_windows_needs_memory_with_their_square() -> None:
-    """Of 45 repeats of a turntable: their patterns, a column each, would take 2.4 GB."""
-    rates = np.random.default_rng(1).choice(np.array(RATES), 855)
-    walk = walked(np.zeros(855), rates)
+def moved(course: Course) -> list[Unseen]:
+    """Return what is not seen of eight values that are sums of the windows, one of them held for a spread."""
+    shares = np.random.default_rng(2).normal(size=(8, len(course.windows))) / len(course.windows)
+    u95 = {str(place): 1e-6 for place in range(len(shares))}
+
+    def values(output_v: NDArray[np.float64], _: object) -> dict[str, float]:
+        return dict(zip(u95, (shares @ output_v).tolist(), strict=True))
+
+    return list(unseen(course, u95, values, frozenset({"3"})))
+
+
+def all_watched(walk: Walk) -> Course:
+    places = tuple(range(len(walk.windows)))
+    return Course(tuple(walk.windows), places, ((walk, places),))
+
+
+def test_many_windows_are_looked_at_in_little_memory() -> None:
+    """Of 45 repeats of a turntable: their patterns, a column each, would take 2.4 GB; those of a list 340 MB."""
+    rates = np.random.default_rng(1).choice(np.array(RATES), size := 300)
+    walk = walked(np.zeros(size), rates)
     tracemalloc.start()
     try:
         assert largest_jump(walk, walk.windows) is not None
-        assert tracemalloc.get_traced_memory()[1] < 300e6
+        assert moved(all_watched(walk))
+        assert tracemalloc.get_traced_memory()[1] < 150.0 * size**2
     finally:
         tracemalloc.stop()
+
+
+def test_more_windows_than_memory_bears_are_not_looked_at_and_the_list_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = np.random.default_rng(1).choice(np.array(RATES), 60)
+    walk = walked(np.zeros(60), rates)
+    assert {each.size is None for each in moved(all_watched(walk)) if each.kind == "step"} == {False}
+    for module in ("patterns", "unseen"):
+        monkeypatch.setattr(f"vcfbench.belief.{module}.MOST_WINDOWS", 40)
+    with pytest.raises(MemoryError, match="60 windows, at most 40"):
+        largest_jump(walk, walk.windows)
+    few = moved(all_watched(walk))
+    assert {(each.kind, each.size) for each in few if each.kind in {"step", "ramp"}} == {("step", None), ("ramp", None)}
 
 
 @pytest.mark.parametrize("failure", [MemoryError("no more"), np.linalg.LinAlgError("not positive definite")])

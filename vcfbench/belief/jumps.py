@@ -40,6 +40,8 @@ OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN = "V", "of the output", "V of V_Vc", "of V_
 _HALF = 0.5
 """Patterns are fewer than comparisons: 5.5 is a chance of some 5e-5 a run, as that of 200 to 800 independent ones (the
 largest of 400 runs of 60 and of 56 of 105 windows of `kvc`, drawn from their covariances)."""
+_EQUAL = 1e-9
+"""Patterns that are equal but for rounding: the first of them counts."""
 _ONE_SIDED = 1.645
 """Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _ANSWERS = 8.0
@@ -123,22 +125,20 @@ def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
 
 def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
     """Return the fault that fits best, None where there is nothing that would show one."""
-    found = [each for each in patterns(walk, windows) if each.shows.any()]
-    if not found:
-        return None
-    sigmas = [np.abs(each.sigmas) for each in found]
-    most = max(float(each.max()) for each in sigmas)
-    for each, sizes in zip(found, sigmas, strict=True):
-        if (alike := sizes >= (1.0 - 1e-9) * most).any():  # the first of equals
-            place = int(np.argmax(alike))
-            return Jump(each.pattern(place), float(each.sizes[place]), float(each.sigmas[place]), each.unit)
-    return None
+    found = None
+    for each in patterns(walk, windows):
+        sizes = np.abs(each.sigmas)
+        most = float(sizes.max())
+        if each.shows.any() and (found is None or most > (1.0 + _EQUAL) * abs(found.sigmas)):
+            place = int(np.argmax(sizes >= (1.0 - _EQUAL) * most))  # the first of equals
+            found = Jump(each.pattern(place), float(each.sizes[place]), float(each.sigmas[place]), each.unit)
+    return found
 
 
-def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
-    """Return all faults that are looked for in the outputs of windows on the same rails: in volts, and of a gain.
+def patterns(walk: Walk, windows: Sequence[Seen], unit: str | None = None) -> Iterator[Patterns]:
+    """Yield all faults that are looked for in the outputs of windows on the same rails: in volts, and of a gain.
 
-    Nothing where the free terms leave no window.
+    Nothing where the free terms leave no window; with `unit` those of this one alone.
     """
     count = len(windows)
     x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
@@ -164,7 +164,7 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
             terms += [way, way * x, way * x**2]
     free = np.column_stack(terms)
     if free.shape[1] >= count:
-        return []
+        return
     covariance = _covariance(walk, windows, x, free)
     # A gain acts on what the curve has: the noise of outputs would explain itself
     scales = {OFFSET: np.ones(count), GAIN: free @ np.linalg.lstsq(free, output, rcond=None)[0]}
@@ -172,7 +172,8 @@ def patterns(walk: Walk, windows: Sequence[Seen]) -> list[Patterns]:
         output = output - by_v_vc.apart_v
         covariance += np.diag(np.square(by_v_vc.u_v))
         scales[V_VC_OFFSET], scales[V_VC_GAIN] = by_v_vc.per_v, by_v_vc.per_v * by_v_vc.v_vc
-    return patterns_of(output, free, covariance, at_s, scales)
+    asked = scales if unit is None else {each: scale for each, scale in scales.items() if each == unit}
+    yield from patterns_of(output, free, covariance, at_s, asked)
 
 
 def _abscissa(windows: Sequence[Seen]) -> Floats:

@@ -5,7 +5,7 @@ that changes). Its size by generalised least squares over its standard uncertain
 and Jones 1976, *A generalized likelihood ratio approach to detection and estimation of jumps in linear systems*).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from msgspec import Struct
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
 
+MOST_WINDOWS = 4000
+"""Windows that are held against each other: 0.7 GB of memory."""
 _UNSEEN = 1e-4
 """A pattern of which the free terms leave less than this share (of its square) is not asked for."""
 
@@ -33,10 +35,10 @@ class Patterns(Struct, frozen=True):
     """
 
     unit: str
-    in_time: Floats
-    """(n, n + 1 + n - 2): the steps and walks in time that patterns are made of."""
-    begin: NDArray[np.intp]
-    end: NDArray[np.intp]
+    count: int
+    """Number of windows."""
+    begin: NDArray[np.int32]
+    end: NDArray[np.int32]
     along: Floats
     shows: Floats
 
@@ -59,20 +61,14 @@ class Patterns(Struct, frozen=True):
     def pattern(self, place: int) -> Pattern:
         """Return one of them by its place."""
         if place >= len(self.begin):
-            return Pattern(place - len(self.begin) + 1, self.in_time.shape[0] - 1, walks=True)
+            return Pattern(place - len(self.begin) + 1, self.count - 1, walks=True)
         return Pattern(int(self.begin[place]), int(self.end[place]) - 1, walks=False)
-
-
-def walks_of(at_s: Floats) -> Floats:
-    """Return the walks, (n, n - 2), a column each: 0 up to a window, then linear, 1 if from the first to the last."""
-    lasts_s = max(float(at_s[-1] - at_s[0]), 1e-9)
-    return np.asarray(np.maximum(0.0, at_s[:, None] - at_s[: max(0, at_s.size - 2)]) / lasts_s)
 
 
 def patterns_of(
     series: Floats, free: Floats, covariance: Floats, at_s: Floats, scales: Mapping[str, Floats]
-) -> list[Patterns]:
-    """Return the patterns of each of `scales` in a series of means.
+) -> Iterator[Patterns]:
+    """Yield the patterns of each of `scales` in a series of means; each takes memory with the square of the windows.
 
     Args:
         series: the means, (n,).
@@ -84,34 +80,51 @@ def patterns_of(
 
     Raises:
         LinAlgError: the covariance is none.
+        MemoryError: the windows are too many.
     """
-    count, terms = series.size, free.shape[1]
-    # A stretch is the difference of two steps, so that there are as many columns as windows
-    in_time = np.column_stack([np.arange(count)[:, None] >= np.arange(count + 1), walks_of(at_s)])
-    columns = np.column_stack(
-        [free, series, *(each @ in_time if each.ndim > 1 else each[:, None] * in_time for each in scales.values())]
-    )
-    whitened = np.linalg.solve(np.linalg.cholesky(covariance), columns)
-    basis, _ = np.linalg.qr(whitened[:, :terms])
-    rest = whitened[:, terms:]
-    left = rest - basis @ (basis.T @ rest)
-    begin, end = (np.delete(each, count - 1) for each in np.triu_indices(count + 1, 1))  # all together are the bias
-    found = []
-    for at, unit in enumerate(scales):
-        own = slice(1 + at * in_time.shape[1], 1 + (at + 1) * in_time.shape[1])
-        shows, of_all = _squares(left[:, own], begin, end), _squares(rest[:, own], begin, end)
-        along = left[:, 0] @ left[:, own]
-        along = np.concatenate([along[begin] - along[end], along[count + 1 :]])
+    count = series.size
+    if count > MOST_WINDOWS:
+        raise MemoryError(f"{count} windows, at most {MOST_WINDOWS} are held against each other")
+    left = np.linalg.inv(np.linalg.cholesky(covariance))
+    basis, _ = np.linalg.qr(left @ free)
+    of_terms = basis.T @ left
+    left -= basis @ of_terms  # what the free terms leave of each window
+    series = left @ series
+    later = np.triu(np.ones((count + 1, count + 1), dtype=bool), 1)
+    begin, end = (
+        np.asarray(np.delete(each, count - 1), np.int32) for each in np.nonzero(later)
+    )  # all together are the bias
+    for unit, scale in scales.items():
+        steps, walks = _in_time(left @ scale if scale.ndim > 1 else left * scale, at_s)
+        along = series @ steps
+        along = np.concatenate([along[begin] - along[end], series @ walks])
+        shows = np.concatenate([_squares(steps.T @ steps, begin, end), np.square(walks).sum(axis=0)])
+        del steps, walks
+        taken, walked = _in_time(of_terms @ scale if scale.ndim > 1 else of_terms * scale, at_s)
+        of_all = np.concatenate([_squares(taken.T @ taken, begin, end), np.square(walked).sum(axis=0)])
+        of_all += shows
         seen = shows > _UNSEEN * of_all
-        found.append(Patterns(unit, in_time, begin, end, np.where(seen, along, 0.0), np.where(seen, shows, 0.0)))
-    return found
+        yield Patterns(unit, count, begin, end, np.where(seen, along, 0.0), np.where(seen, shows, 0.0))
 
 
-def _squares(columns: Floats, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Floats:
-    """Return the squares of all patterns, by the columns of the steps that they begin and end with, and of the walks.
+def _in_time(windows: Floats, at_s: Floats) -> tuple[Floats, Floats]:
+    """Return the steps, (k, n + 1), and the walks, (k, n - 2), of columns that are windows, (k, n).
+
+    A step goes from its window to the end; a stretch is the difference of two, so that there are as many columns as
+    windows. A walk is 0 up to its window, then linear, 1 if from the first to the last: a sum of steps.
+    """
+    steps = np.zeros((len(windows), at_s.size + 1))
+    np.cumsum(windows[:, ::-1], axis=1, out=steps[:, -2::-1])
+    lasts_s = max(float(at_s[-1] - at_s[0]), 1e-9)
+    grown = steps[:, 1:-1] * (np.diff(at_s) / lasts_s)
+    np.cumsum(grown[:, ::-1], axis=1, out=grown[:, ::-1])
+    return steps, grown[:, : max(0, at_s.size - 2)]
+
+
+def _squares(products: Floats, begin: NDArray[np.int32], end: NDArray[np.int32]) -> Floats:
+    """Return the squares of all stretches, by the products of the steps that they begin and end with.
 
     Of the differences of two columns: a column for each pair needs memory with the cube of the windows.
     """
-    steps, walks = np.split(columns, [int(end.max()) + 1], axis=1)
-    products, own = steps.T @ steps, np.square(steps).sum(axis=0)
-    return np.concatenate([own[begin] + own[end] - 2.0 * products[begin, end], np.square(walks).sum(axis=0)])
+    own = products.diagonal()
+    return np.asarray(own[begin] + own[end] - 2.0 * products[begin, end])

@@ -6,7 +6,7 @@ are moved so and evaluated again.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import count
 from typing import Any, TypeAlias
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vcfbench.analysis.arrays import Floats
 from vcfbench.belief.agreement import SLOPES
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, groups, patterns, refused_from
+from vcfbench.belief.patterns import MOST_WINDOWS
 from vcfbench.belief.walk import Limits, Seen, Walk
 from vcfbench.instructions.procedure import Watched
 from vcfbench.station.settings import ProcedureSettings
@@ -74,6 +75,13 @@ class Course(Struct, frozen=True):
         """The middles of the windows, bench time, (n,)."""
         return np.array([each.middle_s for each in self.windows])
 
+    @property
+    def marks(self) -> NDArray[np.intp]:
+        """Windows at which faults begin, or before which they end, (m,): all, of very many some."""
+        number = len(self.windows)
+        some = number if number <= MOST_WINDOWS else max(16, MOST_WINDOWS**2 // number)
+        return np.unique(np.rint(np.linspace(0, number, some + 1)).astype(np.intp))
+
 
 def course_of(settings: ProcedureSettings, steps: Sequence[tuple[Step, StepResult]], watched: Watched | None) -> Course:
     """Return the windows among the performed steps; without `watched` nothing was held against anything."""
@@ -115,23 +123,24 @@ def unseen(
         V_VC_OFFSET: (per_v_vc, ones),
         V_VC_GAIN: (per_v_vc, v_vc),
     }
-    at_s, places = course.at_s, np.arange(len(points))
-    begin, end = np.triu_indices(len(points) + 1, 1)
+    at_s, places, marks = course.at_s, np.arange(len(points)), course.marks
+    of_begin, of_end = np.nonzero(np.triu(np.ones((len(marks), len(marks)), dtype=bool), 1))
+    begin, end = (marks[each].astype(np.int32) for each in (of_begin, of_end))
     to_an_end, all_through = (begin == 0) | (end == len(points)), end - begin == len(points)
-    rise = np.maximum(0.0, at_s - at_s[:, None]) / np.maximum(at_s[-1] - at_s, 1e-9)[:, None]
-    walks = np.arange(len(begin) + len(points)) >= len(begin)  # behind the stretches
+    rise = np.maximum(0.0, at_s - at_s[marks[:-1], None]) / np.maximum(at_s[-1] - at_s[marks[:-1]], 1e-9)[:, None]
+    walks = np.arange(len(begin) + len(rise)) >= len(begin)  # behind the stretches
 
     def apart(some: Floats) -> Floats:
-        return np.concatenate([some, np.zeros(len(points), dtype=bool)])
+        return np.concatenate([some, np.zeros(len(rise), dtype=bool)])
 
     for unit, (per_v, scale) in units.items():
         if not per_v.any():
             continue
         stretched, walked = smallest_sizes(course, unit)
-        sizes = np.concatenate([stretched[begin, end], walked])
-        # What 1 of each does, (values, faults)
+        sizes = np.concatenate([stretched[of_begin, of_end], walked])
+        del stretched
         sums = np.concatenate([np.zeros((len(per_v), 1)), np.cumsum(per_v * scale, axis=1)], axis=1)
-        done = np.abs(np.column_stack([sums[:, end] - sums[:, begin], (per_v * scale) @ rise.T]))
+        risen = (per_v * scale) @ rise.T
         kinds = {"change": apart(~all_through), "creep": walks}
         if unit in OFFSETS:
             kinds = {"step": apart(to_an_end & ~all_through), "pulse": apart(~to_an_end), "ramp": walks}
@@ -143,74 +152,78 @@ def unseen(
         never = np.isinf(sizes) | ((sizes > _MOST_GAIN) & (unit not in OFFSETS))
         for kind, own in kinds.items():
             for some, refused in ((own & ~never, True), (own & never, False)):
-                of_kind = _Faults(np.flatnonzero(some), done[:, some], sizes[some] if refused else None)
-                if effects := of_kind.effects(u95, bent, exactly):
-                    yield Unseen(kind, of_kind.size(u95), unit, effects)
+                at = np.flatnonzero(some)
+                done = (  # by 1 of each, value by value: all together need much memory
+                    np.abs(np.concatenate([each[end] - each[begin], rising]))[at]
+                    for each, rising in zip(sums, risen, strict=True)
+                )
+                faults = _Faults(at, sizes[at] if refused else None)
+                if found := faults.worst(done, u95, bent, exactly):
+                    yield Unseen(kind, found[0], unit, found[1])
 
 
 def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:
-    """Return from which size on the run refuses each stretch, (n + 1, n + 1), and each walk to the end, (n,).
+    """Return from which size on the run refuses each stretch, (m, m), and each walk to the end, (m - 1,), by its marks.
 
     A stretch begins with the window of its row and ends before that of its column. A walk begins at the window, its
-    size is that at the end of the run. Infinite where it is never refused.
+    size is that at the end of the run. Infinite where it is never refused, as where there are too many windows.
     """
-    number, at_s = len(course.windows), course.at_s
-    stretches, walks = np.full((number + 1, number + 1), math.inf), np.full(number, math.inf)
+    marks, at_s = course.marks, course.at_s
+    stretches, walks = np.full((len(marks), len(marks)), math.inf), np.full(len(marks) - 1, math.inf)
     for walk, places in course.walks:
         where = {id(each): place for each, place in zip(walk.windows, places, strict=True)}
         for windows in groups(walk):
             own = np.array([where[id(each)] for each in windows])
-            found = next((each for each in patterns(walk, windows) if each.unit == unit), None)
+            found = next(patterns(walk, windows, unit), None) if len(own) <= MOST_WINDOWS else None
             if found is None:
                 continue
             smallest, table = found.smallest(refused_from(walk)), np.full((len(own) + 1,) * 2, math.inf)
             table[found.begin, found.end] = smallest[: len(found.begin)]
-            at = np.searchsorted(own, np.arange(number + 1))
+            at = np.searchsorted(own, marks)
             stretches = np.minimum(stretches, table[np.ix_(at, at)])
             # A walk that begins between two windows shows no less than that from the later one
             lasts_s = at_s[own[-1]] - at_s[own[0]]
             slopes = np.full(len(own) + 1, math.inf)
             slopes[: len(own) - 2] = smallest[len(found.begin) :] / lasts_s
-            walks = np.minimum(walks, slopes[at[:number]] * np.maximum(at_s[-1] - at_s, 1e-9))
+            walks = np.minimum(walks, slopes[at[:-1]] * np.maximum(at_s[-1] - at_s[marks[:-1]], 1e-9))
     return stretches, walks
 
 
 class _Faults(Struct, frozen=True):
-    """Faults of one kind: their places among all, what 1 of each does, (values, m), and from where on it is refused."""
+    """Faults of one kind: their places among all, and from where on each is refused, (m,); None: at no size."""
 
     places: NDArray[np.intp]
-    done: Floats
     sizes: Floats | None
-    """(m,); None: at no size."""
 
-    def _moved(self) -> Floats:
-        return np.asarray(self.done * (UNIT if self.sizes is None else self.sizes))
+    def worst(
+        self,
+        done: Iterable[Floats],
+        u95: Mapping[str, float],
+        bent: frozenset[str],
+        exactly: Callable[[int, float], Mapping[str, float]],
+    ) -> tuple[float | None, Mapping[str, float]] | None:
+        """Return the size from which on all are refused that move a value, and the largest effect on each value.
 
-    def _limits(self, u95: Mapping[str, float]) -> Floats:
-        return (MATTERS_UNREFUSED if self.sizes is None else MATTERS) * np.array(list(u95.values()))
-
-    def size(self, u95: Mapping[str, float]) -> float | None:
-        """Return from which size on all are refused that move a value, None at none."""
-        if self.sizes is None:
+        None where none moves any. `done` is what 1 of each does to each value, (m,). What is `bent` is evaluated with
+        the worst fault of each such value, the first of all and one in their middle.
+        """
+        places, sizes = self.places, self.sizes
+        if not len(places):
             return None
-        matters = (self._moved() > self._limits(u95)[:, None]).any(axis=0)
-        return float((self.sizes[matters] if matters.any() else self.sizes).max())
-
-    def effects(
-        self, u95: Mapping[str, float], bent: frozenset[str], exactly: Callable[[int, float], Mapping[str, float]]
-    ) -> Mapping[str, float]:
-        """Return the largest effect on each value that one of them moves."""
-        if not len(self.places):
-            return {}
-        moved = self._moved()
-        most = dict(zip(u95, moved.max(axis=1).tolist(), strict=True))
-        # The worst of each that is not linear, the first of all and one in their middle
-        worst = {int(moved[place].argmax()) for place, name in enumerate(u95) if name in bent}
-        for at in {*worst, 0, len(self.places) // 2} if worst else ():
-            whole = exactly(int(self.places[at]), UNIT if self.sizes is None else float(self.sizes[at]))
+        matters, share = np.zeros(len(places), dtype=bool), MATTERS_UNREFUSED if sizes is None else MATTERS
+        most, worst = dict[str, float](), {0, len(places) // 2}
+        for (name, half), each in zip(u95.items(), done, strict=True):
+            moved = each * (UNIT if sizes is None else sizes)
+            matters |= moved > share * half
+            most[name] = float(moved[at := int(moved.argmax())])
+            worst |= {at} if name in bent else set()
+        for at in worst if bent else ():
+            whole = exactly(int(places[at]), UNIT if sizes is None else float(sizes[at]))
             most |= {name: max(most[name], whole[name]) for name in bent}
-        limits = zip(u95, self._limits(u95).tolist(), strict=True)
-        return {name: most[name] for name, limit in limits if most[name] > limit}
+        effects = {name: most[name] for name, half in u95.items() if most[name] > share * half}
+        if not effects:
+            return None
+        return None if sizes is None else float((sizes[matters] if matters.any() else sizes).max()), effects
 
 
 def _moved(
