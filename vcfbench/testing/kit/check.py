@@ -105,7 +105,8 @@ def _seen(lines: Sequence[TraceLine]) -> Seen:
     maker, _, _, firmware = (*identity.strip().split(",", 3), "", "", "", "")[:4]
     model = model_of(identity)
     if model not in TWINS:
-        return Seen(maker, model, firmware, tuple(Finding(each.message, "unknown") for each in heard), bool(after))
+        asked = (each for each in heard if each.message != ERROR_QUESTION)
+        return Seen(maker, model, firmware, tuple(_unknown(each) for each in asked), bool(after))
     compared = _Compared(model)
     found = [*compared.findings(heard, exact=False), *compared.findings(after, exact=True)]
     return Seen(maker, model, firmware, tuple(found), bool(after))
@@ -175,7 +176,7 @@ class _Compared:
         came = heard.answer
         shown = tuple("nothing" if text is None else text.strip() for text in (expected, came))
         if row is None:
-            return Finding(heard.message, "unknown", *shown)
+            return _unknown(heard)
         if came is None or expected is None:
             return Finding(heard.message, "same" if came == expected else "no answer", *shown)
         status = _compared(row, came, expected, frozenset(self._script["words"]), exact=exact)
@@ -183,6 +184,10 @@ class _Compared:
         if status == "same" and heard.took_s > deadline_s:
             return Finding(heard.message, "timing", f"{deadline_s:.2f} s at most", f"{heard.took_s:.2f} s")
         return Finding(heard.message, status, *shown)
+
+
+def _unknown(heard: _Heard) -> Finding:
+    return Finding(heard.message, "unknown", "anything", (heard.answer or "nothing").strip())
 
 
 def _error(entry: str | None) -> int | None:

@@ -34,6 +34,10 @@ PACKED = ""
 ERROR_QUESTION = "SYST:ERR?"
 LATER = 3.0
 """How much longer than our driver's deadline an answer is waited for, as a factor: a late one is to be seen as late."""
+READ_S = 2.0
+"""How long an answer to what only reads is waited for, s: what is not known is not answered."""
+QUIET_MS = 200
+"""Silence after which nothing more comes on a stream, which has no device clear, ms."""
 MOST_SILENT = 3
 """Unanswered questions in a row after which an instrument is left alone."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d{1,3})?", re.IGNORECASE)
@@ -191,6 +195,10 @@ class Connection:
         self.bundle.note(self.role, self.kind, "clear")
         with suppress(Exception):  # not every interface can
             self.opened.clear()
+        with suppress(Exception):  # what comes late is no answer to the next question
+            self.opened.timeout = QUIET_MS
+            while self.stream:
+                self.opened.read_raw()
 
     def say(self, message: str, deadline_s: float) -> None:
         """Send a message, and take its answer if it is a question."""
@@ -204,8 +212,8 @@ def read(connection: Connection, say: Callable[[str], Any]) -> None:
     """Ask all that only reads, and after each question for its error."""
     script, connection.silent = connection.script, 0
     for number, question in enumerate(script["reads"], start=1):
-        connection.ask(question, script["timeout_s"])
-        connection.ask(ERROR_QUESTION, script["timeout_s"])
+        connection.ask(question, READ_S)
+        connection.ask(ERROR_QUESTION, READ_S)
         if number % 50 == 0:
             say(f"  {number} of {len(script['reads'])} questions")
 
@@ -301,7 +309,15 @@ def twice(model: str, script: Script, ask: Callable[[str], str]) -> bool:
     )
 
 
-def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = input) -> int:
+def typed(words: str) -> str:
+    """Ask a person; where nobody can type, nothing was said."""
+    try:
+        return input(words)
+    except EOFError:
+        return ""
+
+
+def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = typed) -> int:
     """Run the kit."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("resources", nargs="*", help="VISA resource names; of a serial port with @ and its speed")
