@@ -1,0 +1,340 @@
+"""A simulated gyroscope that speaks numbers: it makes frames of what an analogue one puts out, at its own clock.
+
+The frame is stated by nested tables, as bench files have them; its encoder shares nothing with what reads it.
+"""
+
+from __future__ import annotations
+
+import binascii
+import math
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from random import Random
+from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+from msgspec.structs import fields, replace
+
+from simrack.adjustment import Adjustment, number
+from simrack.leads import Leads
+
+if TYPE_CHECKING:
+    import numpy as np
+
+_KEPT = 16_384
+"""Bytes that the computer at the other end keeps when nobody reads."""
+_AHEAD_S = 0.05
+"""How far ahead frames are foreseen: real time passes between two looks at the clock."""
+_IDLE_S = 0.1
+"""Time after the last read from which nobody listens: frames are counted then and not made."""
+
+
+class StreamErrors(Struct, frozen=True):
+    """Imperfections of the stream; zero switches each off.
+
+    Raises:
+        ValueError: a share is none, or a time is negative.
+    """
+
+    clock_ppm: float = 0.0
+    """By how much its clock is fast."""
+    latency_s: float = 0.0
+    """Time from the end of what a frame says to its first bit."""
+    dropped: float = 0.0
+    """Share of the frames that are never sent."""
+    flipped: float = 0.0
+    """Share of the frames with a wrong bit."""
+    repeated: float = 0.0
+    """Share of the frames that are sent twice."""
+    garbage: float = 0.0
+    """Share of the frames with bytes before them that belong to none."""
+    silent: float = 0.0
+    """1: it says nothing any more."""
+    stuck: float = 0.0
+    """1: the counter goes on, the number does not."""
+    frozen: float = 0.0
+    """1: the same frame again and again."""
+    saturated: float = 0.0
+    """1: the number is at the end of its type."""
+    status: float = 0.0
+    """1: it says that it is not well."""
+    lsb_per_deg_s: float = 100.0
+    """Steps of its last digit a deg/s, of a stream in LSB."""
+
+    def __post_init__(self) -> None:
+        """Refuse values beyond the bounds."""
+        for name in ("dropped", "flipped", "repeated", "garbage", "silent", "stuck", "frozen", "saturated", "status"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"{name}: a share, from 0 to 1")
+        if not 0.0 <= self.latency_s <= 1.0 or abs(self.clock_ppm) > 1e5 or not self.lsb_per_deg_s:
+            raise ValueError("latency_s: 0 to 1; clock_ppm: at most 1e5; lsb_per_deg_s: not 0")
+
+    @classmethod
+    def none(cls) -> StreamErrors:
+        """Return those of an ideal device."""
+        return cls()
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> StreamErrors:
+        """Return a specimen: its clock, and how late it speaks."""
+        return cls(clock_ppm=float(rng.uniform(-50.0, 50.0)), latency_s=float(rng.uniform(0.001, 0.01)))
+
+
+class StreamTwin:
+    """A gyroscope that speaks numbers.
+
+    Args:
+        world: what the analogue output is seen by, with one input.
+        errors: its imperfections.
+        stream: the tables of the frame.
+        volts_per_deg_s: what the analogue output is taken to give a deg/s.
+        noise_seed: of what happens by chance.
+    """
+
+    errors_class = StreamErrors
+
+    def __init__(
+        self,
+        world: Leads,
+        *,
+        errors: StreamErrors,
+        stream: Mapping[str, Any],
+        volts_per_deg_s: float = -0.0125,
+        noise_seed: int = 0,
+    ) -> None:
+        self._world = world
+        self._clock = world.clock
+        self._errors = errors
+        self._frame_of = stream
+        self._volts_per_deg_s = volts_per_deg_s
+        self._random = Random(noise_seed)  # noqa: S311  (no secret)
+        self._output = bytearray()
+        self._coming: deque[tuple[float, bytes]] = deque()
+        self._windows: deque[tuple[float, Any]] = deque()
+        """Frames that are under way or to come: the end of each, and the mean of it."""
+        self._count = 0
+        self._angle = 0.0
+        self._last: bytes = b""
+        self._held: float | None = None
+        self._heard_s = self._clock.now()
+        self._begin_s = self._over_s = self._clock.now()
+
+    # --- the seam: simrack.device.Device -------------------------------------------------------------
+
+    def write(self, data: bytes, *, end: bool = False) -> None:
+        """Take no commands."""
+
+    def read(self, limit: int) -> tuple[bytes, bool]:
+        """Return the bytes that have arrived by now."""
+        self._heard_s = self._clock.now()
+        self._make()
+        part = bytes(self._output[:limit])
+        del self._output[:limit]
+        return part, False
+
+    def wake_at(self) -> float | None:
+        """Return when the next frame is over or has arrived; None while nobody listens."""
+        if self._clock.now() > self._heard_s + _IDLE_S + 2.0 * self._period_s:
+            return None
+        self._make()
+        return min(each[0][0] for each in (self._windows, self._coming) if each)
+
+    def clear(self) -> None:
+        """Drop what has arrived."""
+        self._output.clear()
+
+    def status_byte(self) -> int:
+        """Return 0: there is none."""
+        return 0
+
+    def trigger(self) -> None:
+        """Do nothing."""
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return the adjustments of a served stream: its imperfections."""
+        for each in fields(StreamErrors):
+            name = each.name
+            yield Adjustment(
+                *(f"stream.{name}", "", name.replace("_", " "), partial(getattr, self._errors, name)),
+                partial(self._adjust, name),
+            )
+
+    def _adjust(self, name: str, value: Any) -> None:
+        self._errors = replace(self._errors, **{name: number(value)})
+
+    @property
+    def _period_s(self) -> float:
+        return 1.0 / (float(self._frame_of["sample_rate_hz"]) * (1.0 + 1e-6 * self._errors.clock_ppm))
+
+    def _make(self) -> None:
+        """Make the frames that are over by now, and look ahead: nothing can be averaged that has begun."""
+        now, period_s = self._clock.now(), self._period_s
+        while self._windows and self._windows[0][0] <= now:
+            self._over_s, window = self._windows.popleft()
+            self._count += 1
+            self._send(window.mean_v() / self._volts_per_deg_s)
+        if not self._windows:  # nobody listened
+            gone = max(0, math.ceil((now - self._over_s) / period_s))
+            self._count += gone
+            self._begin_s = self._over_s + gone * period_s
+        while self._begin_s <= now + max(_AHEAD_S, period_s):
+            end_s = self._begin_s + period_s
+            self._windows.append((end_s, self._world.window("input", self._begin_s, end_s)))
+            self._begin_s = end_s
+        while self._coming and self._coming[0][0] <= now:
+            self._output += self._coming.popleft()[1]
+        del self._output[_KEPT:]
+
+    def _send(self, rate_deg_s: float) -> None:
+        """Put a frame on the line, or what becomes of it."""
+        errors, random = self._errors, self._random
+        data = self._frame(rate_deg_s)
+        if errors.frozen and self._last:
+            data = self._last
+        self._last = data
+        if errors.silent or random.random() < errors.dropped:
+            return
+        if random.random() < errors.flipped:
+            place = random.randrange(8 * len(data))
+            spoilt = bytearray(data)
+            spoilt[place // 8] ^= 1 << place % 8
+            data = bytes(spoilt)
+        if random.random() < errors.repeated:
+            data += data
+        if random.random() < errors.garbage:
+            data = random.randbytes(random.randrange(1, 8)) + data
+        bits = 10 + (self._frame_of["parity"] != "none") + (self._frame_of["stop_bits"] - 1)
+        arrived_s = self._over_s + errors.latency_s + len(data) * bits / self._frame_of["baud_rate"]
+        if self._coming:
+            arrived_s = max(arrived_s, self._coming[-1][0])
+        self._coming.append((arrived_s, data))
+
+    def _frame(self, rate_deg_s: float) -> bytes:
+        stated = self._frame_of
+        of_unit = {"deg/s": 1.0, "deg": 1.0, "LSB": self._errors.lsb_per_deg_s}.get(stated["unit"], math.pi / 180.0)
+        rate = rate_deg_s * of_unit
+        # what the device says is by its own second
+        value = rate if stated["kind"] == "rate" else rate * self._period_s
+        if stated["kind"] == "angle":
+            self._angle += value
+            value = self._angle
+        if self._errors.stuck:
+            self._held = value if self._held is None else self._held
+            value = self._held
+        numbers: dict[str, float] = {"value": value, "counter": self._count, "temperature": 25.0}
+        if stated.get("status") is not None:
+            numbers["status"] = stated["status"]["ok"] ^ (stated["status"]["mask"] & 0x1 if self._errors.status else 0)
+        numbers = {key: each for key, each in numbers.items() if stated.get(key) is not None}
+        return self._bytes(numbers) if stated.get("length") else self._line(numbers)
+
+    def _line(self, numbers: Mapping[str, float]) -> bytes:
+        stated = self._frame_of
+        cells = [stated["header"], *["0"] * (stated["columns"] - 1)]
+        step = stated["resolution"]
+        digits = max(0, -math.floor(math.log10(step)))
+        if self._errors.saturated:
+            numbers = {**numbers, "value": stated.get("full_scale") or 1e6}
+        for key, each in numbers.items():
+            if key == "counter":
+                said = str(int(each) % (stated[key].get("modulus") or 256))
+            elif key == "status":
+                said = str(int(each))
+            else:
+                raw = (each - stated[key]["offset"]) / stated[key]["scale"]
+                said = f"{round(raw / step) * step if key == 'value' else raw:.{digits}f}"
+            place = stated[key]["column"] - 1
+            cells[place] = said if place else stated["header"] + said
+        text: str = stated["separator"].join(cells)
+        kind = stated["checksum"]["name"]
+        if kind != "none":
+            covered = text[stated["checksum"]["first"] :].encode()
+            text += f"*{_CHECKS[kind](covered):02X}"
+        return text.encode() + b"\r\n"
+
+    def _bytes(self, numbers: Mapping[str, float]) -> bytes:
+        stated = self._frame_of
+        header, order = bytes.fromhex(stated["header"]), stated["byte_order"]
+        frame = bytearray(stated["length"])
+        frame[: len(header)] = header
+        for key, each in numbers.items():
+            place = stated[key]
+            raw = (each - place.get("offset", 0.0)) / place.get("scale", 1.0)
+            if key == "value" and self._errors.saturated:
+                raw = math.copysign(1e30, raw)
+            _put(frame, place, raw, order, wraps=key == "counter" or (key == "value" and stated["kind"] == "angle"))
+        check = stated["checksum"]
+        kind, by = check["name"], check.get("byte_order") or order
+        if kind != "none":
+            size = 4 if kind.startswith("crc32") else 1 if kind.endswith("8") else 2
+            places = (check.get("at"), check.get("low_at"))
+            end = len(frame) - size if places[0] is None else min(places)
+            found = _CHECKS[kind](bytes(frame[check["first"] : end]))
+            if places[0] is not None:
+                for at, word in zip(places, (found >> 16, found & 0xFFFF), strict=True):
+                    frame[at : at + 2] = word.to_bytes(2, by)
+            else:
+                frame[end:] = found.to_bytes(size, by)
+        return bytes(frame)
+
+
+def _put(frame: bytearray, place: Mapping[str, Any], raw: float, order: Any, *, wraps: bool) -> None:
+    """Write a number at its place; one too large is at its end, or begins anew where it `wraps`."""
+    kind, at = place["type"], place["at"]
+    if kind.startswith("float"):
+        form = {"float32": "f", "float64": "d"}[kind]
+        data = struct.pack(f"{'<' if order == 'little' else '>'}{form}", raw)
+        frame[at : at + len(data)] = data
+        return
+    bits = int(kind.lstrip("uint"))
+    low, high = (0, (1 << bits) - 1) if kind.startswith("u") else (-(1 << bits - 1), (1 << bits - 1) - 1)
+    whole = round(max(-1e20, min(raw, 1e20)))
+    if wraps:
+        span = place.get("modulus") or high - low + 1
+        whole = (whole - low) % span + low
+    data = (max(low, min(whole, high)) & ((1 << bits) - 1)).to_bytes(bits // 8, order)
+    if (low_at := place.get("low_at")) is not None:
+        high_word, low_word = (data[:2], data[2:]) if order == "big" else (data[2:], data[:2])
+        frame[at : at + 2], frame[low_at : low_at + 2] = high_word, low_word
+    else:
+        frame[at : at + len(data)] = data
+
+
+def _exclusive_or(data: bytes) -> int:
+    found = 0
+    for each in data:
+        found ^= each
+    return found
+
+
+def _rising(data: bytes, poly: int, found: int) -> int:
+    """Return a CRC of 32 bits, the highest first."""
+    for each in data:
+        found ^= each << 24
+        for _ in range(8):
+            found = (found << 1 ^ (poly if found & 0x80000000 else 0)) & 0xFFFFFFFF
+    return found
+
+
+def _falling(data: bytes, poly: int, found: int) -> int:
+    """Return a CRC of 16 bits, the lowest first."""
+    for each in data:
+        found ^= each
+        for _ in range(8):
+            found = found >> 1 ^ (poly if found & 1 else 0)
+    return found
+
+
+_CHECKS: Mapping[str, Callable[[bytes], int]] = {
+    "sum8": lambda data: sum(data) % 256,
+    "sum16": lambda data: sum(data) % 65536,
+    "xor8": _exclusive_or,
+    "crc16-ccitt-false": lambda data: binascii.crc_hqx(data, 0xFFFF),
+    "crc16-xmodem": lambda data: binascii.crc_hqx(data, 0),
+    "crc16-kermit": lambda data: _falling(data, 0x8408, 0),
+    "crc16-modbus": lambda data: _falling(data, 0xA001, 0xFFFF),
+    "crc32": zlib.crc32,
+    "crc32-mpeg2": lambda data: _rising(data, 0x04C11DB7, 0xFFFFFFFF),
+}
