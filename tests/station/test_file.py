@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import inspect, structs
 
+from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import ConfigError
 from vcfbench.models import MODELS
 from vcfbench.procedures.bench_file import load_bench, parse_bench
@@ -120,6 +121,7 @@ def test_the_template_names_every_key_once_and_shows_the_defaults() -> None:
     apart = {"served", *full_template()["served"]}
     assert apart == {"served", *keys_of(Served)}
     settable = {key.path.rpartition(".")[2] for key in settable_keys(VirtualCoriolisSettings)}
+    apart |= {"stream", *keys_of(Stream)}  # docs/howto/stream.md has those
     assert keys_of(BenchDescription) | settable - {"override"} - apart <= KEYS | {"override"} | apart
     bare = parse_bench(template(), "template")
     assert written.procedure == bare.procedure

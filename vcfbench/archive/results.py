@@ -9,6 +9,7 @@ from typing import Any, Final
 import msgspec
 from msgspec import Raw, Struct, structs
 
+from vcfbench.archive.output_unit import in_output_unit, report_in_output_unit
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import MOST_TABLE, read_file, shown
 from vcfbench.instructions.procedure import AnyProcedure
@@ -30,6 +31,7 @@ from vcfbench.station.acceptance import Acceptance, judged
 from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.no_result import is_arithmetic, no_result
+from vcfbench.steps.stream import StreamSeen
 from vcfbench.typed import decoder_of, typed
 from vcfbench.values.value import Value
 
@@ -68,7 +70,8 @@ def evaluate(
     """
     try:
         taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
-        results = read_only(procedure.results(settings, taken))
+        unit = settings.station.output_unit
+        results = read_only(in_output_unit(procedure.results(settings, taken), unit))
         plain(results)  # what cannot be written is no result
         values = tuple(defined(values_of(results).values(), settings, metadata))  # nor are there two of one name
         verdict = judged(limits, results, measured)
@@ -89,6 +92,9 @@ def evaluate(
     if taken.growth > 1.0:
         said = f"each reading remembers the one before: u of means is {math.sqrt(taken.growth):.2g} times as large"
         report = Report([*report.parts, Text(f"{said} as of independent ones; a longer sample_interval_s helps")])
+    report = report_in_output_unit(report, unit)
+    if seen := measured.found(StreamSeen):
+        report = Report([*report.parts, Text(f"the stream: {seen[-1][1].describe()}")])
     return Evaluation(results, verdict, report, values, measured)
 
 

@@ -8,6 +8,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.archive.output_unit import in_output_unit
 from vcfbench.archive.run import Run
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
@@ -65,7 +66,7 @@ class Refusable(Struct, frozen=True, eq=False):
 
     def evaluated(self, settings: Any, measured: Measured) -> Mapping[str, float]:
         """Return the values by other settings or data; a bound has 0, whatever moves."""
-        found = values_of(self.procedure.results(settings, measured))
+        found = values_of(in_output_unit(self.procedure.results(settings, measured), settings.station.output_unit))
         return {name: found[name].value or 0.0 for name in self.u95}
 
 

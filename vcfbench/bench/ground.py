@@ -50,6 +50,8 @@ class UnopenedBench(Struct, frozen=True):
     adjust: Callable[[str, Any], None] | None = None
     left_by: Mapping[str, str] = MappingProxyType({})
     hands: Hands = field(default_factory=Hands)
+    stream: str | None = None
+    """Where the stream of a simulated gyroscope is; None: where the bench file says."""
 
 
 def station(
@@ -138,7 +140,9 @@ def _simulated(
     with bench.registered() as handle:
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
         port = None if description.rate_table is None else f"sim://{handle}"
-        yield UnopenedBench(bench.clock, f"{handle}@vcfbench", port, used, patience, partial(_adjust, bench))
+        wires, adjust = f"{handle}@vcfbench", partial(_adjust, bench)
+        stream = f"sim://{handle}-stream" if description.stream else None
+        yield UnopenedBench(bench.clock, wires, port, used, patience, adjust, stream=stream)
 
 
 def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:

@@ -41,6 +41,8 @@ def open_role(
     model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
     if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
         settings["port"] = stand.rate_table
+    if role == "multimeter" and description.stream:
+        settings = {"stream": description.stream, "port": stand.stream}
     instrument = open_instrument(
         role, model, resource, library=stand.visa_library, clock=stand.clock, settings=settings, like=like
     )

@@ -14,7 +14,8 @@ from vcfbench.instructions.kept import require_valid, with_flicker
 from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.records import device_values, devices
 from vcfbench.station.bounds import ranged, said
-from vcfbench.station.settings import Gap, Limit, Station
+from vcfbench.station.gaps import Gap
+from vcfbench.station.settings import Limit, Station
 from vcfbench.strict import refusal, words
 
 UNSEEN = (

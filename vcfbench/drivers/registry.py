@@ -12,6 +12,8 @@ from vcfbench.drivers.rate_table.driver import RateTableDriver
 from vcfbench.drivers.rate_table.line import TableLine, serial_port
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
 from vcfbench.drivers.session import Session, visa_resource
+from vcfbench.drivers.streams.description import Stream
+from vcfbench.drivers.streams.reader import StreamReader, stream_port
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.interfaces import Instrument
 from vcfbench.models import driver_of, find_language, find_model, model_names
@@ -49,6 +51,8 @@ def find_driver(model: str, like: str | None = None) -> Driver:
     Raises:
         ConfigError: there is none; the words name those there are.
     """
+    if model == "stream":
+        return Driver(model, StreamReader, _stream)
     if model.endswith(".toml") or find_language(model) is not None:
         return _table(model)
     row = find_model(like or model)
@@ -79,6 +83,12 @@ def _table(name: str) -> Driver:
             raise
 
     return Driver(name, RateTableDriver, opener)
+
+
+def _stream(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> StreamReader:
+    del library  # pyserial opens streams
+    stream: Stream = settings["stream"]
+    return StreamReader(role, resource, stream_port(stream, settings.get("port"), clock), stream, clock)
 
 
 def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:

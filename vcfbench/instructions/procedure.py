@@ -86,6 +86,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             store when the run is complete, recorded and safe.
         unforeseen: results whose U95 no dry run can expect, and why, by the last part of their names.
         watched: the windows that its plan holds against each other; None: nothing of a fault between them is seen.
+        streams: whether its output may be a stream of numbers, not a voltage.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
     """
 
@@ -102,6 +103,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     unforeseen: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     watched: Watched | None = None
     in_one_piece: str = ""
+    streams: bool = False
     method: str = ""
 
     def __post_init__(self) -> None:

@@ -41,9 +41,15 @@ def framed(*frames: Callable[[Any, Plan], Plan]) -> Callable[[Callable[[S], Plan
 
 def power_up(settings: ProcedureSettings) -> Routine[None]:
     """Set up meter and generator, then switch the rails on; V_Vc is off before the PCB gets power."""
-    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from meter_set(settings)
     yield from source_off(settings)
     yield from rails_on(settings, settings.start_up_s)
+
+
+def meter_set(settings: ProcedureSettings) -> Routine[None]:
+    """Set range and integration time of the multimeter; a stream has its own."""
+    if not settings.station.stream:
+        yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
 def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
@@ -185,7 +191,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
         yield steps.NotChecked("whether the output answers", "the bench has neither table nor generator")
         return
     yield steps.Note("Does the output answer?")
-    yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+    yield from meter_set(settings)
     at_rest = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
     if limits.max_rate_deg_s is not None:
         rate_deg_s = min(_SLOW_DEG_S, limits.max_rate_deg_s)
@@ -237,7 +243,10 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
     try:
         yield steps.Note("Start-up")
         yield from power_up(settings)
-        return (yield from work)
+        found = yield from work
+        if settings.station.stream:
+            yield steps.LookAtStream()
+        return found
     finally:
         yield from power_down(settings)
 

@@ -40,6 +40,7 @@ from vcfbench.strict import refusal, unknown_key, words
 from vcfbench.typed import typed
 
 if TYPE_CHECKING:
+    from vcfbench.drivers.streams.description import Stream
     from vcfbench.instructions.procedure import AnyProcedure, Procedure
     from vcfbench.specifications import LevelSpecification
     from vcfbench.station.description import BenchDescription
@@ -78,7 +79,9 @@ def settings_of(
     layers = layers_of(procedure, description, source or description.name)
     chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
     resolution_v, meter = None, description.multimeter
-    if meter is not None:
+    if description.stream:
+        resolution_v = description.stream.last_digit
+    elif meter is not None:
         sheet: VoltmeterSpecification | None = data_sheet_of(meter.like or meter.model)
         if sheet is None:
             raise ConfigError(
@@ -232,7 +235,9 @@ def _sources(description: BenchDescription, chosen: ProcedureSettings) -> Source
     left_open = {key: each for key, each in WORST_OF_CLASS.items() if known[key] is None and key not in idle}
     known |= {key: each.value for key, each in left_open.items()}
     known["generator_ranges_v"] = tuple(sorted(known["generator_ranges_v"] or ()))
-    instruments = _meter_sources(description, chosen, "multimeter") | _meter_sources(description, chosen, "v_vc_meter")
+    output = _stream_sources(description.stream) if description.stream else None
+    instruments = output or _meter_sources(description, chosen, "multimeter")
+    instruments |= _meter_sources(description, chosen, "v_vc_meter")
     if (placed := description.rate_source) is not None:
         sheet: LevelSpecification = data_sheet_of(placed.like or placed.model) or AGILENT_33220A  # the worst known
         gain, offset_v = known["generator_error"], known["generator_offset_v"]
@@ -281,6 +286,13 @@ def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, rol
         if role == "multimeter":
             worth["meter_gain"] = _with_load(worth, description, range_v)
     return {key: age_days, key.replace("_days", "_from"): said, **worth}
+
+
+def _stream_sources(stream: Stream) -> dict[str, Any]:
+    """Return the contributions of a stream in place of a meter: its clock, where its numbers go by that."""
+    said = f"stream: {stream.name}, {stream.kind} in {stream.unit}, means over {stream.aperture_s:g} s"
+    worth = {"meter_gain": stream.clock_share, "meter_offset_v": 0.0, "meter_sigmas": None}
+    return {"meter_age_days": 0.0, "meter_age_from": said, **worth}
 
 
 _HIGH_OHM, _HIGH_V, _USUAL_OHM = 1e10, 10.0, 1e7

@@ -160,6 +160,7 @@ TURNTABLE = Procedure(
     needs=roles("multimeter", "rate_table"),
     uses=roles("power", "oscilloscope", "rate_source"),
     watched=Watched(),
+    streams=True,
     plan=turntable,
     results=turntable_results,
     report=turntable_report,

@@ -15,6 +15,7 @@ import numpy as np
 from msgspec import Struct, field, structs, to_builtins
 from numpy.typing import NDArray
 
+from vcfbench.archive.output_unit import in_output_unit
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -155,11 +156,11 @@ def _gyro(settings: ProcedureSettings) -> _Scattering:
     gyro = _Scattering(
         k_vc=base.k_vc,
         scale_factor=base.scale_factor,
-        bias_v=_PAPER_BIAS_V if expected.bias_v is None and flicker_deg_h != 0.0 else base.bias_v,
+        bias_v=_PAPER_BIAS_V / 0.0125 * per_deg_s if expected.bias_v is None and flicker_deg_h != 0.0 else base.bias_v,
         rng=Random(5),  # noqa: S311  # the same plan is told the same, by a draw near the middle of what draws give
         white_v_sqrt_s=(_DIGITS if flicker_deg_h == 0.0 else 1.0) * PAPER_WALK_DEG_SQRT_H / 60.0 * per_deg_s,
         flicker_v=(flicker_deg_h or 0.0) / 3600.0 * per_deg_s,
-        integration_s=float(settings.nplc) / settings.station.mains_hz,
+        integration_s=settings.aperture_s,
         bends=1.0 if largest_ppm is None else min(1.0, largest_ppm / _PAPER_NONLINEARITY_PPM),
     )
     if expected.reading_noise_v is not None and flicker_deg_h != 0.0:
@@ -194,7 +195,8 @@ def _stated(
     for line, point in _lines(steps, gyro, settings.station.mains_hz):
         lines.append(line)
         points += [] if point is None else [point]
-    results = procedure.results(settings, Foreseen(points, lambda: lines, white_v_sqrt_s=gyro.white_v_sqrt_s))
+    foreseen = Foreseen(points, lambda: lines, white_v_sqrt_s=gyro.white_v_sqrt_s)
+    results = in_output_unit(procedure.results(settings, foreseen), settings.station.output_unit)
     of_parts = results.parts if isinstance(results, InParts) else ()
     parts = [(f"{each.name}.", PROCEDURES[each.name], each.results) for each in of_parts]
     values, unknown = [], []

@@ -22,6 +22,13 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
     Raises:
         ConfigError: it has not; procedure, bench, and what its bench file lacks are in the words.
     """
+    if description.stream and not procedure.streams:
+        able = ", ".join(name for name, each in PROCEDURES.items() if each.streams)
+        raise ConfigError(
+            f"{procedure.name} needs an output that is a voltage, or V_Vc, and that of bench {description.name} is a "
+            "stream of numbers ([gyro.stream])",
+            hint=f"of a stream there are {able}",
+        )
     missing = [role for role in procedure.needs if getattr(description, role, None) is None]
     if missing:
         tables = ", ".join(f"[{role}]" for role in missing)

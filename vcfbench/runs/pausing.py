@@ -16,7 +16,7 @@ from vcfbench.belief.walk import Limits, sigmas
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import WallClock, sleep
-from vcfbench.instructions.routines import window_of
+from vcfbench.instructions.routines import meter_set, window_of
 from vcfbench.runs.request import Prepared
 from vcfbench.safety.control import RunControl
 from vcfbench.station.settings import ProcedureSettings
@@ -94,7 +94,7 @@ class Pausing(Struct, frozen=True):
     def looked_at(self, done: Sequence[Step]) -> Routine[steps.Window]:
         """Read the output at rest, V_Vc off."""
         settings = self.settings
-        yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
+        yield from meter_set(settings)
         yield steps.Settle(settings.settle_s, "gyro settles, table at rest")
         held = isinstance(_last(done, steps.EnableTable.subject), steps.EnableTable)
         rails = next((step.rails for step in reversed(done) if isinstance(step, steps.Acquire)), ())

@@ -12,7 +12,7 @@ from itertools import chain, count
 from threading import Lock
 from typing import Any, cast
 
-from msgspec import Struct
+from msgspec import Struct, to_builtins
 from numpy.random import Generator, SeedSequence, default_rng
 from simrack.attendance import AttendedClock
 from simrack.device import Device
@@ -109,7 +109,8 @@ class SimulatedBench(Struct, frozen=True):
 
     def visa_devices(self) -> dict[str, Device]:
         """Return the devices on VISA by the resource names of the bench file; a serial one at the end of its line."""
-        parts = {role: getattr(self.description, role) for role in self.devices if role != "rate_table"}
+        apart = {"rate_table", "multimeter"} if self.description.stream else {"rate_table"}
+        parts = {role: getattr(self.description, role) for role in self.devices if role not in apart}
         devices = {part.resource: self.devices[role] for role, part in parts.items()}
         for part in filter(_is_serial, parts.values()):  # its line is set on its front panel as the bench file has it
             line = SerialSettings() if part.serial is None else part.serial
@@ -144,10 +145,13 @@ class SimulatedBench(Struct, frozen=True):
                 raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
             if "rate_table" in self.devices:
                 serial_backend.register(handle, self.table_port(), self.clock)
+            if self.description.stream:
+                serial_backend.register(f"{handle}-stream", self.devices["multimeter"], self.clock)
             try:
                 yield handle
             finally:
                 serial_backend.unregister(handle)
+                serial_backend.unregister(f"{handle}-stream")
                 SimVisaLibrary.unregister(handle)
 
 
@@ -174,6 +178,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
         "interface": "rs232" if _is_serial(part) else None,
         "noise_seed": noise_seed,
         "model": part.model,
+        "stream": to_builtins(description.stream),
     }
 
 

@@ -30,6 +30,11 @@ def twins(description: BenchDescription) -> dict[str, Any]:
         part = getattr(description, role)
         if part is None:
             continue
+        if role == "multimeter" and description.stream:
+            from simrack.stream import StreamTwin  # noqa: PLC0415  # few benches have one
+
+            found[role] = StreamTwin
+            continue
         row: Model | TableLanguage | None
         if role == "rate_table":
             name = profile_twin(part.dialect) if part.dialect.endswith(".toml") else part.dialect

@@ -5,7 +5,7 @@ from ipaddress import ip_address
 from types import MappingProxyType
 from typing import Any
 
-from msgspec import structs
+from msgspec import UNSET, structs
 
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 from vcfbench.station.description import BenchDescription, RateTableRole
@@ -46,10 +46,11 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     yield from turned_windows(description.expected, "expected")
     yield from turned_windows(description.acceptance, "acceptance")
     yield from _served(description)
+    yield from _stream(description)
     for name, part in structs.asdict(description).items():
         # physical parameters have units of their own, settings of procedures are checked with their procedure
         if name not in {"simulation", "procedure_table"}:
-            yield from lost_digits(part, name)
+            yield from lost_digits(structs.replace(part, stream=UNSET) if name == "gyro" else part, name)
 
 
 def _instruments(description: BenchDescription) -> Iterator[InvalidValue]:
@@ -65,7 +66,8 @@ def _instruments(description: BenchDescription) -> Iterator[InvalidValue]:
         if part.calibrated and part.calibration_due and part.calibration_due <= part.calibrated:
             expected = f"a day after {role}.calibrated = {part.calibrated}"
             yield InvalidValue(f"{role}.calibration_due", expected, part.calibration_due)
-        yield from _table(part) if role == "rate_table" else _model(role, part)
+        if not (role == "multimeter" and description.stream):
+            yield from _table(part) if role == "rate_table" else _model(role, part)
         if (other := seen.setdefault(part.resource.upper(), role)) != role:
             yield InvalidValue(f"{role}.resource", f"a resource of its own, not that of {other}", part.resource)
 
@@ -94,6 +96,17 @@ def _table(part: RateTableRole) -> Iterator[InvalidValue]:
         yield InvalidValue("rate_table.dialect", expected, part.dialect)
     elif part.dialect == "zaber" and part.steps_per_deg is None:
         yield InvalidValue("rate_table.steps_per_deg", "the stage's microsteps per degree", None)
+
+
+def _stream(description: BenchDescription) -> Iterator[InvalidValue]:
+    """Check the stream that is the output, and that nothing is beside it that needs volts."""
+    if not description.stream:
+        return
+    for role in ("rate_source", "v_vc_meter", "vibration_source"):
+        if getattr(description, role) is not None:
+            yield InvalidValue(role, "none beside [gyro.stream]: such a device has no input for V_Vc", role)
+    for key, expected, came in description.stream.contradictions():
+        yield InvalidValue(f"gyro.stream.{key}", expected, came)
 
 
 def _served(description: BenchDescription) -> Iterator[InvalidValue]:

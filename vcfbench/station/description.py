@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal
 from msgspec import Meta, field
 
 from vcfbench import strict
+from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import ConfigError
 from vcfbench.models import rail_terminals
 from vcfbench.station import bounds, parts
@@ -331,6 +332,11 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         """Roles that a person performs; on a simulated bench none: there the program is the hands."""
         parts = {role: getattr(self, role) for role in ("power", "multimeter", "rate_table")}
         return () if self.simulated else tuple(role for role, part in parts.items() if part and part.by)
+
+    @property
+    def stream(self) -> Stream | None:
+        """The stream of numbers that the gyroscope speaks; None where a multimeter reads its output."""
+        return self.gyro.stream or None
 
     @property
     def rails_at(self) -> str:

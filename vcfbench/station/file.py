@@ -12,6 +12,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription
+from vcfbench.station.stream_profiles import with_stream
 from vcfbench.strict import converted, refusal, words
 
 EMBEDDED = ("paper", "lab", "ideal")
@@ -71,7 +72,7 @@ def checked_bench(
 
     Certificates that it names are found from `folder`, None: from where the program runs.
     """
-    description = _from(values, source)
+    description = _from(with_stream(values, source, folder or Path()), source)
     for role in ("multimeter", "v_vc_meter"):
         part = getattr(description, role)
         if part is not None and part.calibration_dcc is not None:

@@ -2,8 +2,9 @@
 
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import UNSET, Meta, Struct, UnsetType
 
+from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import LimitError
 from vcfbench.station import bounds
 
@@ -99,10 +100,13 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 
 
 class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
-    """Declaration of this gyroscope by its maker or user: its input range."""
+    """Declaration of this gyroscope by its maker or user: its input range, and the stream that it speaks, if any."""
 
     range_deg_s: bounds.RateLimit | None = None
     """Input range either way: the scale factor of that range is stated beside that of the rates of a run."""
+
+    stream: Stream | UnsetType = UNSET
+    """Its output, where that is no voltage; where it is one, records say nothing of it."""
 
 
 class Expected(BenchFileTable, frozen=True, kw_only=True):

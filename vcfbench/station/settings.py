@@ -13,10 +13,12 @@ from msgspec import Meta, Struct, field, structs
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
 from vcfbench.station import bounds, parts
+from vcfbench.station.gaps import GAPS, Gap
 from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.station.linear_gyro import LinearGyro
 
 if TYPE_CHECKING:
+    from vcfbench.drivers.streams.description import Stream
     from vcfbench.records.schema import Point
 
 
@@ -107,49 +109,6 @@ class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
         return tuple(each for each in self.calibration if each.range_v == range_v)
 
 
-class Gap(Struct, frozen=True):
-    """Contribution of which nothing is known, nor a figure for its class: values of `kinds` are incomplete."""
-
-    name: str
-    words: str
-    kinds: tuple[str, ...]
-
-
-_BIASES, _SLOPES = ("bias", "bias_deg_s", "bias_v"), ("scale_factor", "line")
-_GAPS = {
-    "meter_gain": Gap("multimeter", "the multimeter's accuracy", (*_SLOPES, *_BIASES)),
-    "table_rate": Gap("table rate", "the table's accuracy (uncertainty.table_rate_error)", (*_SLOPES, "k_vc")),
-    "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES, "asymmetry")),
-    "temperature_k": Gap(
-        "temperature",
-        "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)",
-        (*_SLOPES, *_BIASES, "k_vc"),
-    ),
-    "misalignment_deg": Gap(
-        "misalignment",
-        "the angle between the gyroscope's axis and the table's (uncertainty.misalignment_deg)",
-        (*_SLOPES, *_BIASES, "k_vc"),
-    ),
-    "carrier_phase_deg": Gap(
-        "carrier phase",
-        "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)",
-        ("k_vc",),
-    ),
-    "demodulator_phase_deg": Gap(
-        "demodulator phase",
-        "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change "
-        "(uncertainty.demodulator_phase_deg)",
-        (*_SLOPES, *_BIASES, "k_vc"),
-    ),
-    "bias_deg_s_demodulator_deg": Gap(
-        "quadrature",
-        "quadrature that the demodulator's phase lets into the bias (uncertainty.bias_deg_s_demodulator_deg; `phase` "
-        "measures it)",
-        _BIASES,
-    ),
-}
-
-
 class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Contributions of instruments and gyroscope to uncertainties, at the settings of the run; None: not known.
 
@@ -231,7 +190,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def gaps(self) -> Iterator[Gap]:
         """Yield the contributions that are not known."""
-        for key, gap in _GAPS.items():
+        for key, gap in GAPS.items():
             idle = key == "bias_deg_s_demodulator_deg" and not self.demodulator_phase_deg
             if getattr(self, key) is None and not idle:
                 yield gap
@@ -272,6 +231,16 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     sources: Sources = field(default_factory=Sources)
     characteristics: dict[str, Any] = field(default_factory=dict)
     simulated: bool | None = None
+
+    @property
+    def stream(self) -> "Stream | None":
+        """The stream that is the output; None where a multimeter reads it."""
+        return self.gyro.stream or None
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the output: what is called a voltage is in it."""
+        return self.stream.output_unit if self.stream else "V"
 
     def sheet_of(self, role: str) -> Any:
         """Return the data sheet of the instrument of `role`; None where there is none."""
@@ -398,6 +367,12 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return self.station.meter_resolution_v
 
     @property
+    def aperture_s(self) -> float:
+        """Integration time of one reading, s."""
+        stream = self.station.stream
+        return stream.aperture_s if stream else self.nplc / self.station.mains_hz
+
+    @property
     def fastest_deg_s(self) -> float:
         """The fastest that the table is asked to turn, deg/s, either way."""
         return max(map(abs, self.rates_deg_s))
@@ -405,9 +380,10 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def expected_gyro(self) -> LinearGyro:
         """Return the gyro that the bench file expects: the middle of each window, or the guess of K_Vc."""
         expected = self.expected
+        usual = {"V": -0.0125, "deg/s": 1.0}.get(self.station.output_unit, 100.0)
         return LinearGyro(
             self.k_vc_guess_deg_s_per_v if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
-            -0.0125 if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
+            usual if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
             0.0 if expected.bias_v is None else _middle(expected.bias_v),
         )
 
@@ -437,7 +413,12 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         if self.station.rails.positive == "P6V" and self.positive_rail_v > 6.18:  # E3631A: programming range of +6 V
             yield InvalidValue("positive_rail_v", "at most 6.18 V from output P6V", self.positive_rail_v)
         reading_s = 2.0 * self.nplc / self.station.mains_hz  # with its autozero it is two integration times long
-        if reading_s > self.sample_interval_s:
+        if stream := self.station.stream:
+            reading_s = stream.reading_s
+            if reading_s > self.sample_interval_s:
+                expected = f"at least {reading_s:g} s, which the frames of a reading take (gyro.stream.aperture_s)"
+                yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
+        elif reading_s > self.sample_interval_s:
             expected = f"at least {reading_s:g} s, which a reading of {self.nplc} power-line cycles with autozero takes"
             yield InvalidValue("sample_interval_s", expected, self.sample_interval_s)
         yield from self._beyond(self.station.limits)

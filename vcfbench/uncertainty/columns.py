@@ -15,7 +15,6 @@ from vcfbench.station.settings import ProcedureSettings
 from vcfbench.uncertainty.found import SweepFound
 from vcfbench.uncertainty.measurand import printed
 from vcfbench.uncertainty.statement import Statement
-from vcfbench.values.kinds import named
 from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Measurand, Unstated, Value
 
@@ -126,7 +125,7 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
     lines, names = [], {each.name for each in statement.values}
     for each in statement.values:
-        words = named(each.name, each.unit).words
+        words = each.named.words
         value, u, u95 = printed(each)
         rows.append((words, value, u95, u, each.coverage_factor, each.unit, each.of + incomplete(each.missing)))
         if f"{each.name}_deg_s" in names:  # a bias has its contributions once, as a rate

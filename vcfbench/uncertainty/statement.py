@@ -126,6 +126,8 @@ def statement(
     if earth_left_deg_s(settings) is None:
         not_in_u.append("Earth's rate: it is in the bias")
     known_from = [f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"]
+    if settings.station.stream:
+        known_from = [known.meter_age_from]
     if levels_by == "V_Vc meter":
         age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from
         known_from.append(f"meter on V_Vc: {age_days:g} days after calibration ({whence})")

@@ -116,6 +116,8 @@ def named(name: str, unit: str = "", kind: str = "") -> Named:
     column, _, last = name.rpartition(".")
     if kind := kind or kind_of(name, unit):
         found = Named(*KINDS[kind][:2], *KINDS[kind][3:5])
+        if unit and unit != KINDS[kind].si:
+            found = found._replace(factor=1.0, unit=unit)
     else:
         words, of_name = in_words(last)
         found = Named(words, unit=unit or of_name)
@@ -128,6 +130,21 @@ def named(name: str, unit: str = "", kind: str = "") -> Named:
         return found._replace(words=words, german="" if column else found.german, unit=found.unit or of_column)
     german = f"{found.german}, {where[1]}" if found.german else ""
     return found._replace(words=f"{found.words}, {where[0]}", german=german)
+
+
+def slope_unit(unit: str) -> str:
+    """Return the unit of a scale factor by that of the output: ``LSB/(deg/s)``."""
+    return f"({unit})/(deg/s)" if "/" in unit else f"{unit}/(deg/s)"
+
+
+STREAMED: Final = ("deg/s", "LSB", "LSB/s")
+"""Units of an output that is no voltage."""
+
+
+def fits(kind: str, unit: str) -> bool:
+    """Return True if a value of `kind` may be in `unit`: its own, or what stands for volts where none are read."""
+    known = {"V": STREAMED, "V/(deg/s)": tuple(map(slope_unit, STREAMED))}
+    return kind in KINDS and (KINDS[kind].si == unit or unit in known.get(KINDS[kind].si, ()))
 
 
 def limit_words(key: str) -> Named:

@@ -9,7 +9,7 @@ from msgspec.structs import force_setattr
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.definition import Conditions, Definition
-from vcfbench.values.kinds import KINDS, Named, kind_of, named
+from vcfbench.values.kinds import KINDS, Named, fits, kind_of, named
 from vcfbench.values.printing import digits_of_value, grouped, in_threes, incomplete, shorthand
 from vcfbench.values.quantile import t_quantile
 
@@ -88,7 +88,7 @@ class Value(Struct, frozen=True):
         if wrong := [each for each in (self.u, self.u95) if each is not None and each < 0.0]:
             raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, came {wrong[0]:g}")
         kind = KINDS.get(self.kind)
-        if self.kind and (kind is None or kind.si != self.unit):
+        if self.kind and not fits(self.kind, self.unit):
             of = self.kind if kind is None else f"{kind.words} in {kind.si or 'no unit'}"
             raise ConfigError(f"{self.name}: expected {of}, came {self.unit!r}")
         if self.u is not None and self.u95 is None and self.form == "plus-minus":

@@ -164,5 +164,6 @@ TEMPERATURE = Procedure(
     entry=Keeps("temperature", temperature_characteristics),
     needs=roles("multimeter"),
     either=roles("rate_source", "rate_table"),
+    streams=True,
     uses=roles("power", "oscilloscope", "chamber"),
 )

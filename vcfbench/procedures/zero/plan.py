@@ -85,6 +85,7 @@ ZERO = Procedure(
     results=results,
     report=zero_report,
     entry=entry,
+    streams=True,
     needs=roles("multimeter"),
     uses=roles("power", "oscilloscope", "rate_source", "rate_table"),
 )

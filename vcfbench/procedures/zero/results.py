@@ -83,11 +83,6 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         return max(self.powered_s, self.warm_up_s, self.settle_s)
 
     @property
-    def aperture_s(self) -> float:
-        """Integration time of the meter, s."""
-        return self.nplc / self.station.mains_hz
-
-    @property
     def sampling(self) -> Sampling:
         """Sampling of the record; of a noise bandwidth nothing is told where dead time is not corrected for."""
         if self.mode is Mode.GAPLESS:
@@ -131,6 +126,9 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         if self.duration_s > 1e6 * self.aperture_s:
             expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
             yield InvalidValue("duration_s", expected, self.duration_s)
+        if self.mode is Mode.GAPLESS and self.station.stream:
+            expected = "corrected or dead-time: nothing keeps a stream while its frames are read"
+            yield InvalidValue("mode", expected, self.mode.value)
         least_hz = 0.5 / self.aperture_s
         if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
             expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"

@@ -1,0 +1,236 @@
+"""Gyroscopes that speak numbers: from a bench file to a statement, and what happens when their frames are spoilt."""
+
+from __future__ import annotations
+
+import tomllib
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+from msgspec import structs
+from simrack_tests.cells import few
+
+import vcfbench
+from vcfbench.archive.verified import verify_run
+from vcfbench.bench.bench import open_bench
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.procedures.bench_file import checked_bench
+from vcfbench.procedures.layers import asked_in_python
+from vcfbench.records.schema import Status
+from vcfbench.runs.conduct import conduct
+from vcfbench.runs.request import Request
+from vcfbench.safety.signals import StopSignals
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.stream_profiles import stream_profiles
+from vcfbench.station.writing import bench_text
+from vcfbench.steps.stream import StreamSeen
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
+
+PAPER = vcfbench.load_bench()
+TABLE = msgspec.to_builtins(
+    structs.replace(PAPER, name="stream-1", power=None, multimeter=None, rate_source=None, oscilloscope=None)
+)
+QUICK = {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 5}
+PROFILES = stream_profiles()
+FAULTS: dict[str, dict[str, float]] = {
+    "few dropped": {"dropped": 0.01},
+    "half dropped": {"dropped": 0.5},
+    "few bits": {"flipped": 0.01},
+    "many bits": {"flipped": 0.5},
+    "repeated": {"repeated": 0.05},
+    "garbage": {"garbage": 0.05},
+    "silent": {"silent": 1.0},
+    "stuck": {"stuck": 1.0},
+    "frozen": {"frozen": 1.0},
+    "saturated": {"saturated": 1.0},
+    "not well": {"status": 1.0},
+    "clock": {"clock_ppm": 5000.0},
+    "late": {"latency_s": 0.02},
+}
+LEFT_ALONE = {"few dropped", "few bits", "repeated", "garbage", "late"}
+
+
+def stream_bench(stream: dict[str, Any] | str, **errors: float) -> BenchDescription:
+    stated = {"profile": stream} if isinstance(stream, str) else stream
+    values = {
+        **TABLE,
+        "limits": {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0},
+        "gyro": {"stream": {"resource": "/dev/ttyUSB0", **stated}},
+    }
+    values["simulation"] = {**TABLE["simulation"], "errors": {"multimeter": errors or "drawn"}}
+    text = bench_text(checked_bench({k: v for k, v in values.items() if v is not None}, "stream.toml"))
+    return checked_bench(tomllib.loads(text), "stream.toml")
+
+
+@pytest.mark.parametrize("profile", few(PROFILES, "adis16495"))
+def test_a_stream_is_calibrated_in_its_own_unit(profile: str, tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", stream_bench(profile), seed=1, settings=QUICK, runs=tmp_path)
+    assert run.status is Status.COMPLETE
+    k = run.values["scale_factor"]
+    assert k.unit == "(deg/s)/(deg/s)"
+    assert abs((k.value or 0.0) - 1.004) < 0.001  # the simulated gyroscope's -12.55 over -12.5 mV/(deg/s)
+    assert run.values["bias"].unit == "deg/s"
+    text = vcfbench.text_of(run.report())
+    assert " mV" not in text
+    assert "frames, 0 missing" in text
+    assert run.directory is not None
+    assert verify_run(run.directory).wrong is None
+
+
+def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
+    settings = {"duration_s": 200.0, "powered_s": 10.0}
+    run = vcfbench.run("zero", stream_bench("vn100"), seed=1, settings=settings, runs=tmp_path)
+    assert run.status is Status.COMPLETE
+    assert run.values["output_v"].unit == "deg/s"
+
+
+def test_of_increments_the_clock_of_the_device_is_in_the_budget(tmp_path: Path) -> None:
+    runs = {
+        ppm: vcfbench.run("turntable", stream_bench("dsp1760", clock_ppm=ppm), seed=1, settings=QUICK, runs=tmp_path)
+        for ppm in (0.0, 150.0)
+    }
+    at, fast = (runs[ppm].values["scale_factor"] for ppm in (0.0, 150.0))
+    assert (fast.value or 0.0) / (at.value or 1.0) - 1.0 == pytest.approx(-150e-6, abs=30e-6)
+    assert "device clock" in {part.source for part in fast.parts}
+    assert abs((fast.value or 0.0) - (at.value or 0.0)) < (fast.u95 or 0.0)
+    (seen,) = [each for _, each in runs[150.0].measured.found(StreamSeen)]
+    assert seen.clock_ppm == pytest.approx(150.0, abs=2.0 * (seen.u_clock_ppm or 0.0))
+
+
+class Later:
+    """A fault that comes in the middle of a run."""
+
+    def __init__(self, bench: SimulatedBench, at_s: float, errors: dict[str, float]) -> None:
+        self._bench, self._at_s, self._errors = bench, at_s, errors
+
+    def wake_at(self) -> float | None:
+        if self._bench.clock.now() < self._at_s:
+            return self._at_s
+        own: Any = self._bench.devices["multimeter"]
+        for each in own.adjustments():
+            if each.name.removeprefix("stream.") in self._errors and each.read() == 0.0:
+                each.write(self._errors[each.name.removeprefix("stream.")])
+        return None
+
+
+@pytest.mark.parametrize(
+    ("profile", "fault", "at_s"),
+    few(
+        [(profile, fault, at_s) for profile in PROFILES for fault in FAULTS for at_s in (0.0, 25.0)],
+        ("adis16495", "stuck", 25.0),
+        ("vn100", "few bits", 0.0),
+    ),
+)
+def test_a_fault_is_told_or_refused_and_never_a_wrong_number(
+    profile: str, fault: str, at_s: float, tmp_path: Path
+) -> None:
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        bench = SimulatedBench.build(description, seed, clock)
+        attended: Any = bench.clock
+        attended.attend(Later(bench, at_s, FAULTS[fault]))
+        return bench
+
+    bench = stream_bench(profile, lsb_per_deg_s=100.0)
+    good = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path).values["scale_factor"]
+    try:
+        request = Request("turntable", bench, 1, asked_in_python(QUICK), build=build, warn=lambda _: None)
+        with StopSignals() as signals:
+            found = conduct(request, signals).values["scale_factor"]
+    except BenchError:
+        if fault in LEFT_ALONE:
+            raise
+    else:
+        assert abs((found.value or 0.0) - (good.value or 0.0)) < max(found.u95 or 0.0, good.u95 or 0.0)
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        ({"silent": 1.0}, "silent"),
+        ({"stuck": 1.0}, "is stuck"),
+        ({"frozen": 1.0}, "stands still"),
+        ({"saturated": 1.0}, "saturated"),
+        ({"status": 1.0}, "status"),
+        ({"dropped": 0.5}, "missing"),
+        ({"clock_ppm": 50_000.0}, "clock_ppm = 200"),
+    ],
+    ids=str,
+)
+def test_frames_that_are_no_measurement_are_refused_with_the_reason(errors: dict[str, float], said: str) -> None:
+    with open_bench(stream_bench("adis16495"), seed=1, needs=["multimeter"]) as bench:
+        bench.multimeter.read_voltage_v()
+        for name, value in errors.items():
+            assert bench.adjust is not None
+            bench.adjust(f"multimeter.stream.{name}", value)
+        with pytest.raises(BenchError, match=said):
+            [bench.multimeter.read_voltage_v() for _ in range(3)]
+
+
+def test_a_reading_is_of_frames_that_began_after_it_was_asked_for() -> None:
+    with open_bench(stream_bench("adis16495", latency_s=0.001), seed=1, needs=["multimeter"]) as bench:
+        assert bench.adjust is not None
+        before = bench.multimeter.read_voltage_v()
+        bench.adjust("applied_rate_deg_s", 50.0)
+        bench.clock.sleep_until(bench.clock.now() + 1.0)
+        assert bench.multimeter.read_voltage_v() - before == pytest.approx(50.2, abs=0.2)
+
+
+@pytest.mark.parametrize("procedure", ["virtual-coriolis", "warmup", "online", "g-sensitivity"])
+def test_what_needs_a_voltage_is_refused_with_what_there_is(procedure: str) -> None:
+    with pytest.raises(ConfigError, match=f"{procedure} needs an output that is a voltage.*turntable"):
+        vcfbench.dry_run(procedure, stream_bench("vn100"))
+
+
+def test_a_stream_without_gaps_is_refused() -> None:
+    with pytest.raises(ConfigError, match="mode: expected corrected or dead-time"):
+        vcfbench.dry_run("zero", stream_bench("vn100"), settings={"mode": "gapless", "sample_interval_s": 1.0})
+
+
+MINIMAL = {"sample_rate_hz": 100.0, "header": "A5", "length": 8, "value": {"at": 2}}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"profile": "imu"}, r"gyro.stream.profile: expected one of adis16495, .*FILE.toml, came 'imu'"),
+        ({"header": "xyz"}, r"gyro.stream.header: expected the bytes in hex .*came 'xyz'"),
+        ({"value": {"at": 7}}, r"gyro.stream.value.at: expected at most 6, for the number to end by byte 8, came 7"),
+        ({"value": {"at": 2, "type": "int12"}}, r"gyro.stream.value.type: expected.*came 'int12'"),
+        ({"unit": "deg"}, r"gyro.stream.unit: expected of rate: one of deg/s, rad/s, LSB, came 'deg'"),
+        ({"kind": "increment", "unit": "deg"}, r"gyro.stream.counter: expected a counter"),
+        ({"checksum": {"name": "crc16"}}, r"gyro.stream.checksum.name: expected.*came 'crc16'"),
+        ({"baud_rate": 4800}, r"gyro.stream.baud_rate: expected at least 8000"),
+        ({"length": None}, r"gyro.stream.columns: expected how many"),
+        ({"value": {"at": 2, "type": "float32"}}, r"gyro.stream.resolution: expected"),
+        ({"sampel_rate": 3.0}, r"gyro.stream.sampel_rate"),
+    ],
+    ids=lambda each: next(iter(each)) if isinstance(each, dict) else "",
+)
+def test_a_mistake_in_the_description_names_the_key_what_came_and_what_is_expected(
+    change: dict[str, Any], said: str
+) -> None:
+    stated = {key: value for key, value in {**MINIMAL, **change}.items() if value is not None}
+    with pytest.raises(ConfigError, match=said):
+        stream_bench(stated)
+
+
+def test_a_meter_beside_a_stream_is_refused() -> None:
+    values = {**TABLE, "gyro": {"stream": {"resource": "x", **MINIMAL}}, "multimeter": {"model": "34401A"}}
+    with pytest.raises(ConfigError, match="multimeter: expected none beside"):
+        checked_bench(values, "stream.toml")
+
+
+def test_a_profile_beside_the_bench_file_is_read_and_the_bench_file_goes_before_it(tmp_path: Path) -> None:
+    (tmp_path / "imu.toml").write_text('sample_rate_hz = 50.0\nheader = "A5"\nlength = 8\nvalue = { at = 2 }\n')
+    text = bench_text(stream_bench("vn100")).partition("[gyro.stream]")[0]
+    own = '[gyro.stream]\nprofile = "imu.toml"\nresource = "COM3"\nsample_rate_hz = 20.0\n'
+    head = text[: text.index("[gyro]")] if "[gyro]" in text else text
+    (tmp_path / "bench.toml").write_text(head + own)
+    stream = vcfbench.load_bench(tmp_path / "bench.toml").stream
+    assert stream is not None
+    assert (stream.name, stream.length, stream.sample_rate_hz) == ("imu", 8, 20.0)

@@ -1,0 +1,46 @@
+"""Contributions to uncertainties that nobody tells, and what is incomplete without each."""
+
+from msgspec import Struct
+
+
+class Gap(Struct, frozen=True):
+    """Contribution of which nothing is known, nor a figure for its class: values of `kinds` are incomplete."""
+
+    name: str
+    words: str
+    kinds: tuple[str, ...]
+
+
+_BIASES, _SLOPES = ("bias", "bias_deg_s", "bias_v"), ("scale_factor", "line")
+GAPS = {
+    "meter_gain": Gap("multimeter", "the multimeter's accuracy", (*_SLOPES, *_BIASES)),
+    "table_rate": Gap("table rate", "the table's accuracy (uncertainty.table_rate_error)", (*_SLOPES, "k_vc")),
+    "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES, "asymmetry")),
+    "temperature_k": Gap(
+        "temperature",
+        "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "misalignment_deg": Gap(
+        "misalignment",
+        "the angle between the gyroscope's axis and the table's (uncertainty.misalignment_deg)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "carrier_phase_deg": Gap(
+        "carrier phase",
+        "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)",
+        ("k_vc",),
+    ),
+    "demodulator_phase_deg": Gap(
+        "demodulator phase",
+        "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change "
+        "(uncertainty.demodulator_phase_deg)",
+        (*_SLOPES, *_BIASES, "k_vc"),
+    ),
+    "bias_deg_s_demodulator_deg": Gap(
+        "quadrature",
+        "quadrature that the demodulator's phase lets into the bias (uncertainty.bias_deg_s_demodulator_deg; `phase` "
+        "measures it)",
+        _BIASES,
+    ),
+}
