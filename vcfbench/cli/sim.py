@@ -10,10 +10,12 @@ from vcfbench.cli.options import Bench_, Json_, NewFile_, flag, option, seed_opt
 from vcfbench.cli.serve import ctl, serve
 from vcfbench.clock import WallClock
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.bench_file import load_bench
+from vcfbench.files import parse_toml
+from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.inventory import inventory
 from vcfbench.sim.own_gyro import own_gyro_bench
+from vcfbench.station.writing import table_text
 from vcfbench.testing import soaking
 from vcfbench.testing.soaking import Verdict
 
@@ -80,6 +82,7 @@ def new(
         Literal["none", "paper"], option(None, "All perfect except noise, or as in the paper.")
     ] = "none",
     name: Annotated[str | None, option("NAME", "Name of the bench. Default: that of FILE.")] = None,
+    stream: Annotated[str | None, option("PROFILE", "Its output is a stream of numbers, by that profile.")] = None,
     **given: float | None,
 ) -> None:
     """Write a simulated bench with your own gyroscope: runs on it find the figures of its data sheet.
@@ -95,8 +98,23 @@ def new(
         if value is not None:
             figures[key] = value * _MILLI if key == "scale_factor_v_per_deg_s" else value
     figures.setdefault("k_vc_deg_s_per_v", 0.75 * figures["range_deg_s"])
-    written_anew(file, own_gyro_bench(DataSheet(**figures), name or file.stem, imperfections=real))
+    text = own_gyro_bench(DataSheet(**figures), name or file.stem, imperfections=real)
+    quiet = figures["angle_random_walk_deg_sqrt_h"] == 0.0
+    written_anew(file, text if stream is None else _streaming(text, stream, quiet=quiet))
     typer.echo(f"{file} is written; next: vcfbench run turntable --bench {file}")
+
+
+def _streaming(text: str, profile: str, *, quiet: bool) -> str:
+    """Return a simulated bench with a table alone, whose gyroscope speaks numbers and feeds itself."""
+    values = parse_toml(text, "the bench")
+    kept = {key: values[key] for key in ("name", "title", "rate_table", "site", "uncertainty", "simulation")}
+    kept["limits"] = {key: values["limits"][key] for key in ("max_rate_deg_s", "max_acceleration_deg_s2")}
+    kept["procedure"] = {key: each for key, each in values["procedure"].items() if not isinstance(each, dict)}
+    stream = {"profile": profile, "resource": "ASRL9::INSTR", "quiet": quiet}
+    kept["gyro"] = {**values.get("gyro", {}), "stream": stream}
+    made = table_text(kept)
+    parse_bench(made, "--stream")
+    return made
 
 
 app.command("new")(with_options(new, _OPTIONS, place=1))
