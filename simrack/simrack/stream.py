@@ -1,4 +1,4 @@
-"""A simulated gyroscope that speaks numbers: it makes frames of what an analogue one puts out, at its own clock.
+"""A simulated gyroscope that speaks numbers: frames of an analogue output, at its own clock.
 
 The frame is stated by nested tables, as bench files have them; its encoder shares nothing with what reads it.
 """
@@ -79,7 +79,7 @@ class StreamErrors(Struct, frozen=True):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> StreamErrors:
-        """Return a specimen: its clock, and how late it speaks."""
+        """Return a specimen: its clock and its delay."""
         return cls(clock_ppm=float(rng.uniform(-50.0, 50.0)), latency_s=float(rng.uniform(0.001, 0.01)))
 
 
@@ -143,7 +143,7 @@ class StreamTwin:
         return min(each[0][0] for each in (self._windows, self._coming) if each)
 
     def clear(self) -> None:
-        """Drop what has arrived."""
+        """Drop the bytes that have arrived."""
         self._output.clear()
 
     def status_byte(self) -> int:
@@ -189,7 +189,7 @@ class StreamTwin:
         del self._output[_KEPT:]
 
     def _send(self, rate_deg_s: float) -> None:
-        """Put a frame on the line, or what becomes of it."""
+        """Put a frame on the line, with its faults."""
         errors, random = self._errors, self._random
         data = self._frame(rate_deg_s)
         if errors.frozen and self._last:

@@ -1,4 +1,4 @@
-"""Contributions to uncertainties that nobody tells, and what is incomplete without each."""
+"""Contributions to uncertainties that nobody tells, and the values that are incomplete without each."""
 
 from msgspec import Struct
 

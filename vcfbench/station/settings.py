@@ -239,7 +239,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     @property
     def output_unit(self) -> str:
-        """Unit of the output: what is called a voltage is in it."""
+        """Unit of the output, and of everything that is called its voltage."""
         return self.stream.output_unit if self.stream else "V"
 
     def sheet_of(self, role: str) -> Any:

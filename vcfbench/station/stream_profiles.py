@@ -1,4 +1,4 @@
-"""Profiles of streams: what a data sheet says of the frames of a gyroscope, for ``[gyro.stream]`` of bench files."""
+"""Profiles of streams: the frames of a gyroscope by its data sheet, for ``[gyro.stream]`` of bench files."""
 
 from collections.abc import Mapping
 from importlib import resources

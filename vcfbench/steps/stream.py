@@ -1,4 +1,4 @@
-"""Everything about a stream that is the output: that it is listened to, and what became of its frames."""
+"""Everything about a stream that is the output."""
 
 from msgspec import Struct
 
@@ -34,7 +34,7 @@ class StreamSeen(StepResult, Struct, frozen=True):
 
 @does(Effect.MEASURES, "the stream")
 class LookAtStream(Step, Struct, frozen=True):
-    """Take down what became of the frames of the run, and the device's clock against bench time."""
+    """Take down the counts of the frames of the run, and the device's clock against bench time."""
 
     def describe(self) -> str:
         return "the stream: frames that counted, frames that were left out, the device's clock"

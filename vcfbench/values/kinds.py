@@ -142,7 +142,7 @@ STREAMED: Final = ("deg/s", "LSB", "LSB/s")
 
 
 def fits(kind: str, unit: str) -> bool:
-    """Return True if a value of `kind` may be in `unit`: its own, or what stands for volts where none are read."""
+    """Return True if a value of `kind` may be in `unit`: its own, or that of a stream in place of volts."""
     known = {"V": STREAMED, "V/(deg/s)": tuple(map(slope_unit, STREAMED))}
     return kind in KINDS and (KINDS[kind].si == unit or unit in known.get(KINDS[kind].si, ()))
 

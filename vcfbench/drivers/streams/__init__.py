@@ -1,1 +1,1 @@
-"""Gyroscopes whose output is a stream of numbers: how a bench file tells its frames, and what reads them."""
+"""Gyroscopes whose output is a stream of numbers: description of their frames, decoder, reader."""

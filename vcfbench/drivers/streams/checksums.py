@@ -24,7 +24,7 @@ ChecksumName = Literal[
 
 
 class Checksum(Struct, frozen=True):
-    """A checksum: its length in bytes, and what it makes of the bytes that it covers."""
+    """A checksum: its length in bytes, and its function of the covered bytes."""
 
     size: int
     of: Callable[[bytes], int]

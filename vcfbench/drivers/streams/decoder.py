@@ -1,4 +1,4 @@
-"""Frames out of bytes: where they begin, whether they are whole, and what they say."""
+"""Frames out of bytes: their begin, their checks, their numbers."""
 
 import math
 import re
@@ -17,7 +17,7 @@ _WEAK = {"none", "sum8", "xor8"}
 
 
 class Sample(Struct, frozen=True):
-    """One frame: its output in `unit` of the stream, what it counts, and whether it is at its end or ill."""
+    """One frame: its output in `unit` of the stream, its number, its state."""
 
     value: float
     counter: int | None
@@ -41,7 +41,7 @@ class Decoder:
         self.bad = 0
 
     def reset(self) -> None:
-        """Forget what has come: something was thrown away, and the next byte is in the middle of a frame."""
+        """Forget the received bytes; the next is in the middle of a frame."""
         self._buffer.clear()
         self._in_step = False
 
@@ -68,7 +68,9 @@ class Decoder:
                 follows = buffer.startswith(header, begin + length)
             else:
                 follows = True
-            sample = self._sample(frame) if follows and self._sums(frame) else None
+            sample = None
+            if follows and self._sums(frame):
+                sample = self._made({key: read(frame) for key, read in self._readers.items()})
             if sample is None:
                 self._lost_step()
                 begin += 1
@@ -95,9 +97,6 @@ class Decoder:
             high, low = (int.from_bytes(frame[at : at + 2], order) for at in places)
             said = high << 16 | low
         return kind.of(frame[check.first : end]) == said
-
-    def _sample(self, frame: bytes) -> Sample | None:
-        return self._made({key: read(frame) for key, read in self._readers.items()})
 
     def _of_lines(self) -> list[Sample]:
         found = []
@@ -160,7 +159,7 @@ def _scaled(by: FrameQuantity, raw: float) -> float:
 
 
 def _reader(number: FrameNumber, order: str) -> Callable[[bytes], float]:
-    """Return what reads a number out of a frame."""
+    """Return the function that reads a number out of a frame."""
     at, low_at, size, signed = number.at or 0, number.low_at, number.size, not number.type.startswith("u")
     little = order == "little"
     if low_at is not None:

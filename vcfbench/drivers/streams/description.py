@@ -1,4 +1,4 @@
-"""A stream of numbers as a bench file tells it: its wire, its frames, and what a number in them is."""
+"""A stream of numbers as a bench file tells it: its wire, its frames, and the kind of their numbers."""
 
 import math
 import re
@@ -56,7 +56,7 @@ class FrameNumber(_Table, frozen=True, kw_only=True):
         return (0, 2**bits - 1) if self.type.startswith("u") else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
     def misplaced(self, key: str, end: int) -> Iterator[tuple[str, str, object]]:
-        """Yield what is wrong with its place in a frame whose numbers end at byte `end`, under its `key`."""
+        """Yield the mistakes of its place in a frame whose numbers end at byte `end`, under its `key`."""
         if self.at is None:
             yield f"{key}.at", "bytes from the begin of the frame", None
         elif self.low_at is not None and self.type not in {"int32", "uint32"}:
@@ -76,14 +76,14 @@ class FrameQuantity(FrameNumber, frozen=True, kw_only=True):
 
 
 class FrameCounter(FrameNumber, frozen=True, kw_only=True):
-    """What a frame counts: one more each time, and 0 again at `modulus`, by default that of its type."""
+    """Number of a frame: one more each time, and 0 again at `modulus`, by default that of its type."""
 
     type: NumberType = "uint8"
     modulus: Annotated[int, Meta(ge=2, le=2**32)] | None = None
 
     @property
     def numbers(self) -> int:
-        """How many there are before it begins anew."""
+        """Count of numbers before it begins anew."""
         return self.modulus or int(self.ends[1]) + 1
 
 
@@ -183,12 +183,18 @@ class Stream(_Table, frozen=True, kw_only=True):
         return self.latency_s + 1.2 * self.aperture_s + 4.0 / self.sample_rate_hz
 
     @property
+    def turn(self) -> float:
+        """Angle at which it begins anew; 0: it never does."""
+        low, high = self.value.ends
+        return self.full_turn or (0.0 if math.isinf(high) else abs(self.value.scale) * (high - low + 1.0))
+
+    @property
     def clock_share(self) -> float:
         """The most by which the output is off by the device's clock, relative: a rate knows no clock."""
         return 0.0 if self.kind == "rate" else 1e-6 * self.clock_ppm
 
     def contradictions(self) -> Iterator[tuple[str, str, object]]:
-        """Yield by key what cannot be: the key, what is expected, and what came."""
+        """Yield the mistakes: key, expected value, and the one that came."""
         if self.unit not in _UNITS[self.kind]:
             yield "unit", f"of {self.kind}: one of {', '.join(_UNITS[self.kind])}", self.unit
         if not self.value.scale:

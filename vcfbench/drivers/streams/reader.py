@@ -33,7 +33,7 @@ _BYTES = 65_536
 
 
 class _FileWire:
-    """A wire over a file that another program writes; what is in it already is skipped."""
+    """A wire over a file that another program writes; its present content is skipped."""
 
     interface: Interface = "serial"
 
@@ -50,7 +50,7 @@ class _FileWire:
         raise errors.LinkLost("a file takes no commands")
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return what was written since, waiting for it."""
+        """Return the new bytes, waiting for the first."""
         while not (data := self.pending()):
             if deadline.expired():
                 raise errors.DeadlineExceeded("no answer")
@@ -58,11 +58,11 @@ class _FileWire:
         return data, False
 
     def pending(self) -> bytes:
-        """Return what was written since."""
+        """Return the new bytes."""
         return self._file.read(_BYTES)
 
     def clear(self, deadline: Deadline) -> None:
-        """Skip what was written."""
+        """Skip the new bytes."""
         self._file.seek(0, 2)
 
     def close(self) -> None:
@@ -71,7 +71,7 @@ class _FileWire:
 
 
 def stream_port(stream: Stream, port: str | None, clock: Clock) -> Connect:
-    """Return what opens the wire of a stream, at `port` where that is not what the bench file names."""
+    """Return the function that opens the wire of a stream, at `port` in place of the resource."""
     where = port or stream.resource
     if where.startswith("file:"):
         return lambda _: _FileWire(Path(where.removeprefix("file:")), clock)
@@ -147,7 +147,8 @@ class StreamReader:
             if t_s < from_s:
                 continue
             if taken:
-                gone = self._gone(taken[-1], sample)
+                counts = stream.counter is not None and sample.counter is not None
+                gone = (sample.counter - (taken[-1].counter or 0)) % stream.counter.numbers if counts else 1
                 if gone == 0:
                     repeated += 1
                     self._require(repeated <= wanted, "the same frame comes again and again: the device stands still")
@@ -173,7 +174,7 @@ class StreamReader:
         return self._mean(taken, steps) * stream.per_unit
 
     def health(self) -> dict[str, Any]:
-        """Return what became of the frames so far, and the device's clock against bench time."""
+        """Return counts of the frames so far, and the device's clock against bench time."""
         clock_ppm, u_clock_ppm = self._clock_ppm() or (None, None)
         return {
             "frames": self._frames,
@@ -198,7 +199,7 @@ class StreamReader:
         self._wire.close()
 
     def _flush(self) -> None:
-        """Throw away what has come; the next byte may be in the middle of a frame."""
+        """Throw away the received bytes; the next may be in the middle of a frame."""
         with self._located():
             self._wire.clear(Deadline.after(self._clock, self.stream.timeout_s))
         self._decoder.reset()
@@ -239,16 +240,10 @@ class StreamReader:
         if not well:
             raise errors.MeasurementError(what, **self._where)
 
-    def _gone(self, before: Sample, after: Sample) -> int:
-        """Return by how many frames `after` follows `before`; without a counter by one."""
-        if self.stream.counter is None or before.counter is None or after.counter is None:
-            return 1
-        return (after.counter - before.counter) % self.stream.counter.numbers
-
     def _require_well(self, taken: list[Sample]) -> None:
         """Raise MeasurementError where frames say something that is no output."""
         ill = next((each.status for each in taken if each.status is not None), None)
-        self._require(ill is None, f"the status of the device is {ill or 0:#x}, {self._ok()} is well")
+        self._require(ill is None, f"the status of the device is {ill or 0:#x}, that is not well")
         at_end = sum(each.saturated for each in taken)
         self._require(not at_end, f"the output is saturated in {at_end} of {len(taken)} frames")
         alike = len(taken) >= _ALIKE and all(each.value == taken[0].value for each in taken)
@@ -259,25 +254,16 @@ class StreamReader:
             "said of it",
         )
 
-    def _ok(self) -> str:
-        return "0" if self.stream.status is None else f"{self.stream.status.ok:#x}"
-
     def _mean(self, taken: list[Sample], steps: int) -> float:
         """Return the mean output a frame, in the unit of the frame; of an angle its growth a second."""
         if self.stream.kind != "angle":
             return math.fsum(each.value for each in taken) / len(taken)
-        turn = self._turn()
+        turn = self.stream.turn
         grown = 0.0
         for before, after in pairwise(taken):
             step = after.value - before.value
             grown += step - turn * round(step / turn) if turn else step
         return grown / steps
-
-    def _turn(self) -> float:
-        """Return by what an angle begins anew; 0: it never does."""
-        value = self.stream.value
-        low, high = value.ends
-        return self.stream.full_turn or (0.0 if math.isinf(high) else abs(value.scale) * (high - low + 1.0))
 
     def _require_clock(self, taken: list[Sample], times_s: list[float], steps: int) -> None:
         """Hold the device's frames against bench time: within the reading, and since the first of the run."""
@@ -305,7 +291,7 @@ class StreamReader:
             )
 
     def _clock_ppm(self) -> tuple[float, float] | None:
-        """Return how fast the device's clock is against bench time, ppm, with its u; None before there is a second."""
+        """Return the device's clock against bench time, ppm, fast positive, with its u; None in the first second."""
         if self._first is None or self._last is None or (lasted_s := self._last[0] - self._first[0]) < 1.0:
             return None
         frames = self._last[1] - self._first[1]
