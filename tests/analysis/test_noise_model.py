@@ -10,7 +10,7 @@ import pytest
 
 from tests.analysis.noise import flicker
 from vcfbench.analysis.allan import AllanPoint, Sampling, Term, allan_deviation, averaging_factors
-from vcfbench.analysis.noise_model import NoiseModel, noise_model
+from vcfbench.analysis.noise_model import NoiseModel, _curve_of, noise_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +40,22 @@ def exact(variances: Floats, factors: list[int]) -> list[AllanPoint]:
         AllanPoint(float(m), math.sqrt(v), 50.0, 0.0, 2.0 * math.sqrt(v))
         for m, v in zip(factors, variances.tolist(), strict=True)
     ]
+
+
+@pytest.mark.parametrize("size", [9, 16, 31])
+def test_points_of_white_readings_vary_together_as_the_sums_of_their_second_differences_do(size: int) -> None:
+    """Each is a quadratic form of the readings, with n + 1 - 2 m second differences of their integral."""
+    factors = [1, 2, 4]
+    forms = []
+    for m in factors:
+        sums = np.tril(np.ones((size + 1, size)), -1)  # the integral before, between and after the readings
+        second = sums[2 * m :] - 2.0 * sums[m:-m] + sums[: -2 * m]
+        forms.append(second.T @ second / (2.0 * m**2 * len(second)))
+    curve, scale = _curve_of(exact(np.array([np.trace(each) for each in forms]), factors), size, SAMPLES)
+    assert scale == pytest.approx(0.5)
+    found = curve.covariance(np.array([0.0, 1.0, 0.0, 0.0, 0.0]))
+    true = [[2.0 * np.trace(one @ other) for other in forms] for one in forms]
+    assert found == pytest.approx(np.array(true), rel=2e-3)
 
 
 @pytest.mark.exhaustive
