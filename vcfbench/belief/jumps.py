@@ -40,6 +40,8 @@ OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN = "V", "of the output", "V of V_Vc", "of V_
 _HALF = 0.5
 """Patterns are fewer than comparisons: 5.5 is a chance of some 5e-5 a run, as that of 200 to 800 independent ones (the
 largest of 400 runs of 60 and of 56 of 105 windows of `kvc`, drawn from their covariances)."""
+_CREEPS, _CREEP_TIMES = 3.0, 5
+"""Longest time constant of a warm-up, in lengths of the run, and how many make any other between it and a window."""
 _EQUAL = 1e-9
 """Patterns that are equal but for rounding: the first of them counts."""
 _ONE_SIDED = 1.645
@@ -144,25 +146,7 @@ def patterns(walk: Walk, windows: Sequence[Seen], unit: str | None = None) -> It
     x, at_s = _abscissa(windows), np.array([each.middle_s for each in windows])
     output = np.array([each.point.output_v for each in windows])
     by_v_vc = _by_v_vc(windows)
-    # The terms that the output may have of any size, a column each
-    terms = [x**order for order in range(_free_orders(windows) + 1)]
-    if ups := sorted({each.up for each in windows if each.up}):  # what gravity does in each position
-        terms = [np.array([float(each.up == up) for each in windows]) for up in ups]
-    at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
-    if not walk.settings.smooth:  # what each level gives
-        levels = dict.fromkeys(each.setting for each in windows)
-        terms = [np.array([float(each.setting == level) for each in windows]) for level in levels]
-    elif 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
-        terms.append(at_zero.astype(float))
-    if isinstance(walk.settings, SweepSettings) and walk.settings.order is Order.LOOP:
-        way, before = np.zeros(count), 0.0
-        for at in range(count):
-            if not windows[at].reference and windows[at].point.step in {1, 3, 4}:
-                way[at] = np.sign(x[at] - before) or (way[at - 1] if at else 0.0)
-                before = x[at]
-        if len(set(way.tolist())) > 1:
-            terms += [way, way * x, way * x**2]
-    free = np.column_stack(terms)
+    free = _free_terms(walk, windows, x, at_s)
     if free.shape[1] >= count:
         return
     covariance = _covariance(walk, windows, x, free)
@@ -174,6 +158,33 @@ def patterns(walk: Walk, windows: Sequence[Seen], unit: str | None = None) -> It
         scales[V_VC_OFFSET], scales[V_VC_GAIN] = by_v_vc.per_v, by_v_vc.per_v * by_v_vc.v_vc
     asked = scales if unit is None else {each: scale for each, scale in scales.items() if each == unit}
     yield from patterns_of(output, free, covariance, at_s, asked)
+
+
+def _free_terms(walk: Walk, windows: Sequence[Seen], x: Floats, at_s: Floats) -> Floats:
+    """Return the terms that the output may have of any size, a column each."""
+    count = len(windows)
+    terms = [x**order for order in range(_free_orders(windows) + 1)]
+    if ups := sorted({each.up for each in windows if each.up}):  # what gravity does in each position
+        terms = [np.array([float(each.up == up) for each in windows]) for up in ups]
+    at_zero = np.array([each.driven and not each.point.v_vc_v for each in windows])
+    if not walk.settings.smooth:  # what each level gives
+        levels = dict.fromkeys(each.setting for each in windows)
+        terms = [np.array([float(each.setting == level) for each in windows]) for level in levels]
+    elif walk.settings.creeps:  # whatever dies away with any time constant
+        since_s = at_s - at_s[0]
+        times_s = np.geomspace(windows[0].end_s - windows[0].begin_s, max(_CREEPS * since_s[-1], 1e-3), _CREEP_TIMES)
+        terms += [*np.exp(-since_s / times_s[:, None])]
+    elif 0 < at_zero.sum() < count - len(terms):  # a generator's 0 V is on no range of its levels
+        terms.append(at_zero.astype(float))
+    if isinstance(walk.settings, SweepSettings) and walk.settings.order is Order.LOOP:
+        way, before = np.zeros(count), 0.0
+        for at in range(count):
+            if not windows[at].reference and windows[at].point.step in {1, 3, 4}:
+                way[at] = np.sign(x[at] - before) or (way[at - 1] if at else 0.0)
+                before = x[at]
+        if len(set(way.tolist())) > 1:
+            terms += [way, way * x, way * x**2]
+    return np.column_stack(terms)
 
 
 def _abscissa(windows: Sequence[Seen]) -> Floats:

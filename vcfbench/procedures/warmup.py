@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from statistics import median
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from msgspec import Struct
@@ -19,9 +19,10 @@ from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients
+from vcfbench.belief.jumps import watched
 from vcfbench.clock import sleep
 from vcfbench.instructions import routines
-from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.procedure import Procedure, Watched, roles
 from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
@@ -30,7 +31,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.measured import Foreseen, Measured
-from vcfbench.steps.step import Context, Reading, Step, StepResult, answer
+from vcfbench.steps.step import Context, Reading, Routine, Step, StepResult, answer
 from vcfbench.uncertainty.at_rest import about_horizon, as_rate, flicker_part, parts_at_rest
 from vcfbench.uncertainty.measurand import budget_table, measurand, printed
 from vcfbench.uncertainty.windows import Flicker
@@ -58,6 +59,7 @@ _QUICK_INTERVAL_S = 0.1
 class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, beside those of all procedures."""
 
+    creeps: ClassVar[bool] = True
     shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
     longest_s: Annotated[float, ranged(180.0, 86_400.0, "and at most, steady or not")] = 3600.0
     window_s: Annotated[float, ranged(10.0, 600.0, "length of the means that must agree")] = 60.0
@@ -370,7 +372,12 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
     yield steps.Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
     of_all = {**routines.window_of(settings), "samples": settings.readings_a_window}
-    window = steps.Acquire(1, 0.0, 0.0, table_deg_s, **of_all)
+    yield from watched(settings, _until_steady(settings, steps.Acquire(1, 0.0, 0.0, table_deg_s, **of_all)))
+    yield from routines.require_answer(settings)
+
+
+def _until_steady(settings: WarmupSettings, window: steps.Acquire) -> Routine[None]:
+    """Take windows until three in a row agree, or the time is up."""
     points: list[Point] = []
     steady, elapsed_s = False, 0.0
     while not points or not (steady or elapsed_s + window.physical_s > settings.longest_s):
@@ -378,7 +385,6 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
         routines.require_alive(settings, points[-1])
         elapsed_s = settings.drive.start_up_s + len(points) * window.physical_s
         steady = elapsed_s >= settings.shortest_s and is_steady(settings, points)
-    yield from routines.require_answer(settings)
 
 
 def _b_deg_s(settings: WarmupSettings) -> float:
@@ -409,6 +415,7 @@ WARMUP = Procedure(
     results=results,
     report=warmup_report,
     unforeseen=dict.fromkeys(("amplitude", "time_constant", "warm_up"), "it goes with how the output warms up"),
+    watched=Watched(),
     in_one_piece="a warm-up begins with power-on; after a break the gyroscope is warm, or cold again",
     needs=roles("power", "multimeter"),
     uses=roles("oscilloscope", "rate_source", "rate_table"),
