@@ -19,6 +19,7 @@ from vcfbench.belief import jumps
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import Course, _probes
 from vcfbench.belief.walk import Seen
+from vcfbench.cli.answer import print_not_seen
 from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.schema import Point
@@ -204,3 +205,14 @@ def test_unseen_faults_are_in_the_answer(
     _show(run, RunOptions(bench=None, runs=Path(), json=True))
     answer = json.loads(capsys.readouterr().out)["not_seen"]
     assert answer == (None if simulated else [*to_builtins(unseen_of(run))])
+
+
+def test_of_very_many_windows_the_answer_says_where_it_stands(
+    turntable: Tried, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vcfbench.cli.answer._MOST_WINDOWS", 10)
+    print_not_seen(turntable.run)
+    assert (
+        capsys.readouterr().out
+        == f"\nnot seen: vcfbench report has it, of {len(turntable.run.points)} windows it takes minutes\n"
+    )

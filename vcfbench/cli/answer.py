@@ -18,6 +18,7 @@ from vcfbench.reports.text import WIDTH, text_of
 
 _NARROWEST: Final = 40
 """A terminal that says it is narrower, or nothing of its size, gets lines of so many characters."""
+_MOST_WINDOWS: Final = 1000  # What they cannot show takes 3 s
 
 
 def print_json(values: dict[str, Any]) -> None:
@@ -41,6 +42,9 @@ def not_seen(run: Run) -> list[dict[str, Any]]:
 
 def print_not_seen(run: Run) -> None:
     """Print in a line which faults a run cannot have seen, up to which sizes."""
+    if (count := len(run.points)) > _MOST_WINDOWS:
+        typer.echo(f"\nnot seen: vcfbench report has it, of {count} windows it takes minutes")
+        return
     from vcfbench.archive.unseen import unseen_in_short, unseen_of  # noqa: PLC0415  # as above
 
     if said := unseen_in_short(run, unseen_of(run)):
