@@ -14,7 +14,7 @@ from msgspec import structs, to_builtins
 import vcfbench
 from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
-from vcfbench.archive.unseen import K_VC, refusable, unseen_of, unseen_words
+from vcfbench.archive.unseen import K_VC, V_VC_SET, refusable, unseen_of, unseen_words
 from vcfbench.belief import jumps
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import Course, _probes
@@ -24,6 +24,7 @@ from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
+from vcfbench.station.file import embedded_text
 from vcfbench.testing.gyroscopes import drawn_bench
 
 if TYPE_CHECKING:
@@ -178,6 +179,20 @@ def test_run_without_a_table_lists_what_k_vc_may_be(tmp_path: Path) -> None:
     row = next(each for each in unseen_of(run) if each.unit == K_VC)
     assert (row.size, row.kind) == (None, "change")
     assert row.effects["scale_factor"] == pytest.approx(1e-3 * abs(run.results.scale_factor.value), rel=0.01)
+
+
+@pytest.mark.parametrize(("on_v_vc", "size", "effect"), [(False, None, 1e-3), (True, 0.1, 0.1)])
+def test_v_vc_that_nobody_measures_may_arrive_otherwise(
+    tmp_path: Path, *, on_v_vc: bool, size: float | None, effect: float
+) -> None:
+    """Within what a channel of the oscilloscope would show, where one is on it."""
+    wiring = '\n[wiring.oscilloscope]\nchannel_4 = "v_vc"\n' if on_v_vc else ""
+    (tmp_path / "bench.toml").write_text(embedded_text("paper") + wiring, "utf-8")
+    settings = {"rates_deg_s": [100.0, 0.0, -100.0], "match_windows": 2, "samples": 3}
+    run = vcfbench.run("virtual-coriolis", tmp_path / "bench.toml", seed=1, settings=settings, runs=tmp_path)
+    (found,) = (each for each in unseen_of(run) if each.unit == V_VC_SET)
+    assert found.size == size
+    assert found.effects["k_vc"] / run.results.k_vc.value == pytest.approx(effect, rel=0.2)
 
 
 def test_a_run_without_windows_has_nothing_to_say(tmp_path: Path) -> None:

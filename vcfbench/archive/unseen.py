@@ -15,6 +15,7 @@ from vcfbench.belief.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Uns
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
+from vcfbench.instructions.v_vc import SHOWN_SHARE
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import BeginPart
 from vcfbench.procedures.layers import recorded_settings
@@ -27,6 +28,7 @@ from vcfbench.values.printing import grouped
 from vcfbench.values.value import Value
 
 K_VC: Final = "of K_Vc"  # Unit of a fault: the share by which K_Vc is another
+V_VC_SET: Final = "of V_Vc as it was set"  # The same of what arrives
 _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("step", OFFSET): "a step of the output",
     ("pulse", OFFSET): "a shift of the output for a while",
@@ -38,6 +40,7 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("ramp", V_VC_OFFSET): "a ramp of what the meter on V_Vc reads to the end",
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
     ("change", K_VC): "a change of K_Vc by what the run does not look at (what this method cannot see)",
+    ("change", V_VC_SET): "V_Vc that arrives otherwise than it was set, as at a terminator of 50 ohm",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
@@ -98,7 +101,7 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
     bent = frozenset(name for name in found.u95 if run.values[name].form != "plus-minus")
     between = unseen(found.course, found.u95, found.values, bent) if windows > 1 else ()
     within = _in_a_record(found) if windows == 1 else ()
-    return (*between, *within, *_in_k_vc(found))
+    return (*between, *within, *_in_k_vc(found), *_on_the_way(found))
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
@@ -125,6 +128,18 @@ def _in_k_vc(found: Refusable) -> Iterator[Unseen]:
     after = found.evaluated(replace(found.settings, station=station), found.measured)
     if moved := _beyond(found, before, after):
         yield Unseen("change", None, K_VC, moved)
+
+
+def _on_the_way(found: Refusable) -> Iterator[Unseen]:
+    """Yield what V_Vc does that arrives otherwise than it was set where no meter reads it."""
+    if all(each.v_vc_measured_v is not None or not each.v_vc_v for each in found.measured):
+        return
+    wiring = found.settings.station.oscilloscope
+    size = None if wiring is None or wiring.channel_of("v_vc") is None else SHOWN_SHARE
+    before = found.evaluated(found.settings, found.measured)
+    after = found.evaluated(found.settings, found.measured.set_otherwise(size or UNIT))
+    if moved := _beyond(found, before, after):
+        yield Unseen("change", size, V_VC_SET, moved)
 
 
 def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, float]) -> Mapping[str, float]:

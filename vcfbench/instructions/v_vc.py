@@ -42,7 +42,7 @@ _OVER_RANGE = 1.2
 """A meter's range measures so much of itself."""
 _MAINS_S_PER_DIV = 5e-3
 """Ten divisions show two periods of the mains and more."""
-_SHOWN_V, _SHOWN_SHARE = 0.05, 0.1
+_SHOWN_V, SHOWN_SHARE = 0.05, 0.1
 """How far an oscilloscope may show a level from where it was set: its offset and noise, its gain and the generator's.
 A sine of the mains of 50 mV makes a modulator of 1.5 % a volt off by 20 uV."""
 
@@ -67,7 +67,7 @@ def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[Non
         set_v = yield from set_v_vc(settings, level_v)
         look = steps.FindAmplitudes((channel,), V_VC_RANGE_V, set_v)
         (seen_v,) = answer((yield look), steps.Amplitudes).amplitudes_v
-        if abs(seen_v - set_v) > _SHOWN_V + _SHOWN_SHARE * set_v:
+        if abs(seen_v - set_v) > _SHOWN_V + SHOWN_SHARE * set_v:
             raise MeasurementError(
                 f"V_Vc was set to {set_v:+.4g} V and shows up to {seen_v:.3g} V on channel {channel}",
                 instrument="oscilloscope",

@@ -118,6 +118,11 @@ class Measured(Sequence[Point]):
         """Return the run with the output of each point moved, V, (n,), and V_Vc as measured beside it, V, (n,)."""
         return _Moved(self, tuple(zip(output_v, v_vc_v, strict=True)))
 
+    def set_otherwise(self, share: float) -> Measured:
+        """Return the run with V_Vc larger by `share` than it was set, at each point."""
+        points = (replace(point, v_vc_v=(1.0 + share) * point.v_vc_v) for point in self._raw)
+        return self._with(points, self._lines, self._known)
+
     def moved_within(self, readings_v: NDArray[np.float64]) -> Measured:
         """Return the run of one record with each of its readings moved, V, (n,)."""
         moved = _Moved(self, [(float(readings_v.mean()), 0.0)])
