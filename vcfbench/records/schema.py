@@ -54,10 +54,10 @@ class Status(StrEnum):
     UNREADABLE = "unreadable"
 
 
-_LARGEST = 1e9
+_LARGEST = 1e15
 _Count = Annotated[int, Meta(ge=0, le=10**9)]
 _Number = Annotated[float, Meta(ge=-_LARGEST, le=_LARGEST)]
-"""No table turns so many deg/s, no wire carries so many volts, and squares stay finite."""
+"""No table turns so many deg/s, no wire carries so many volts, no word has so many steps, and squares stay finite."""
 
 
 class Point(Struct, frozen=True):

@@ -93,14 +93,16 @@ PhaseWindow = tuple[Annotated[float, Meta(ge=-360.0, le=360.0)], Annotated[float
 StartUp = Annotated[float, Meta(ge=0.01, le=600.0)]
 """s: a drive loop's start."""
 
-OutputWindow = tuple[Annotated[float, Meta(ge=-1e3, le=1e3)], Annotated[float, Meta(ge=-1e3, le=1e3)]]
-"""V: the multimeter's ranges."""
-OutputDrift = Annotated[float, Meta(ge=0.0, le=1e3)]
-"""V: from none to all that the multimeter reads."""
-NoiseWindow = tuple[Annotated[float, Meta(ge=0.0, le=10.0)], Annotated[float, Meta(ge=0.0, le=10.0)]]
-"""V: standard deviation of one reading; with more of it, nothing is measured."""
-OutputSlopeWindow = tuple[Annotated[float, Meta(ge=-100.0, le=100.0)], Annotated[float, Meta(ge=-100.0, le=100.0)]]
-"""V/(deg/s): at 100, the least rate of a table overloads the multimeter."""
+_Output = Annotated[float, Meta(ge=-1e10, le=1e10)]
+_OutputSize = Annotated[float, Meta(ge=0.0, le=1e10)]
+OutputWindow = tuple[_Output, _Output]
+"""V, or of a stream 32-bit words, LSB."""
+OutputDrift = _OutputSize
+"""V, or as the output: from none to all that can be read."""
+NoiseWindow = tuple[_OutputSize, _OutputSize]
+"""V, or as the output: standard deviation of one reading."""
+OutputSlopeWindow = tuple[_Output, _Output]
+"""V/(deg/s), or as the output."""
 SlopeWindow = tuple[Slope, Slope]
 """(deg/s)/V: as the guess of K_Vc."""
 RateWindow = tuple[Rate, Rate]

@@ -76,7 +76,7 @@ class FrameQuantity(FrameNumber, frozen=True, kw_only=True):
 
 
 class FrameCounter(FrameNumber, frozen=True, kw_only=True):
-    """Number of a frame: one more each time, and 0 again at `modulus`, by default that of its type."""
+    """Number of a frame: one more each time, and 0 again at `modulus`, by default at the end of its type."""
 
     type: NumberType = "uint8"
     modulus: Annotated[int, Meta(ge=2, le=2**32)] | None = None
@@ -103,7 +103,7 @@ class FrameCheck(_Table, frozen=True, kw_only=True):
     at: Place | None = None
     low_at: Place | None = None
     byte_order: Literal["big", "little"] | None = None
-    """None: that of the frame."""
+    """None: as in the frame."""
 
 
 class Stream(_Table, frozen=True, kw_only=True):
@@ -202,7 +202,7 @@ class Stream(_Table, frozen=True, kw_only=True):
         if self.kind != "rate" and self.counter is None:
             yield "counter", f"a counter: of {self.kind}s the device's clock and dropped frames are errors", None
         if self.value.type.startswith("float") and self.resolution is None:
-            yield "resolution", f"the step of the last digit, {self.unit}: nothing tells that of a float", None
+            yield "resolution", f"the step of the last digit, {self.unit}: nothing tells it of a float", None
         if self.counter is not None and self.counter.type.startswith("float"):
             yield "counter.type", "a whole number", self.counter.type
         yield from self._of_bytes() if self.length is not None else self._of_lines()
