@@ -225,7 +225,7 @@ def test_a_format_without_its_extra_says_which_to_install(
 @pytest.mark.parametrize(
     ("asked", "words"),
     [
-        ({"format": "ods"}, "format: expected one of csv, parquet, hdf5, xlsx, mat, came 'ods'"),
+        ({"format": "ods"}, "format: expected one of csv, parquet, hdf5, xlsx, mat, got 'ods'"),
         ({"file": "out.txt"}, "which format is not known"),
         ({}, "which format is not known"),
         ({"file": "no/such/place.csv"}, "no/such/place.csv: it cannot be written: No such file"),

@@ -235,9 +235,9 @@ def test_a_calibration_holds_on_the_day_when_it_is_due(due: date, *, overdue: bo
     ("dates", "words"),
     [
         ("calibrated = 2026-01-15\ncalibration_due = 2026-01-15", "a day after multimeter.calibrated = 2026-01-15"),
-        ('calibrated = "soon"', "multimeter.calibrated: expected a day, as in 2026-01-15, came 'soon'"),
+        ('calibrated = "soon"', "multimeter.calibrated: expected a day, as in 2026-01-15, got 'soon'"),
         ("calibrated = 2026-01-15T10:00:00", "multimeter.calibrated: expected a day, as in 2026-01-15"),
-        ("calibrated = 20260115", "multimeter.calibrated: expected a day, as in 2026-01-15, came 20260115"),
+        ("calibrated = 20260115", "multimeter.calibrated: expected a day, as in 2026-01-15, got 20260115"),
     ],
 )
 def test_dates_that_cannot_be_are_refused(dates: str, words: str) -> None:

@@ -197,7 +197,7 @@ def _at(role: str) -> str:
         (
             '"34401A"',
             '"X"\nlike = "33220A"',
-            f"multimeter.like: expected {METERS} or 'M1', came '33220A'",
+            f"multimeter.like: expected {METERS} or 'M1', got '33220A'",
         ),
         ('"34401A"', '"M2"', "the model 'M2' (no_such_module:MODEL) cannot be loaded: No module named"),
         ('"34401A"', '"M3"', "what is registered for 'M3' (acme_of_a_test:TWIN) is no row of vcfbench.models"),

@@ -358,12 +358,12 @@ def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_
     [
         ({"samples": 1}, "settings: procedure.samples: expected a whole number at least 2"),
         ({"samples": "ten"}, "settings: procedure.samples: expected a whole number"),
-        ({"sample": 10}, "settings: procedure.sample: expected a known key ('samples'?), came an unknown key"),
-        ({"settle_s": float("nan")}, "settings: procedure.settle_s: expected a finite number, came nan"),
+        ({"sample": 10}, "settings: procedure.sample: expected a known key ('samples'?), got an unknown key"),
+        ({"settle_s": float("nan")}, "settings: procedure.settle_s: expected a finite number, got nan"),
         ({"drive": {"start_up_s": 1e9}}, "settings: procedure.drive.start_up_s: expected a number"),
         ({"rates_deg_s": [1.0]}, "settings: procedure.rates_deg_s: expected a list of 3 to 1000 numbers"),
         ({"k_vc_guess_deg_s_per_v": 0}, "settings: procedure.k_vc_guess_deg_s_per_v: expected a number that is not 0"),
-        ({"match": "nearly"}, "settings: procedure.match: expected 'zero' or 'absolute', came 'nearly'"),
+        ({"match": "nearly"}, "settings: procedure.match: expected 'zero' or 'absolute', got 'nearly'"),
     ],
 )
 def test_settings_are_checked_like_those_of_a_bench_file(
@@ -387,7 +387,7 @@ def test_a_read_back_is_told_to_the_digit_that_is_wrong() -> None:
 @pytest.mark.parametrize("settings", [[1.0], "samples=3", {1: 2}, vcfbench.ProcedureSettings()])
 def test_settings_are_a_mapping(settings: Any, tmp_path: Path) -> None:
     for ask in (partial(vcfbench.run, runs=tmp_path), vcfbench.dry_run):
-        with pytest.raises(vcfbench.ConfigError, match="settings: expected a mapping of keys to values, came "):
+        with pytest.raises(vcfbench.ConfigError, match="settings: expected a mapping of keys to values, got "):
             ask("turntable", settings=settings)
 
 
@@ -410,18 +410,18 @@ def test_a_seed_is_a_whole_number(seed: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize("open_", [vcfbench.load_bench, vcfbench.open_bench, vcfbench.safe_bench])
 def test_a_number_is_no_bench(open_: Any) -> None:
     """A seed in the second place was read as a file descriptor: 0 waited for the terminal."""
-    with pytest.raises(vcfbench.ConfigError, match="expected a bench file or one of paper, lab, ideal, came 0"):
+    with pytest.raises(vcfbench.ConfigError, match="expected a bench file or one of paper, lab, ideal, got 0"):
         open_(0)
 
 
 @pytest.mark.parametrize("given", [None, 3, vcfbench.ProcedureSettings])
 def test_what_is_no_procedure_is_refused_with_words(given: Any, tmp_path: Path) -> None:
-    with pytest.raises(vcfbench.PlanError, match="expected a procedure's name, its file or a Procedure, came"):
+    with pytest.raises(vcfbench.PlanError, match="expected a procedure's name, its file or a Procedure, got"):
         vcfbench.run(given, runs=tmp_path)
 
 
 def test_records_need_a_directory_with_a_name() -> None:
-    with pytest.raises(vcfbench.ConfigError, match="came an empty name"):
+    with pytest.raises(vcfbench.ConfigError, match="got an empty name"):
         vcfbench.run("turntable", runs=" ")
 
 
@@ -474,7 +474,7 @@ def own(**parts: Any) -> Any:
 
 
 def test_a_list_of_runs_is_told_how_runs_are_compared(quick: Run) -> None:
-    with pytest.raises(vcfbench.ConfigError, match=r"as in compare_runs\(before, after\), came a list"):
+    with pytest.raises(vcfbench.ConfigError, match=r"as in compare_runs\(before, after\), got a list"):
         vcfbench.compare_runs([quick, quick])  # type: ignore[arg-type]  # what is tested
 
 

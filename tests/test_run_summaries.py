@@ -104,9 +104,9 @@ def test_what_is_asked_for_is_listed_oldest_first(asked: dict[str, Any], expecte
     [
         (
             {"status": "done"},
-            "status: expected one of complete, aborted, running, incomplete, damaged, unreadable, came 'done'",
+            "status: expected one of complete, aborted, running, incomplete, damaged, unreadable, got 'done'",
         ),
-        ({"since": "yesterday"}, "since: expected a date, as in 2026-01-15, came 'yesterday'"),
+        ({"since": "yesterday"}, "since: expected a date, as in 2026-01-15, got 'yesterday'"),
     ],
 )
 def test_what_cannot_be_asked_for_is_refused(asked: dict[str, Any], words: str, runs: Path) -> None:
@@ -155,7 +155,7 @@ def test_no_text_is_a_formula_in_a_spreadsheet(runs: Path, tmp_path: Path) -> No
 
 def test_json_and_csv_together_are_refused(runs: Path) -> None:
     done = warm.run(["vcfbench", "runs", "list", "--json", "--csv"], runs)
-    assert (done.returncode, "expected one of the two, came both" in done.stderr) == (2, True)
+    assert (done.returncode, "expected one of the two, got both" in done.stderr) == (2, True)
 
 
 def test_u_is_the_combined_one_everywhere(runs: Path) -> None:

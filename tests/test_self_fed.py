@@ -86,7 +86,7 @@ def test_what_must_see_the_power_come_is_refused_with_a_way_out(procedure: str) 
 
 
 def test_levels_by_v_vc_are_refused_where_no_generator_makes_them() -> None:
-    with pytest.raises(ConfigError, match="by: expected table: the bench has no generator on V_Vc, came 'v-vc'"):
+    with pytest.raises(ConfigError, match="by: expected table: the bench has no generator on V_Vc, got 'v-vc'"):
         vcfbench.dry_run("temperature", TABLE_AND_METER)
 
 

@@ -72,7 +72,7 @@ def read_text(path: Path | str, expected: str, most_bytes: int = MOST_SETTINGS) 
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         came = f"byte 0x{data[error.start]:02x}"
-        raise ConfigError(f"{shown(path)}: expected UTF-8 text, came {came}") from None
+        raise ConfigError(f"{shown(path)}: expected UTF-8 text, got {came}") from None
 
 
 def _read(descriptor: int, count: int) -> bytes:
@@ -259,7 +259,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
             bits, or so close to zero that it has lost digits (below 2.2e-308).
     """
     if _LONG_KEY.search(text):
-        raise ConfigError(f"{source}: expected TOML with keys of at most {DEEPEST} parts, came a longer one")
+        raise ConfigError(f"{source}: expected TOML with keys of at most {DEEPEST} parts, got a longer one")
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -272,7 +272,7 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
 def require_numbers(table: dict[str, Any], source: str) -> None:
     """Raise ConfigError if a number of `table` cannot be a setting, or if it is nested too deeply; see `parse_toml`."""
     for keys, expected, came in unfit_numbers(table):
-        raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, came {came}")
+        raise ConfigError(f"{source}: {dotted(keys)}: expected {expected}, got {came}")
 
 
 def unfit_numbers(table: dict[str, Any]) -> Iterator[tuple[Keys, str, str]]:

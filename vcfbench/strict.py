@@ -40,7 +40,7 @@ def converted(raw: Any, kind: type[_T], naming: Naming) -> _T:
 
 def refusal(where: str, expected: str, came: str) -> ConfigError:
     """Return the error that names the expected value at `where`, and the given one."""
-    return ConfigError(f"{where}: expected {expected}, came {came}")
+    return ConfigError(f"{where}: expected {expected}, got {came}")
 
 
 def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:

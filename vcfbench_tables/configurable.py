@@ -43,7 +43,7 @@ class ConfigurableDialect(TableDialect):
     def __init__(self, profile: Profile, axis: int = 1) -> None:
         if axis not in profile.units.axes:
             known = ", ".join(map(str, profile.units.axes))
-            raise errors.ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), came {axis}")
+            raise errors.ConfigError(f"rate_table.axis: expected one of {known} ({profile.title}), got {axis}")
         self.profile = profile
         self.axis = axis
         self._replies = ProfileReplies(profile, axis)
@@ -368,7 +368,7 @@ class ConfigurableDialect(TableDialect):
             if message and self.profile.link.echo == "always":
                 echoed = messages.take_text(messages.Frame(), self.profile.link.rx_end, line, limit)
                 if echoed != message.decode("latin-1").strip():
-                    raise errors.FramingError(f"expected the echo of the command, came {echoed[:60]!r}")
+                    raise errors.FramingError(f"expected the echo of the command, got {echoed[:60]!r}")
             return self._reply(line, step, limit, among_others=among_others, out_of_order=out_of_order)
 
         with line.exchange(shown or name, within):

@@ -56,7 +56,7 @@ class EspDialect(TableDialect):
         version = self._ask(line, "VE?", deadline)
         model, _, firmware = version.partition(" ")
         if not model.upper().startswith("ESP"):
-            raise FramingError(f"expected the version of an ESP controller, came {version[:60]!r}")
+            raise FramingError(f"expected the version of an ESP controller, got {version[:60]!r}")
         self._version = version
         unit = str(replies.integer(self._ask(line, f"{self.axis}SN?", deadline)))
         if unit not in _UNIT_DEG:
@@ -179,7 +179,7 @@ class EspDialect(TableDialect):
             answer = self._ask(line, "TB?", deadline)
             found = _ERROR.fullmatch(answer)
             if found is None:
-                raise FramingError(f"expected number, time and words of an error, came {answer[:60]!r}")
+                raise FramingError(f"expected number, time and words of an error, got {answer[:60]!r}")
             number, words = int(found[1]), found[3]
             if number == 0:
                 return

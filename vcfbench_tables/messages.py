@@ -138,7 +138,7 @@ def decode(kind: str, data: bytes, at: int, order: Order) -> float:
     if kind == "f32":
         value = float(struct.unpack(_FLOATS[order], raw)[0])
         if not -replies.OVERLOAD < value < replies.OVERLOAD:
-            raise FramingError(f"expected a number, came {raw.hex(' ')}, {value:g}")
+            raise FramingError(f"expected a number, got {raw.hex(' ')}, {value:g}")
         return value
     word = int.from_bytes(raw, order, signed=kind in _SIGNED)
     return float(-(word ^ _SIGN) if kind == "i24sm" and word & _SIGN else word)
@@ -151,7 +151,7 @@ def text_value(kind: TextType, text: str) -> float:
     try:
         return float(int(text, 16))
     except (ValueError, OverflowError):
-        raise FramingError(f"expected a hexadecimal number, came {text[:60]!r}") from None
+        raise FramingError(f"expected a hexadecimal number, got {text[:60]!r}") from None
 
 
 def unwrapped(angle: float, wrap: Wrap) -> float:
@@ -252,7 +252,7 @@ def take_text(frame: Frame, end: str, line: TableLine, deadline: Deadline) -> st
         raw = line.take_line(deadline) if end in _LINE_ENDS else line.take_through(end.encode("ascii"), deadline)
         text = replies.text(raw).strip()
     if not text.startswith(frame.start):
-        raise FramingError(f"expected a line that begins with {frame.start!r}, came {text[:60]!r}")
+        raise FramingError(f"expected a line that begins with {frame.start!r}, got {text[:60]!r}")
     body = text.removeprefix(frame.start)
     if frame.checksum is None:
         return body

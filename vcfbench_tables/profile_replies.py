@@ -96,7 +96,7 @@ class ProfileReplies:
         echo = link.echo == "optional" and message == sent
         late = echo or message == link.prompt or any(_matched(reply, message) for reply in self._unasked())
         if not late and not among_others:
-            raise FramingError(f"came {_shown(message)[:60]!r}, which is no answer to the question")
+            raise FramingError(f"got {_shown(message)[:60]!r}, which is no answer to the question")
 
     def _unasked(self) -> list[Reply]:
         """Return the replies that may come at any time."""

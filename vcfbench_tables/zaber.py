@@ -87,7 +87,7 @@ def parse_reply(text: str) -> re.Match[str]:
     """Take a reply apart; raises FramingError when it is none or its checksum is wrong."""
     found = _REPLY.fullmatch(text)
     if found is None:
-        raise FramingError(f"expected a reply of a Zaber device, came {text[:60]!r}")
+        raise FramingError(f"expected a reply of a Zaber device, got {text[:60]!r}")
     if (check := found["check"]) and check.upper().encode("ascii") != checksum("lrc_hex", text[1:-3].encode("ascii")):
         raise FramingError(f"a reply with a wrong checksum came, {text[:60]!r}")
     return found
@@ -107,7 +107,7 @@ class ZaberDialect(TableDialect):
 
     def __init__(self, settings: TableSettings) -> None:
         if settings.steps_per_deg is None:
-            raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, came nothing")
+            raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, got nothing")
         self.steps_per_deg = settings.steps_per_deg
         self.axis = settings.axis
         self._number = -1

@@ -38,7 +38,7 @@ def _said(query: str) -> tuple[str, list[str]]:
     """Return speed and models of what stands behind the question mark."""
     said = dict(part.partition("=")[::2] for part in query.split("&") if part)
     if unknown := set(said) - {"speed", "models"}:
-        raise ValueError(f"expected speed and models behind the question mark, came {min(unknown)!r}")
+        raise ValueError(f"expected speed and models behind the question mark, got {min(unknown)!r}")
     return said.get("speed", "1"), said.get("models", "").split(",")
 
 

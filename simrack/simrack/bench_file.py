@@ -61,7 +61,7 @@ def planned(words: Iterable[str]) -> Plan:
     if not files:
         return plan_of(listed)
     if len(listed) > 1:
-        raise ValueError(f"{files[0]} says all that is on the bench, came {', '.join(listed)}")
+        raise ValueError(f"{files[0]} says all that is on the bench, got {', '.join(listed)}")
     return plan_in(Path(files[0]))
 
 
@@ -80,7 +80,7 @@ def plan_in(file: Path) -> Plan:
         loads = {node: _number(ohm, f"loads.{node}") for node, ohm in _table(said, "loads").items()}
         seed = said.get("seed")
         if seed is not None and (type(seed) is not int or seed < 0):
-            raise ValueError(f"seed: expected a whole number from 0 on, came {seed!r}")  # noqa: TRY301
+            raise ValueError(f"seed: expected a whole number from 0 on, got {seed!r}")  # noqa: TRY301
         script = FaultScript(script_of({"fault": said.get("fault", [])}).faults, seed or 0)
         return Plan(with_adapter(places), links, loads, script, seed)
     except ValueError as error:
@@ -90,7 +90,7 @@ def plan_in(file: Path) -> Plan:
 def _table(said: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     found = said.get(name, {})
     if not isinstance(found, dict):
-        raise ValueError(f"{name}: expected [{name}...], came {found!r}")  # noqa: TRY004  (what a user wrote)
+        raise ValueError(f"{name}: expected [{name}...], got {found!r}")  # noqa: TRY004  (what a user wrote)
     return found
 
 
@@ -98,19 +98,19 @@ def _only(said: Any, known: Iterable[str], where: str) -> None:
     known = tuple(known)
     if not isinstance(said, dict) or set(said) - set(known):
         came = ", ".join(sorted(set(said) - set(known))) if isinstance(said, dict) else repr(said)
-        raise ValueError(f"{where}: expected {', '.join(known)}, came {came}")
+        raise ValueError(f"{where}: expected {', '.join(known)}, got {came}")
 
 
 def _text(said: Mapping[str, Any], name: str, where: str) -> str:
     found = said.get(name)
     if not isinstance(found, str) or not found:
-        raise ValueError(f"{where}.{name}: expected a text, came {found!r}")
+        raise ValueError(f"{where}.{name}: expected a text, got {found!r}")
     return found
 
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
-        raise ValueError(f"{where}: expected ohms above 0, came {value!r}")
+        raise ValueError(f"{where}: expected ohms above 0, got {value!r}")
     return float(value)
 
 
@@ -126,7 +126,7 @@ def _place(name: str, said: Any, folder: Path) -> Place:
         model = model_named(_text(known, "model", where), own)
         wires = known.get("wires", [])
         if not isinstance(wires, list) or not all(isinstance(each, str) for each in wires):
-            raise ValueError(f"wires: expected a list of texts, came {wires!r}")  # noqa: TRY301
+            raise ValueError(f"wires: expected a list of texts, got {wires!r}")  # noqa: TRY301
         placed = Place(name, model).on(wires)
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
@@ -137,7 +137,7 @@ def _place(name: str, said: Any, folder: Path) -> Place:
         nodes[each] = node = _text(known, each, where)
         turns = model.kind == "supply" or each in model.inputs
         if not _NODE.fullmatch(node.removeprefix("-") if turns else node):
-            raise ValueError(f"{where}.{each}: expected the name of a node, came {node!r}")
+            raise ValueError(f"{where}.{each}: expected the name of a node, got {node!r}")
     return replace(placed, terminals=nodes)
 
 

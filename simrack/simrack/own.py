@@ -81,7 +81,7 @@ class Setting:
         self.default = Mnemonic.parse(default).short if words else default
         limits = None if low is None or high is None else Limits(low, high, default)
         if (low is None) != (high is None) or (limits is not None and not limits.minimum <= default <= limits.maximum):
-            raise ValueError(f"{header}: expected low and high with the default between, came {low}, {default}, {high}")
+            raise ValueError(f"{header}: expected low and high with the default between, got {low}, {default}, {high}")
         self._header, self._takes_s = header, takes_s
         self._then = None if then is None else _guarded(then)
         self._parameter, usual = _kind(default, unit, limits, words)

@@ -191,7 +191,7 @@ def own_models(module: Mapping[str, Any]) -> dict[str, SimulatedModel]:
 def _placed(word: str, own: Mapping[str, SimulatedModel], taken: set[str]) -> Place:
     found = _WORD.fullmatch(word)
     if found is None:
-        raise ValueError(f"expected a file.py or [NAME=]MODEL[:WIRE[+WIRE...]], came {word!r}")
+        raise ValueError(f"expected a file.py or [NAME=]MODEL[:WIRE[+WIRE...]], got {word!r}")
     model = model_named(found["model"], own)
     usual = [model.name, *(f"{model.name}-{number}" for number in range(2, len(taken) + 2))]
     name = found["name"] or next(each for each in usual if each not in taken)
@@ -254,5 +254,5 @@ def circuit_in(file: Path) -> Circuit:
 def _circuit(module: Mapping[str, Any], file: str) -> Circuit:
     found = module.get("CIRCUIT")
     if not isinstance(found, Circuit):
-        raise ValueError(f"{file}: expected CIRCUIT = ..., a simrack.wired.Circuit, came {type(found).__name__}")  # noqa: TRY004  (what a user wrote)
+        raise ValueError(f"{file}: expected CIRCUIT = ..., a simrack.wired.Circuit, got {type(found).__name__}")  # noqa: TRY004  (what a user wrote)
     return found

@@ -76,7 +76,7 @@ class WireFault:
 
     def __post_init__(self) -> None:
         if self.kind not in WIRE_FAULTS:
-            raise ValueError(f"kind: expected one of {', '.join(WIRE_FAULTS)}, came {self.kind!r}")
+            raise ValueError(f"kind: expected one of {', '.join(WIRE_FAULTS)}, got {self.kind!r}")
 
 
 class _Near(Connection):
@@ -412,4 +412,4 @@ def _wire(resource: str) -> FaultyWire:
         return _TerminalWire(match["path"], "ASRL{}::INSTR".format)
     if resource.startswith("/"):
         return _TerminalWire(resource, str)
-    raise ValueError(f"resource: expected a socket or a serial line, came {resource!r}")
+    raise ValueError(f"resource: expected a socket or a serial line, got {resource!r}")

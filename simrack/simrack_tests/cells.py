@@ -20,7 +20,7 @@ def few(cells: Iterable[Any], *kept: Any) -> list[Any]:
     wanted = [_values(cell) for cell in kept]
     missing = [cell for cell in wanted if cell not in [row.values for row in rows]]
     if missing:
-        raise ValueError(f"expected cells of the matrix, came {missing}")
+        raise ValueError(f"expected cells of the matrix, got {missing}")
     return [row if row.values in wanted else _exhaustive(row) for row in rows]
 
 

@@ -112,22 +112,22 @@ def test_faults_and_the_seed_are_those_of_the_file(written: Callable[[str], Path
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[instrument.a]", "the file: expected seed, instruments, circuits, loads, fault, came instrument"),
+        ("[instrument.a]", "the file: expected seed, instruments, circuits, loads, fault, got instrument"),
         ('[instruments.a]\nmodel = "34402A"', "instruments.a: there is no model '34402A'"),
-        ("[instruments.a]", "instruments.a: instruments.a.model: expected a text, came None"),
+        ("[instruments.a]", "instruments.a: instruments.a.model: expected a text, got None"),
         (
             '[instruments.a]\nmodel = "33522B"\noutput_3 = "x"',
-            "instruments.a: expected model, wires, file, output_1, output_2, came output_3",
+            "instruments.a: expected model, wires, file, output_1, output_2, got output_3",
         ),
         ('[instruments.a]\nmodel = "34461A"\nwires = ["gpib"]', "instruments.a: 34461A can be on tcp"),
-        ("[loads]\nx = -1.0", "loads.x: expected ohms above 0, came -1.0"),
+        ("[loads]\nx = -1.0", "loads.x: expected ohms above 0, got -1.0"),
         ('[[fault]]\ninstrument = "a"\nkind = "nothing"', "fault 1: a fault is one of"),
-        ('[circuits.a]\noutput = "x"', "circuits.a.input: expected a text, came None"),
+        ('[circuits.a]\noutput = "x"', "circuits.a.input: expected a text, got None"),
         ("seed = ", "Invalid value"),
-        ('seed = "x"', "seed: expected a whole number from 0 on, came 'x'"),
+        ('seed = "x"', "seed: expected a whole number from 0 on, got 'x'"),
         ('[instruments."a b"]\nmodel = "34461A"', "instruments.a b: expected a name of letters"),
-        ('[instruments.a]\nmodel = "E36312A"\noutput_1 = "-"', "a.output_1: expected the name of a node, came '-'"),
-        ('[instruments.a]\nmodel = "33511B"\noutput_1 = "-x"', "a.output_1: expected the name of a node, came '-x'"),
+        ('[instruments.a]\nmodel = "E36312A"\noutput_1 = "-"', "a.output_1: expected the name of a node, got '-'"),
+        ('[instruments.a]\nmodel = "33511B"\noutput_1 = "-x"', "a.output_1: expected the name of a node, got '-x'"),
     ],
 )
 def test_what_no_bench_has_is_refused_with_its_place(written: Callable[[str], Path], text: str, said: str) -> None:

@@ -110,7 +110,7 @@ def test_sources_feel_what_hangs_on_their_node() -> None:
 
 def test_a_file_without_a_circuit_is_refused(tmp_path: Path) -> None:
     (tmp_path / "none.py").write_text("CIRCUIT = 3\n")
-    with pytest.raises(ValueError, match=r"none\.py: expected CIRCUIT = .*, came int"):
+    with pytest.raises(ValueError, match=r"none\.py: expected CIRCUIT = .*, got int"):
         circuit_in(tmp_path / "none.py")
 
 
@@ -245,7 +245,7 @@ def test_tables_are_served_by_their_language() -> None:
         (("34461A:gpib",), "34461A can be on tcp, vxi11, hislip, pty, or gpib0 to gpib30 alone, not on 'gpib'"),
         (("ACL:vxi11",), "ACL can be on tcp, pty, not on 'vxi11'"),
         (("a=34461A", "a=2000"), "two instruments are called 'a'"),
-        (("34461A:",), "came '34461A:'"),
+        (("34461A:",), "got '34461A:'"),
     ],
 )
 def test_words_that_name_no_instrument_are_refused(words: tuple[str, ...], said: str) -> None:

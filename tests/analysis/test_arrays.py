@@ -34,7 +34,7 @@ class Quantity:
 def test_quantities_are_converted(library: str) -> None:
     rates, outputs = Quantity(np.radians(RATES), "rad/s", library), Quantity(1e3 * OUTPUTS, "mV", library)
     assert vcfbench.characterise(rates, outputs).line.scale_factor == pytest.approx(-0.0125)
-    with pytest.raises(ConfigError, match="outputs: expected a unit such as V, came furlong"):
+    with pytest.raises(ConfigError, match="outputs: expected a unit such as V, got furlong"):
         vcfbench.characterise(RATES, Quantity(OUTPUTS, "furlong", library))
     with pytest.raises(ConfigError, match="came in rad/s; hand in plain numbers"):
         vcfbench.allan_deviation(rates, 1.0)
@@ -52,10 +52,10 @@ def test_columns_and_lists_are_rows(given: Any) -> None:
     ("given", "words"),
     [
         (np.ma.masked_equal(OUTPUTS, 0.0), "outputs: 1 values are masked"),
-        (OUTPUTS + 0.1j, "expected real numbers, came complex128"),
-        (["1", "2", "3"], "expected real numbers, came <U1"),
-        (np.arange(3).astype("datetime64[s]"), r"expected real numbers, came datetime64\[s\]"),
-        (np.ones((3, 2)), r"expected one dimension, came the shape \(3, 2\)"),
+        (OUTPUTS + 0.1j, "expected real numbers, got complex128"),
+        (["1", "2", "3"], "expected real numbers, got <U1"),
+        (np.arange(3).astype("datetime64[s]"), r"expected real numbers, got datetime64\[s\]"),
+        (np.ones((3, 2)), r"expected one dimension, got the shape \(3, 2\)"),
         ([1.0, None, 2.0], "not a finite number"),
         ([1.0, "a", 2.0], "expected real numbers"),
     ],

@@ -74,8 +74,8 @@ def test_column_of_times_tells_the_interval(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("", "the file is empty"),
-        ("1.0,2.0\n1.0,2.0\n", "expected the names of the columns, came numbers"),
-        ("rate_deg_s\n1.0\n\n", "64 readings at least, came 1"),
+        ("1.0,2.0\n1.0,2.0\n", "expected the names of the columns, got numbers"),
+        ("rate_deg_s\n1.0\n\n", "64 readings at least, got 1"),
         ("rate_deg_s\n1.0\nx\n", r"line 3, column rate_deg_s: 'x' is not a number"),
         ("rate_deg_s\n1,0\n", "1 columns expected, got 2; are there decimal commas"),
         ("rate_deg_s\n1.0\n\n2.0\n", "line 3: the line is empty"),

@@ -124,7 +124,7 @@ def test_what_shares_nothing_is_refused_in_words() -> None:
     nothing = Run("other", Status.COMPLETE)
     with pytest.raises(ConfigError, match=r"share neither results nor points: own \(own\) has gain, offset_v; other"):
         compare_runs(made(2.0, 0.3), nothing)
-    with pytest.raises(ConfigError, match="expected 2 to 26 runs to compare, came 1"):
+    with pytest.raises(ConfigError, match="expected 2 to 26 runs to compare, got 1"):
         compare_runs(nothing)
 
 
@@ -193,4 +193,4 @@ def test_a_line_and_small_signals_are_of_another_measurand_and_not_compared() ->
 
 def test_more_runs_than_letters_are_refused_before_anything_is_read(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["compare", *map(str, range(100)), "--runs", str(tmp_path)])
-    assert (done.exit_code, done.stderr) == (2, "vcfbench: expected 2 to 26 runs to compare, came 100\n")
+    assert (done.exit_code, done.stderr) == (2, "vcfbench: expected 2 to 26 runs to compare, got 100\n")

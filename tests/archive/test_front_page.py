@@ -61,7 +61,7 @@ def test_what_nobody_told_is_a_blank_line_and_what_is_told_stands_there(judged: 
     assert facts["traceable by"] == f"34401A (multimeter) {BLANK}; acl (rate table) {BLANK}"
     facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2026-11-23")
     assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2026-11-23")
-    with pytest.raises(ConfigError, match="came 'custommer'"):
+    with pytest.raises(ConfigError, match="got 'custommer'"):
         shown(judged, custommer="x")
 
 

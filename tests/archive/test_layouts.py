@@ -89,7 +89,7 @@ def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
     text, told, rate = RIGHT[case]
     (tmp_path / "log.csv").write_bytes(text.encode("latin-1" if case == "Latin-1" else "utf-8"))
     if case == "dates":  # one a second, too few
-        with pytest.raises(ConfigError, match="64 readings at least, came 60"):
+        with pytest.raises(ConfigError, match="64 readings at least, got 60"):
             analyze_record(tmp_path / "log.csv", rate, layout=Layout(**told))
         return
     read = analyze_record(tmp_path / "log.csv", rate, layout=Layout(**told))

@@ -29,7 +29,7 @@ def test_an_answer_in_another_form_is_told_with_its_question(model: str, monkeyp
             with pytest.raises(FramingError) as caught:
                 driver.answers()
             assert caught.value.command == garbled
-            assert "came '1.5'" in str(caught.value)
+            assert "got '1.5'" in str(caught.value)
 
 
 @pytest.mark.parametrize("model", METERS)

@@ -87,9 +87,7 @@ def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
         limits = Limits(min_temperature_c=0.0, max_temperature_c=60.0, max_ramp_k_min=60.0)
         bench = structs.replace(bench, chamber=part, limits=limits)
     bench = structs.replace(bench, limits=structs.replace(bench.limits, **{key: None}))
-    with pytest.raises(
-        ConfigError, match=rf"lab: limits\.{key}: expected a limit for the {role} of this bench, came n"
-    ):
+    with pytest.raises(ConfigError, match=rf"lab: limits\.{key}: expected a limit for the {role} of this bench, got n"):
         parse_bench(bench_text(bench), "lab")
 
 

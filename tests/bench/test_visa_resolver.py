@@ -79,7 +79,7 @@ def test_what_cannot_be_asked_is_told() -> None:
         "speed=inf": "speed=inf: expected",
         "speed=": "speed=: expected",
         "seed=x": "seed=x: expected a whole number",
-        "sped=max": "expected speed, seed, name, came 'sped'",
+        "sped=max": "expected speed, seed, name, got 'sped'",
     }.items():
         with pytest.raises(OSError, match=words):
             pyvisa.ResourceManager(f"?{asked}@vcfbench")

@@ -116,9 +116,9 @@ def test_a_dry_run_is_of_the_expected_gyroscope(tmp_path: Path) -> None:
     [
         ("[acceptance]\nbias_v = [0.1, -0.1]", r"acceptance\.bias_v: expected a window \[low, high\] with low below"),
         ("[expected]\nbias_v = [0.1, 0.1]", r"expected\.bias_v: expected a window \[low, high\] with low below high"),
-        ("[expected]\nbias = [0, 1]", r"expected\.bias: expected a known key \('bias_v'\?\), came an unknown key"),
-        ("[acceptance]\nbias_v = 0.1", r"acceptance\.bias_v: expected a list of 2 numbers, came 0\.1"),
-        ("[acceptance]\nbias_v = [0, inf]", r"acceptance\.bias_v\[1\]: expected a finite number, came inf"),
+        ("[expected]\nbias = [0, 1]", r"expected\.bias: expected a known key \('bias_v'\?\), got an unknown key"),
+        ("[acceptance]\nbias_v = 0.1", r"acceptance\.bias_v: expected a list of 2 numbers, got 0\.1"),
+        ("[acceptance]\nbias_v = [0, inf]", r"acceptance\.bias_v\[1\]: expected a finite number, got inf"),
         ("[acceptance]\nnonlinearity_ppm = [-5, 5]", r"nonlinearity_ppm\[0\]: expected a number at least 0"),
         ("[expected]\nzero_drift_v = -1", r"expected\.zero_drift_v: expected a number at least 0"),
     ],

@@ -118,11 +118,11 @@ def test_any_key_of_the_file_can_be_given(tmp_path: Path) -> None:
     ("answer", "words"),
     [
         ("limits.max_v_vc_v=50", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10"),
-        ("limits.max_v_vc_v=much", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10, came 'much'"),
-        ("multimeter.calibrated=soon", "multimeter.calibrated: expected a day, as in 2026-01-15, came 'soon'"),
-        ("expected.bias_v=10", "expected.bias_v: expected a list of 2 numbers, came 10"),
+        ("limits.max_v_vc_v=much", "limits.max_v_vc_v: expected a number at least 0.001 and at most 10, got 'much'"),
+        ("multimeter.calibrated=soon", "multimeter.calibrated: expected a day, as in 2026-01-15, got 'soon'"),
+        ("expected.bias_v=10", "expected.bias_v: expected a list of 2 numbers, got 10"),
         ("limits.min_rail_v=11", "limits.min_rail_v: expected less than"),
-        ("name=my bench", "name: expected a text of letters, digits, '_', '-' and '.', came 'my bench'"),
+        ("name=my bench", "name: expected a text of letters, digits, '_', '-' and '.', got 'my bench'"),
         ("wiring.oscilloscope.channel_1=carrier", "a channel that sees 'drive'"),
         ("kettle.on=yes", "kettle: "),
         ("name", "--set name: expected KEY=VALUE"),
@@ -141,7 +141,7 @@ def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     shown = " ".join(done.stderr.split())
     assert "Please select one of the available options" in shown
-    assert "no: asked.toml: limits.max_v_vc_v: expected a number at least 0.001 and at most 10, came 50000" in shown
+    assert "no: asked.toml: limits.max_v_vc_v: expected a number at least 0.001 and at most 10, got 50000" in shown
     bench = load_bench(tmp_path / "asked.toml")
     assert bench.limits.max_v_vc_v == 2.0
 
@@ -210,7 +210,7 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
     due = ("--set", "multimeter.calibrated=2025-01-07", "--set", "multimeter.calibration_due=2026-01-07")
     with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port), *due) as terminal:
         terminal.answer("Highest rate, deg/s (50)", "9000")
-        terminal.answer("at most 5000, came 9000", "250")
+        terminal.answer("at most 5000, got 9000", "250")
         terminal.answer("Latitude", "37.9")
         assert terminal.end() == 0
     bench = tmp_path / "lab.toml"

@@ -88,7 +88,7 @@ def test_the_history_as_csv_and_json(store: DeviceStore) -> None:
 def test_two_formats_at_once_are_refused(serial: list[str], store: DeviceStore) -> None:
     refused = call(*serial, "--devices", str(store.root), "--csv", "--json")
     assert (refused.exit_code, refused.stdout) == (2, "")
-    assert "--json and --csv: expected one of the two, came both" in refused.stderr
+    assert "--json and --csv: expected one of the two, got both" in refused.stderr
 
 
 def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store: DeviceStore) -> None:

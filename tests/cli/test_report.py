@@ -48,7 +48,7 @@ def test_figures_are_drawn_alone_or_all(folder: Path) -> None:
     assert "residual of the span / ppm" in (folder / "residuals.svg").read_text(encoding="utf-8")
     refused = warm.run(["vcfbench", "plot", "--figure", "3"], folder)
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert "expected a figure from 1 to 2, came 3" in refused.stderr
+    assert "expected a figure from 1 to 2, got 3" in refused.stderr
 
 
 def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
@@ -86,8 +86,8 @@ def test_a_run_that_was_stopped_keeps_no_other_from_its_report(folder: Path) -> 
 
 def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
     for words, said in (
-        (["--set", "custommer=x"], "came 'custommer'"),
-        (["--set", "issued=tomorrow"], "issued: expected a day such as 2026-11-23, came 'tomorrow'"),
+        (["--set", "custommer=x"], "got 'custommer'"),
+        (["--set", "issued=tomorrow"], "issued: expected a day such as 2026-11-23, got 'tomorrow'"),
         (["--set", "logo=a.exe"], "expected a name that ends in .png, .jpg, .svg"),
         (["--all", "-o", "nowhere"], "expected a directory in -o"),
         (["--all", "--tag", "batch=none"], "there is no such run"),

@@ -226,7 +226,7 @@ def test_a_record_that_cannot_be_kept_is_found_before_an_instrument_is_opened(st
     for runs in ("file", "file/runs", ""):
         result = call("run", "turntable", "--runs", runs)
         assert isinstance(result.exception, ConfigError)
-        assert "no record can be kept there" in str(result.exception) or "came an empty name" in str(result.exception)
+        assert "no record can be kept there" in str(result.exception) or "got an empty name" in str(result.exception)
     assert station.opened == []
 
 

@@ -60,7 +60,7 @@ def test_a_profile_beside_the_bench_file(tmp_path: Path) -> None:
     ("profile", "words"),
     [
         (None, "lab.toml: expected a profile of a rate table, there is no such file"),
-        ("title = 1", "lab.toml: title: expected a text of 1 to 60 characters on one line, came 1"),
+        ("title = 1", "lab.toml: title: expected a text of 1 to 60 characters on one line, got 1"),
     ],
 )
 def test_a_profile_that_cannot_be_used_ends_with_exit_code_2(profile: str | None, words: str, tmp_path: Path) -> None:

@@ -43,19 +43,19 @@ def sets(*given: str) -> list[str]:
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        (["samples=1"], "--set samples: expected a whole number at least 2 and at most 1000000, came 1"),
-        (["samples=ten"], "--set samples: expected a whole number at least 2 and at most 1000000, came 'ten'"),
-        (["sample=3"], "--set sample: expected a known key ('samples'?), came an unknown key"),
+        (["samples=1"], "--set samples: expected a whole number at least 2 and at most 1000000, got 1"),
+        (["samples=ten"], "--set samples: expected a whole number at least 2 and at most 1000000, got 'ten'"),
+        (["sample=3"], "--set sample: expected a known key ('samples'?), got an unknown key"),
         (["drive.start_up_s=1e9"], "--set drive.start_up_s: expected a number at least 0.01 and at most 600"),
-        (["drive.start=1"], "--set drive.start: expected a known key ('start_up_s'?), came an unknown key"),
-        (["drive=3"], "--set drive: expected a table, came 3"),
+        (["drive.start=1"], "--set drive.start: expected a known key ('start_up_s'?), got an unknown key"),
+        (["drive=3"], "--set drive: expected a table, got 3"),
         (["rates_deg_s=0,400,3"], "--set rates_deg_s[1]: expected a rate of at most 300 deg/s either way"),
-        (["rates_deg_s=0,fast,3"], "--set rates_deg_s: expected a list of 3 to 1000 numbers, came '0,fast,3'"),
+        (["rates_deg_s=0,fast,3"], "--set rates_deg_s: expected a list of 3 to 1000 numbers, got '0,fast,3'"),
         (["rates_deg_s=0:5:2"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
         (["rates_deg_s=5:0:1"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
         (["rates_deg_s=0:1:0"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
         (["rates_deg_s=0:1e9:1"], "--set rates_deg_s: expected START:STOP:STEP, whole steps from start to stop"),
-        (["settle_s=nan"], "--set settle_s: expected a number at least 0.01 and at most 3600, came 'nan'"),
+        (["settle_s=nan"], "--set settle_s: expected a number at least 0.01 and at most 3600, got 'nan'"),
         (["samples=3\nnplc = 1"], "--set samples: expected a whole number at least 2"),
         (["samples"], "--set samples: expected KEY=VALUE, as in --set samples=20"),
         (["=3"], "--set =3: expected KEY=VALUE"),
@@ -95,7 +95,7 @@ def test_bytes_of_another_encoding_are_refused() -> None:
 
 
 def test_an_option_that_stands_for_a_key_is_named_itself() -> None:
-    assert refusal("--match", "nearly") == "--match: expected 'zero' or 'absolute', came 'nearly'"
+    assert refusal("--match", "nearly") == "--match: expected 'zero' or 'absolute', got 'nearly'"
     assert refusal("--match", "zero", *sets("match=zero")) == "--set match=zero: match is given twice"
 
 
@@ -106,7 +106,7 @@ def test_options_may_be_called_otherwise_than_their_keys() -> None:
     shown = " ".join(call("virtual-coriolis", "--dry-run", *asked).stdout.split())
     assert "order abba, a zero before and after each rate, 2 times" in shown
     assert "Cycle 2, 10 deg/s: table at rest, V_Vc on" in shown
-    assert refusal("--zero", "both") == "--zero: expected 'none' or 'ends' or 'bracket', came 'both'"
+    assert refusal("--zero", "both") == "--zero: expected 'none' or 'ends' or 'bracket', got 'both'"
     assert refusal("--kvc", "two").startswith("--kvc: expected 'one-point' or 'plus-minus' or 'curve'")
 
 
@@ -151,7 +151,7 @@ def test_texts_of_a_list_may_do_without_brackets_and_quotes() -> None:
         assert call("power", "--dry-run", "--set", f"orders={said}").stdout == shown, said
     refused = call("power", "--dry-run", "--set", "orders=left")
     assert refused.exit_code == 2
-    assert "--set orders[0]: expected 'negative' or 'positive' or 'together', came 'left'" in refused.stderr
+    assert "--set orders[0]: expected 'negative' or 'positive' or 'together', got 'left'" in refused.stderr
 
 
 def test_help_of_an_option_leaves_symbols_as_they_are_written() -> None:
@@ -203,7 +203,7 @@ def test_the_help_of_a_file_begins_with_its_own_keys() -> None:
         (None, "expected a procedure's file, there is no such file"),
         ("x = 1\ny = \n", "line 2: SyntaxError"),
         ("import vcfbench\nvcfbench.nothing\n", "line 2: AttributeError"),
-        ("", "expected a file with one Procedure, came none"),
+        ("", "expected a file with one Procedure, got none"),
     ],
 )
 @pytest.mark.parametrize("more", [[], ["--help"], ["--dry-run"]])

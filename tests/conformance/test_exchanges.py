@@ -39,7 +39,7 @@ def _bytes(bench: Bench, text: str, _place: str) -> None:
 
 def _reply(bench: Bench, expected: str, place: str) -> None:
     answer = bench.read()
-    assert matches(answer, expected), f"{place}: came {answer!r}"
+    assert matches(answer, expected), f"{place}: got {answer!r}"
 
 
 def _error(bench: Bench, expected: str, place: str) -> None:
@@ -47,12 +47,12 @@ def _error(bench: Bench, expected: str, place: str) -> None:
     if expected == "nonzero":
         assert number, place
     else:
-        assert number in {int(text) for text in expected.split("|")}, f"{place}: came {number}"
+        assert number in {int(text) for text in expected.split("|")}, f"{place}: got {number}"
 
 
 def _poll(bench: Bench, expected: str, place: str) -> None:
     status = bench.device.status_byte()
-    assert status == int(expected), f"{place}: came {status}"
+    assert status == int(expected), f"{place}: got {status}"
 
 
 def _wait(bench: Bench, seconds: str, _place: str) -> None:
@@ -61,7 +61,7 @@ def _wait(bench: Bench, seconds: str, _place: str) -> None:
 
 def _silence(bench: Bench, seconds: str, place: str) -> None:
     answer = bench.read(float(seconds or 0.1))
-    assert answer is None, f"{place}: came {answer!r}"
+    assert answer is None, f"{place}: got {answer!r}"
 
 
 def _soon(bench: Bench, rest: str, place: str) -> None:

@@ -181,7 +181,7 @@ NONE = ("+9.9E+37", "-9.9E37", "9.91E37", "9.8999999999999999E+37", "1E400", "NA
 def test_preambles_that_are_none(preamble: str) -> None:
     with (
         expected_exchange(OPEN, [*OPENING, *DOWNLOAD[:-1], (":WAV:PRE?", preamble)]) as scope,
-        pytest.raises(FramingError, match=r"^oscilloscope at SCRIPT: expected .*, came .*, command ':WAV:PRE\?'"),
+        pytest.raises(FramingError, match=r"^oscilloscope at SCRIPT: expected .*, got .*, command ':WAV:PRE\?'"),
     ):
         scope.waveform(1)
 

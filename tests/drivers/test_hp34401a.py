@@ -83,7 +83,7 @@ def test_a_garbled_reading_is_no_reading() -> None:
     ],
 )
 def test_what_lost_or_gained_a_character_is_no_reading(answer: str) -> None:
-    words = r"multimeter at SCRIPT: expected a number of the form \+d\.ddddddddE\+dd, came"
+    words = r"multimeter at SCRIPT: expected a number of the form \+d\.ddddddddE\+dd, got"
     with (
         expected_exchange(OPEN, [*OPENING, *reading(answer)[:2]]) as meter,
         pytest.raises(FramingError, match=words),

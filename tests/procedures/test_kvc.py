@@ -173,7 +173,7 @@ def test_a_serial_number_that_is_none_is_refused_before_anything_is_opened(tmp_p
         ({"match_rates_deg_s": [-40.0, -20.0, 20.0, 40.0]}, "at least 3 different magnitudes for a curve of order 3"),
         ({"match_rates_deg_s": [10.0, 100.0, 400.0]}, r"match_rates_deg_s\[2\]"),
         ({"k_vc_guess_deg_s_per_v": 15.0}, "at least 20"),
-        ({"v_vc_range_v": 1}, "v_vc_range_v: expected a range for 1.333 V, the V_Vc of 200 deg/s, came 1"),
+        ({"v_vc_range_v": 1}, "v_vc_range_v: expected a range for 1.333 V, the V_Vc of 200 deg/s, got 1"),
     ],
 )
 def test_settings_that_cannot_be_are_refused(settings: dict[str, Any], said: str) -> None:

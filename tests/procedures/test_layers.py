@@ -85,16 +85,16 @@ def test_bench_files_of_before_keep_keys_of_one_procedure_among_those_of_all() -
 @pytest.mark.parametrize(
     ("lines", "said"),
     [
-        (["[procedure]", "sample = 3"], "procedure.sample: expected a known key ('samples'?), came an unknown key"),
+        (["[procedure]", "sample = 3"], "procedure.sample: expected a known key ('samples'?), got an unknown key"),
         (["[procedure]", "loops = 3"], "procedure.loops: expected"),
-        (["[procedure]", 'match = "nearly"'], "procedure.match: expected 'zero' or 'absolute', came 'nearly'"),
+        (["[procedure]", 'match = "nearly"'], "procedure.match: expected 'zero' or 'absolute', got 'nearly'"),
         (["[procedure]", "match_rate_deg_s = 400"], "procedure.match_rate_deg_s: expected a rate of at most 300"),
         (["[procedure.turntable]", "sample = 3"], "procedure.turntable.sample: expected a known key ('samples'?)"),
         (["[procedure.turntable]", "match = 3"], "procedure.turntable.match: expected"),
         (["[procedure.turntable]", "rates_deg_s = [1, 2, 400]"], "procedure.turntable.rates_deg_s[2]: expected a rate"),
         (["[procedure.turntable]", "station = 3"], "procedure.turntable.station: expected one of"),
         (["[procedure.turntabel]", "samples = 3"], "procedure.turntabel: expected a known key ('turntable'?)"),
-        (["[procedure]", "turntable = 3"], "procedure.turntable: expected a table, came 3"),
+        (["[procedure]", "turntable = 3"], "procedure.turntable: expected a table, got 3"),
         (["[procedure]", "station = 3"], "procedure.station: expected"),
     ],
 )
@@ -106,7 +106,7 @@ def test_table_of_a_custom_procedure_is_checked_when_run() -> None:
     lab = bench("[procedure.loop]", "loops = 10")
     assert settings_of(TURNTABLE, lab).samples == 10
     said = refusal(lambda: settings_of(LOOP, lab, source="lab.toml"))
-    assert said == "lab.toml: procedure.loop.loops: expected a whole number at least 1 and at most 9, came 10"
+    assert said == "lab.toml: procedure.loop.loops: expected a whole number at least 1 and at most 9, got 10"
 
 
 def test_impossible_default_is_named_with_its_place() -> None:
@@ -114,7 +114,7 @@ def test_impossible_default_is_named_with_its_place() -> None:
     said = refusal(lambda: parse_bench(text, "lab.toml"))
     assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")
     assert said.endswith(
-        "came 200.0, the default; put rates_deg_s into [procedure] of the bench file, with what it bears"
+        "got 200.0, the default; put rates_deg_s into [procedure] of the bench file, with what it bears"
     )
     lab = parse_bench(text.replace("[procedure.drive]", "[procedure]\nrates_deg_s = [5, 0, -5]\n[procedure.drive]"), "")
     assert settings_of(TURNTABLE, lab).rates_deg_s == (5.0, 0.0, -5.0)

@@ -92,11 +92,11 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         ("import sys\nsys.exit(0)\n", "wait.py, line 2: SystemExit: 0"),
         ("import nowhere\n", "wait.py, line 1: ModuleNotFoundError: No module named 'nowhere'"),
         ("def f():\n    return 1 / 0\nf()\n", "wait.py, line 2: ZeroDivisionError: division by zero"),
-        ("x = 1\n", "wait.py: expected a file with one Procedure, came none"),
-        (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, came 2: wait, more"),
+        ("x = 1\n", "wait.py: expected a file with one Procedure, got none"),
+        (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, got 2: wait, more"),
         (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
-        (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', came 'w w'"),
-        (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': expected a title, one line, came none"),
+        (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', got 'w w'"),
+        (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': expected a title, one line, got none"),
         (GOOD.replace("settings=WaitSettings", "settings=int"), "expected settings that are ProcedureSettings"),
         ("\0", "wait.py cannot be run"),
     ],
@@ -120,7 +120,7 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
     [
         ('        yield Settle(1.0, "for nothing")', "        yield 1 / 0", "wait.py, line 22: ZeroDivisionError"),
         ('        yield Settle(1.0, "for nothing")', "        yield 7", "step 1: expected a step, the plan yields 7"),
-        ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, came None"),
+        ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, got None"),
         (
             "    times: A",
             "    def contradictions(self):\n        return self.x\n\n    times: A",
@@ -198,9 +198,9 @@ def test_an_installed_procedure_is_found_by_its_name(
         ("x = = 1", r"acme_of_a_test\.py, line 1: SyntaxError"),
         ("\nraise OSError('no licence')", r"acme_of_a_test\.py, line 2: OSError: no licence"),
         ("import sys\nsys.exit()", r"acme_of_a_test\.py, line 2: SystemExit"),
-        ("WAIT = 3", "expected a Procedure of that name, came 3"),
+        ("WAIT = 3", "expected a Procedure of that name, got 3"),
         ("x = 1", "AttributeError: module 'acme_of_a_test' has no attribute 'WAIT'"),
-        (GOOD.replace('"wait"', '"other"'), "expected a Procedure of that name, came <Procedure other>"),
+        (GOOD.replace('"wait"', '"other"'), "expected a Procedure of that name, got <Procedure other>"),
     ],
 )
 def test_a_broken_package_is_one_sentence_and_breaks_no_other(

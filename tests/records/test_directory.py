@@ -85,7 +85,7 @@ def test_which_run_is_the_last_is_not_guessed_after_the_clock_was_set_back(tmp_p
 
 def test_no_name_is_no_run(tmp_path: Path) -> None:
     begun(tmp_path, "only", "2024-01-01T00:00:00+00:00")
-    with pytest.raises(ConfigError, match="came nothing"):
+    with pytest.raises(ConfigError, match="got nothing"):
         find_run(tmp_path, "")
 
 

@@ -71,14 +71,14 @@ def test_numbers_and_arrays_of_numpy_are_numbers_and_lists(value: object, expect
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (Loop(float("nan")), "results.width_v: expected a finite number, or None where there is none, came nan"),
+        (Loop(float("nan")), "results.width_v: expected a finite number, or None where there is none, got nan"),
         (Fit(0.0, (Loop([0.0, np.inf]),)), r"results.loops\[0\].width_v\[1\]: expected a finite number.*came inf"),
         (np.array([1.0, np.nan]), r"results\[1\]: expected a finite number"),
-        (Loop(1j), "results.width_v: expected numbers, texts, lists, or a frozen dataclass of them, came a complex"),
-        (Loop(np.complex128(1j)), "came a complex128"),
+        (Loop(1j), "results.width_v: expected numbers, texts, lists, or a frozen dataclass of them, got a complex"),
+        (Loop(np.complex128(1j)), "got a complex128"),
         (Loop(Loop), "results.width_v: .* came a type"),
-        (Loop(object()), "came a object"),
-        ({(1, 2): 3}, "results: expected keys that are texts or numbers, came a tuple"),
+        (Loop(object()), "got a object"),
+        ({(1, 2): 3}, "results: expected keys that are texts or numbers, got a tuple"),
         (Loop(1 << 64), "results.width_v: expected a whole number of 64 bits"),
     ],
 )

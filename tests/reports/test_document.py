@@ -63,24 +63,24 @@ def make_table(*rows: Any, form: str = "") -> Table:
     [
         (lambda: make_table((1, 2), (1,)), "row 2 of a table of 2 columns has 1 values"),
         (lambda: make_table((1, 2, 3)), "row 1 of a table of 2 columns has 3 values"),
-        (lambda: make_table((1, [2])), r"row 1 of a table, b: expected a number, a text or None, came \[2\]"),
+        (lambda: make_table((1, [2])), r"row 1 of a table, b: expected a number, a text or None, got \[2\]"),
         (lambda: make_table((1, Cell([2])), form="g"), "expected a number, a text or None"),  # type: ignore[arg-type]
         (lambda: make_table((1, 0.5), form="d"), "row 1 of a table, b: 0.5 cannot be printed"),
         (lambda: Table([], []), "at least one Column"),
-        (lambda: Table(["a"], []), "nothing else for columns, came .*'a'"),  # type: ignore[list-item]
-        (lambda: Heading("h", 0), "expected a level from 1 to 6, came 0"),
+        (lambda: Table(["a"], []), "nothing else for columns, got .*'a'"),  # type: ignore[list-item]
+        (lambda: Heading("h", 0), "expected a level from 1 to 6, got 0"),
         (lambda: Series("s", [1, 2], [1]), "series 's': 2 x and 1 y"),
         (lambda: Series("s", [1, 2], [1, 2], [0.1]), "series 's': 2 x and 1 u_y"),
         (lambda: Series("s", [1], [1], [-0.1]), "an uncertainty is not negative"),
         (lambda: Series("s", [1], [math.nan]), "y holds what is no finite number"),
         (lambda: Series("s", [math.inf], [1]), "x holds what is no finite number"),
-        (lambda: Series("s", [1], [1], kind="pie"), "came 'pie'"),  # type: ignore[arg-type]
+        (lambda: Series("s", [1], [1], kind="pie"), "got 'pie'"),  # type: ignore[arg-type]
         (lambda: Figure("f", RATE, OUTPUT, []), "figure 'f' has no series"),
         (
             lambda: Figure("f", Axis("tau", "s", "log"), OUTPUT, [Series("s", [0.0], [1.0])]),
             "a logarithmic x axis has positive values only",
         ),
-        (lambda: Report(["words"]), "came a str"),  # type: ignore[list-item]
+        (lambda: Report(["words"]), "got a str"),  # type: ignore[list-item]
     ],
 )
 def test_what_cannot_be_shown_is_refused_when_it_is_made(make: Any, words: str) -> None:

@@ -172,12 +172,12 @@ def test_ideal_and_paper_differ() -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("output_stage.offset_vv = 1", "override.output_stage.offset_vv: expected a known name ('offset_v'?), came 1"),
-        ("output_stage.offset_v = 'a'", "override.output_stage.offset_v: expected a number, came 'a'"),
+        ("output_stage.offset_vv = 1", "override.output_stage.offset_vv: expected a known name ('offset_v'?), got 1"),
+        ("output_stage.offset_v = 'a'", "override.output_stage.offset_v: expected a number, got 'a'"),
         ("output_stage = 3", "override.output_stage: expected a table with gain, offset_v, "),
         ("xyzzy = 3", "override.xyzzy: expected one of 14 names (drive_mode, "),
-        ("table.ripple_arcsec = 3", "override.table.ripple_arcsec: expected a list, came 3"),
-        ("sense_path.low_pass_order = 3.5", "override.sense_path.low_pass_order: expected a whole number, came 3.5"),
+        ("table.ripple_arcsec = 3", "override.table.ripple_arcsec: expected a list, got 3"),
+        ("sense_path.low_pass_order = 3.5", "override.sense_path.low_pass_order: expected a whole number, got 3.5"),
     ],
 )
 def test_a_parameter_that_is_none_is_refused(more: str, said: str) -> None:
@@ -189,10 +189,10 @@ def test_a_parameter_that_is_none_is_refused(more: str, said: str) -> None:
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ("supply.dead_v = 9.5", "supply.dead_v at most brown_out_v, and that at most start_v, came [9.5, "),
+        ("supply.dead_v = 9.5", "supply.dead_v at most brown_out_v, and that at most start_v, got [9.5, "),
         (
             "table.ripple_arcsec = [1.0]",
-            "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length, came [1",
+            "table.ripple_arcsec, ripple_harmonic and ripple_phase_rad of one length, got [1",
         ),
         ("drive_mode.quality_coefficient_per_k = -4.0", "drive_mode.quality above 0.5 at every temperature from"),
     ],
@@ -206,9 +206,9 @@ def test_parameters_that_contradict_each_other_are_a_mistake_of_the_bench_file(m
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ("dac_bits = 14", "dac_bitts = 14", "dac_bitts: expected a known name ('dac_bits'?), came 14"),
-        ("dac_bits = 14", 'dac_bits = "a"', "dac_bits: expected a whole number, came 'a'"),
-        ("gain_error", "gain", "ranges: expected every entry to have gain_error, came ["),
+        ("dac_bits = 14", "dac_bitts = 14", "dac_bitts: expected a known name ('dac_bits'?), got 14"),
+        ("dac_bits = 14", 'dac_bits = "a"', "dac_bits: expected a whole number, got 'a'"),
+        ("gain_error", "gain", "ranges: expected every entry to have gain_error, got ["),
     ],
 )
 def test_an_instrument_error_that_is_none_is_refused(old: str, new: str, said: str) -> None:

@@ -227,13 +227,13 @@ def test_a_mistyped_key_is_one_line_with_its_path(path: tuple[str, ...], tail: s
     mistyped = (*path[:-1], f"{path[-1]}_{tail}")
     said = refusal(changed(FULL, mistyped, 1))
     assert said.startswith(f"lab.toml: {'.'.join(mistyped)}: expected ")
-    assert said.endswith(", came an unknown key")
+    assert said.endswith(", got an unknown key")
     assert "\n" not in said
 
 
 def test_a_close_key_is_suggested() -> None:
     said = refusal(changed(FULL, ("limits", "max_rate_degs"), 1))
-    assert said == ("lab.toml: limits.max_rate_degs: expected a known key ('max_rate_deg_s'?), came an unknown key")
+    assert said == ("lab.toml: limits.max_rate_degs: expected a known key ('max_rate_deg_s'?), got an unknown key")
 
 
 def _leaf(path: tuple[str, ...]) -> object:
@@ -257,7 +257,7 @@ def test_a_wrong_type_is_one_line_with_its_path(path: tuple[str, ...], value: ob
     said = str(caught.value)
     assert said.startswith(f"lab.toml: {'.'.join(path)}")
     assert ": expected " in said
-    assert ", came " in said
+    assert ", got " in said
     assert "\n" not in said
 
 
@@ -267,7 +267,7 @@ def test_a_table_in_place_of_a_value_is_refused(path: tuple[str, ...]) -> None:
         return  # a table of single errors is welcome there
     said = refusal(changed(FULL, path, {"x": 1}))
     assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
-    assert said.endswith(", came a table")
+    assert said.endswith(", got a table")
 
 
 def numeric_leaves() -> list[tuple[str, ...]]:
@@ -285,7 +285,7 @@ def numeric_leaves() -> list[tuple[str, ...]]:
 def test_a_number_out_of_range_is_one_line_with_its_path(path: tuple[str, ...], value: float) -> None:
     said = refusal(changed(FULL, path, value))
     assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
-    assert ", came " in said
+    assert ", got " in said
     assert "\n" not in said
 
 
@@ -293,25 +293,25 @@ def test_a_number_out_of_range_is_one_line_with_its_path(path: tuple[str, ...], 
 def test_a_missing_key_is_one_line_with_its_path(path: tuple[str, ...]) -> None:
     said = refusal(without(FULL, path))
     assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
-    assert said.endswith(", came nothing")
+    assert said.endswith(", got nothing")
 
 
 @pytest.mark.parametrize(
     ("path", "value", "said"),
     [
-        (("limits", "max_rate_deg_s"), "fast", "expected a number at least 0.001 and at most 5000, came 'fast'"),
-        (("limits", "max_v_vc_v"), 11, "expected a number at least 0.001 and at most 10, came 11"),
+        (("limits", "max_rate_deg_s"), "fast", "expected a number at least 0.001 and at most 5000, got 'fast'"),
+        (("limits", "max_v_vc_v"), 11, "expected a number at least 0.001 and at most 10, got 11"),
         (
             ("multimeter", "model"),
             "2010",
             f"expected {METERS}, or one that speaks the same words",
         ),
-        (("site", "mains_hz"), 55, "expected 50 or 60, came 55"),
-        (("site", "latitude_deg"), 91, "expected a number at least -90 and at most 90, came 91"),
-        (("name",), "lab 1", "expected a text of letters, digits, '_', '-' and '.', came 'lab 1'"),
-        (("power", "serial", "parity"), "mark", "expected 'even' or 'none' or 'odd', came 'mark'"),
-        (("procedure", "drive", "amplitude_v"), [1], "expected a list of 2 numbers, came [1]"),
-        (("procedure", "samples"), 2.5, "expected a whole number at least 2 and at most 1000000, came 2.5"),
+        (("site", "mains_hz"), 55, "expected 50 or 60, got 55"),
+        (("site", "latitude_deg"), 91, "expected a number at least -90 and at most 90, got 91"),
+        (("name",), "lab 1", "expected a text of letters, digits, '_', '-' and '.', got 'lab 1'"),
+        (("power", "serial", "parity"), "mark", "expected 'even' or 'none' or 'odd', got 'mark'"),
+        (("procedure", "drive", "amplitude_v"), [1], "expected a list of 2 numbers, got [1]"),
+        (("procedure", "samples"), 2.5, "expected a whole number at least 2 and at most 1000000, got 2.5"),
         (("wiring", "oscilloscope", "channel_1"), "driv", "expected 'carrier' or 'drive' or"),
     ],
 )
@@ -331,7 +331,7 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         ),
         (("procedure", "acceleration_deg_s2"), 201, "procedure.acceleration_deg_s2: expected at most 200"),
         (("procedure", "k_vc_guess_deg_s_per_v"), -19, "procedure.k_vc_guess_deg_s_per_v: expected at least 20"),
-        (("limits", "min_rail_v"), 11, "limits.min_rail_v: expected less than limits.max_rail_v = 10.5 V, came 11"),
+        (("limits", "min_rail_v"), 11, "limits.min_rail_v: expected less than limits.max_rail_v = 10.5 V, got 11"),
         (("procedure", "positive_rail_v"), 12, "procedure.positive_rail_v: expected a rail of 9.5 to 10.5 V"),
         (("procedure", "negative_rail_v"), -9, "procedure.negative_rail_v: expected a rail of 9.5 to 10.5 V"),
         (("procedure", "rail_current_limit_a"), 0.3, "procedure.rail_current_limit_a: expected at most 0.2 A"),
@@ -343,7 +343,7 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("procedure", "drive", "phase_deg"), [5, 5], "procedure.drive.phase_deg: expected a window [low, high]"),
         (("procedure", *VC, "match_rate_deg_s"), 0.05, "procedure.virtual-coriolis.match_rate_deg_s: expected"),
         (("procedure", "k_vc_guess_deg_s_per_v"), 10001, "procedure.k_vc_guess_deg_s_per_v: expected at most 10000"),
-        (("limits", "min_rail_v"), 1e-7, "limits.min_rail_v: expected 0, or at least 1e-06 either sign, came 1e-07"),
+        (("limits", "min_rail_v"), 1e-7, "limits.min_rail_v: expected 0, or at least 1e-06 either sign, got 1e-07"),
         (("procedure", "rates_deg_s"), [1, 2, -1e-300], "procedure.rates_deg_s[2]: expected 0, or at least 1e-06"),
         (("multimeter", "resource"), "gpib0::5::instr", "multimeter.resource: expected a resource of its own"),
     ],
@@ -392,7 +392,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="expected a bench file, "):
         load_bench("a\0b")
     (tmp_path / "latin.toml").write_bytes(b'name = "caf\xe9"')
-    with pytest.raises(ConfigError, match="expected UTF-8 text, came byte 0xe9"):
+    with pytest.raises(ConfigError, match="expected UTF-8 text, got byte 0xe9"):
         load_bench(tmp_path / "latin.toml")
 
 

@@ -59,7 +59,7 @@ def test_a_change_that_makes_no_bench_changes_nothing() -> None:
     draft = Draft("new.toml")
     draft.add_instrument("power", {"model": "E3631A", "resource": "GPIB0::5::INSTR"})
     before = dict(draft.values)
-    with pytest.raises(ConfigError, match=r"new\.toml: limits\.max_rail_v: expected .*, came 100"):
+    with pytest.raises(ConfigError, match=r"new\.toml: limits\.max_rail_v: expected .*, got 100"):
         draft.change({"limits.max_rail_v": 100})
     with pytest.raises(ConfigError, match=r"limits\.min_rail_v"):
         draft.change({"limits.min_rail_v": 11})

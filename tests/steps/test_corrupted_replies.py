@@ -83,4 +83,4 @@ def test_what_was_asked_again_is_told_with_its_step() -> None:
     assert spoilt.error is None
     [said] = spoilt.asked_again
     assert said.startswith("step ")
-    assert "multimeter at GPIB0::22::INSTR: expected a number of the form +d.ddddddddE+dd, came '-4." in said
+    assert "multimeter at GPIB0::22::INSTR: expected a number of the form +d.ddddddddE+dd, got '-4." in said

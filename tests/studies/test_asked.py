@@ -68,16 +68,16 @@ def test_values_can_be_paired() -> None:
     words = refused(combine="paired", vary={"settings.samples": [3, 5], Q: [900.0]})
     assert (
         words
-        == f"study: combine: expected as many values of each path, to pair them, came 2 of settings.samples, 1 of {Q}"
+        == f"study: combine: expected as many values of each path, to pair them, got 2 of settings.samples, 1 of {Q}"
     )
 
 
 def test_a_grid_is_counted_before_it_is_made() -> None:
     """A hundred million cases took 8 GB before the number was looked at."""
     vary = {"settings.samples": list(range(3, 10_003)), Q: {"from": 1.0, "to": 2.0, "steps": 10_000}}
-    assert "at most 10000 cases, came 100000000 cases of 2 seeds, 200000000 runs" in refused(vary=vary)
+    assert "at most 10000 cases, got 100000000 cases of 2 seeds, 200000000 runs" in refused(vary=vary)
     many = refused(seeds={"count": 10_001})
-    assert "at most 10000 runs, came 1 cases of 10001 seeds, 10001 runs; most_runs of the study file" in many
+    assert "at most 10000 runs, got 1 cases of 10001 seeds, 10001 runs; most_runs of the study file" in many
     assert len(study_of({**SMALL, "seeds": {"count": 10_001}, "most_runs": 20_000}).seeds) == 10_001
     assert "most_runs: expected" in refused(most_runs=2_000_000)
 
@@ -110,7 +110,7 @@ def test_an_entry_of_a_list_can_be_varied() -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"sedes": 1}, "study: sedes: expected a known key ('seeds'?), came an unknown key"),
+        ({"sedes": 1}, "study: sedes: expected a known key ('seeds'?), got an unknown key"),
         ({"seeds": {"count": 0}}, "study: seeds.count: expected a whole number at least 1"),
         ({"vary": {"settings.smaples": [3]}}, "study: vary.settings.smaples: expected a known key ('samples'?)"),
         ({"vary": {"settings.samples": [3, 0]}}, "study: vary.settings.samples: expected a whole number at least 2"),
@@ -127,8 +127,8 @@ def test_an_entry_of_a_list_can_be_varied() -> None:
         ({"vary": {Q: []}}, f"study: vary.{Q}.values: expected a list"),
         ({"vary": {Q: {"from": 1.0, "to": 2.0}}}, f"study: vary.{Q}.steps: expected a whole number"),
         ({"vary": {Q: {"from": -1.0, "to": 2.0, "steps": 3, "spacing": "log"}}}, "both ends above 0"),
-        ({"vary": {Q: {"values": [900.0], "label": "seed"}}}, "expected a label of its own, came 'seed'"),
-        ({"vary": {"title.x": [900.0]}}, "study: vary.title.x: expected a table for 'x' on the way, came"),
+        ({"vary": {Q: {"values": [900.0], "label": "seed"}}}, "expected a label of its own, got 'seed'"),
+        ({"vary": {"title.x": [900.0]}}, "study: vary.title.x: expected a table for 'x' on the way, got"),
         ({"vary": {"settings.samples": {"from": 3, "to": 5, "steps": 4}}}, "study: vary.settings.samples: expected"),
     ],
 )  # fmt: skip

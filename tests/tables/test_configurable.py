@@ -97,7 +97,7 @@ def test_a_table_that_does_not_stop_is_not_switched_on() -> None:
 def test_what_comes_late_is_not_the_answer() -> None:
     on = line(("R", "BEEP\r\n1.5,2.0"), ("R", "OK\r\n1.5,2.0"))
     assert table().angle_deg(on, soon(on)) == 1.5
-    with pytest.raises(FramingError, match="came 'OK', which is no answer"):
+    with pytest.raises(FramingError, match="got 'OK', which is no answer"):
         table().angle_deg(on, soon(on))
 
 
@@ -127,7 +127,7 @@ def test_status_of_bytes_that_comes_unasked_is_not_the_answer() -> None:
     on = TableLine(wire, name="rate_table", resource="script://", clock=clock, timeout_s=1.0)
     dialect = ConfigurableDialect(parse_profile(BYTES, "lab.toml"))
     assert dialect.angle_deg(on, soon(on)) == 5.0
-    with pytest.raises(FramingError, match="came 'aa 03 00 00', which is no answer"):
+    with pytest.raises(FramingError, match="got 'aa 03 00 00', which is no answer"):
         dialect.angle_deg(on, soon(on))
 
 

@@ -204,5 +204,5 @@ def test_the_realised_rate() -> None:
 
 
 def test_an_axis_that_the_table_does_not_have() -> None:
-    with pytest.raises(ConfigError, match=r"rate_table\.axis: expected one of 1, 2, 3 \(\$MN/\$AS table\), came 4"):
+    with pytest.raises(ConfigError, match=r"rate_table\.axis: expected one of 1, 2, 3 \(\$MN/\$AS table\), got 4"):
         dialect("mn_as", 4)

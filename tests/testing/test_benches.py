@@ -145,8 +145,8 @@ def test_a_real_stations_file_is_simulated_with_its_own_limits(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"parameters": "mine"}, "parameters: expected 'ideal' or 'paper', came 'mine'"),
-        ({"errors": "some"}, "errors.power: expected 'drawn' or 'none' or a table, came 'some'"),
+        ({"parameters": "mine"}, "parameters: expected 'ideal' or 'paper', got 'mine'"),
+        ({"errors": "some"}, "errors.power: expected 'drawn' or 'none' or a table, got 'some'"),
         ({"overrides": "a b"}, "expected TOML"),
         ({"overrides": {"site": {"latitude": 3}}}, "simulation.override.site.latitude: expected a known name"),
     ],

@@ -101,7 +101,7 @@ def allan_deviation(
     if not np.isfinite(values).all():
         raise ConfigError("a sample of the record is not a finite number")
     if not 0.0 < interval_s < math.inf:
-        raise ConfigError(f"expected an interval above 0 s between samples, came {interval_s:g} s")
+        raise ConfigError(f"expected an interval above 0 s between samples, got {interval_s:g} s")
     chosen = list(averaging_factors(values.size) if factors is None else factors)
     edfs = [equivalent_dof(values.size, factor) for factor in chosen]
     # The running sum from 0; the mean is taken out first, which no difference sees, to keep its digits

@@ -30,14 +30,14 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
         try:
             converted = values.to(unit)
         except Exception as error:  # each library has errors of its own
-            raise ConfigError(f"{what}: expected a unit such as {unit}, came {written}") from error
+            raise ConfigError(f"{what}: expected a unit such as {unit}, got {written}") from error
         values = converted.magnitude if hasattr(converted, "magnitude") else converted.value
     masked = getattr(values, "mask", False)
     if np.any(masked):
         raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; leave them out, or the whole up to them")
     found = np.asarray(values)
     if found.dtype.kind not in "fiubO" or (found.dtype.kind == "O" and any(isinstance(e, complex) for e in found.flat)):
-        raise ConfigError(f"{what}: expected real numbers, came {found.dtype}")
+        raise ConfigError(f"{what}: expected real numbers, got {found.dtype}")
     try:
         numbers = np.asarray(found, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -45,5 +45,5 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
     if numbers.ndim == 2 and 1 in numbers.shape:
         numbers = numbers.ravel()
     if numbers.ndim > 1:
-        raise ConfigError(f"{what}: expected one dimension, came the shape {numbers.shape}")
+        raise ConfigError(f"{what}: expected one dimension, got the shape {numbers.shape}")
     return numbers

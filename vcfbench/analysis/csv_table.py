@@ -71,7 +71,7 @@ class Layout(Struct, frozen=True):
         for what, given, known in (("separator", self.separator, _SEPARATORS), ("decimal", self.decimal, _DECIMALS)):
             if given is not None and given not in known and (what == "decimal" or len(given) != 1):
                 words = ", ".join(each for each in known if len(each) > 1)
-                raise ConfigError(f"--{what}: expected one of {words}, or the sign itself, came {given!r}")
+                raise ConfigError(f"--{what}: expected one of {words}, or the sign itself, got {given!r}")
 
 
 class Head(Struct, frozen=True):
@@ -195,14 +195,14 @@ def _header(  # noqa: PLR0917
         header = list(layout.columns)
     elif not numbers and at + 1 < len(texts) and _alike(texts[at], texts[at + 1]):
         words = shorten(texts[at], 40)
-        raise ConfigError(f"{where}: expected names above numbers alone, came {words!r}, as in the line below")
+        raise ConfigError(f"{where}: expected names above numbers alone, got {words!r}, as in the line below")
     elif numbers:
         names = _cells(comment, separator)
         if len(names) != len(header):
             names = list(layout.columns)
         if len(names) != len(header):
             raise ConfigError(
-                f"{where}: expected the names of the columns, came numbers",
+                f"{where}: expected the names of the columns, got numbers",
                 hint=f"--columns with a name and unit for each of the {len(header)} columns",
             )
         header, at = names, at - 1
@@ -427,7 +427,7 @@ def _date_s(cell: str, where: str) -> float:
         found = datetime.fromisoformat(cell if "-" in cell[:5] else f"2000-01-01T{cell}")
     except ValueError:
         raise ConfigError(
-            f"{where}: expected a date such as 2026-11-29T10:00:00.5, came {shorten(cell, 40)!r}"
+            f"{where}: expected a date such as 2026-11-29T10:00:00.5, got {shorten(cell, 40)!r}"
         ) from None
     apart = found.replace(tzinfo=None) - datetime(2000, 1, 1)  # noqa: DTZ001  # differences alone count
     shift_s = offset.total_seconds() if (offset := found.utcoffset()) is not None else 0.0

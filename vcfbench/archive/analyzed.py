@@ -222,7 +222,7 @@ def _rate_place(head: Head, layout: Layout) -> int:
         kinds = {head.names[head.place(each)].kind for each in layout.columns}
         if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not _is_applied(head.names[place]):
             raise ConfigError(
-                f"{head.file}: of a record at rest one column is analysed at a time, came {', '.join(layout.columns)}",
+                f"{head.file}: of a record at rest one column is analysed at a time, got {', '.join(layout.columns)}",
                 hint="of a table the column of the applied rate is called so: rate, applied, table",
             )
         return place
@@ -324,7 +324,7 @@ def _compared_columns(
         like = len(names) == 2 and columns[names[0]].unit == columns[names[1]].unit
         return (names[0], names[1]) if like else None
     if isinstance(asked, str) or len(asked) != 2:
-        raise ConfigError(f"expected the names of two columns to compare, came {asked!r}")
+        raise ConfigError(f"expected the names of two columns to compare, got {asked!r}")
     for name in asked:
         if name not in names:
             raise ConfigError(f"{shown(file)} has no column {name!r}, only {', '.join(names)}")

@@ -118,7 +118,7 @@ def analyze_record(
     """
     path, layout = Path(file), layout or Layout()
     if rate_hz is not None and not 0.0 < rate_hz <= _MOST_HZ:
-        raise ConfigError(f"--rate: expected readings a second, at most {_MOST_HZ:g}, came {rate_hz:g}")
+        raise ConfigError(f"--rate: expected readings a second, at most {_MOST_HZ:g}, got {rate_hz:g}")
     with opened_table(path) as raw:
         head = read_head(raw, shown(path), layout)
         place = _value_place(head, layout)
@@ -131,7 +131,7 @@ def analyze_record(
     record = np.ascontiguousarray(numbers.values[:, 0])
     record *= factor
     if record.size < _FEWEST:
-        raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, came {record.size}")
+        raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, got {record.size}")
     notices, begin = list[str](), 0
     if time is not None:
         record, interval_s, begin, notices = _piece(record, numbers, time[1], rate_hz, head.file)
@@ -172,7 +172,7 @@ def _value_place(head: Head, layout: Layout) -> int:
     """Return the column that is analysed: the one that is named, or the only one with a unit that can be."""
     names = head.names
     if len(layout.columns) not in {0, 1, len(names)}:
-        raise ConfigError(f"--columns: of a record at rest one column is analysed, came {', '.join(layout.columns)}")
+        raise ConfigError(f"--columns: of a record at rest one column is analysed, got {', '.join(layout.columns)}")
     if len(layout.columns) == 1 and layout.columns != tuple(each.written for each in names):
         return head.place(layout.columns[0])
     numbers = [place for place in range(len(names)) if not head.is_text(place) and not names[place].spread]
@@ -193,7 +193,7 @@ def _factor(name: ColumnName, scale: float | None, where: str) -> tuple[float, s
     if unit is None or unit.kind not in _ANALYSED:
         came = name.unknown or (unit.written if unit else "none")
         raise ConfigError(
-            f"{column}: expected a unit in its name, of {KNOWN}, came {came}",
+            f"{column}: expected a unit in its name, of {KNOWN}, got {came}",
             hint="--unit deg/s, or name it 'rate / (deg/s)', 'rate [deg/h]' or 'output_v'",
         )
     if unit.kind is Kind.RATE:
@@ -229,7 +229,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
         return place, 1.0
     if name.unit is None or name.unit.kind is not Kind.TIME:
         raise ConfigError(
-            f"{head.file}, column {name.written}: expected a unit of time in its name, came {name.unknown or 'none'}",
+            f"{head.file}, column {name.written}: expected a unit of time in its name, got {name.unknown or 'none'}",
             hint=f"--unit {name.written}=s, or ms, us, ns; --time none does not look at it",
         )
     return place, name.unit.factor
@@ -264,7 +264,7 @@ def _piece(
     piece = record[pace.begin : pace.end]
     if piece.size < _FEWEST:
         raise ConfigError(
-            f"{file}: expected {_FEWEST} readings without a break in their times, came {piece.size}",
+            f"{file}: expected {_FEWEST} readings without a break in their times, got {piece.size}",
             hint="--time none --rate 100 does not look at the times",
         )
     return piece, pace.interval_s, pace.begin, notices

@@ -74,7 +74,7 @@ def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> Certi
             hint=f"{' '.join(f'--set {key}=...' for key in missing)}, or as --tag KEY=VALUE of the run",
         )
     if not re.fullmatch("[A-Z]{2}", found["country"]):
-        raise ConfigError(f"country: expected two capital letters (ISO 3166-1), came {found['country']!r}")
+        raise ConfigError(f"country: expected two capital letters (ISO 3166-1), got {found['country']!r}")
     return CertificateWords(**found)
 
 
@@ -87,7 +87,7 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     given = given or {}
     unknown = [key for key in given if key not in _KNOWN]
     if unknown:
-        raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, came {', '.join(map(repr, unknown))}")
+        raise ConfigError(f"certificate: expected keys of {', '.join(_KNOWN)}, got {', '.join(map(repr, unknown))}")
     laboratory: Mapping[str, Any] = run.header.get("bench", {}).get("laboratory") or {}
     versions = run.header.get("versions", {})
     edition = versions.get("vcfbench")
@@ -109,5 +109,5 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     try:
         date.fromisoformat(found.get("issued", "2000-01-01"))
     except ValueError:
-        raise ConfigError(f"issued: expected a day such as 2026-11-23, came {found['issued']!r}") from None
+        raise ConfigError(f"issued: expected a day such as 2026-11-23, got {found['issued']!r}") from None
     return found

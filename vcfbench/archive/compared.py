@@ -97,7 +97,7 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
     for each in runs:
         if not hasattr(each, "results"):
             kind = type(each).__name__
-            raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), came a {kind}")
+            raise ConfigError(f"expected runs one after the other, as in compare_runs(before, after), got a {kind}")
     require_comparable(len(runs))
     seen = [Compared(run) for run in runs]
     of_each = [{name: each for name, each in run.values.items() if each.value is not None} for run in runs]
@@ -141,7 +141,7 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
 def require_comparable(count: int) -> None:
     """Refuse more runs than there are letters for, and fewer than two."""
     if not 2 <= count <= 26:
-        raise ConfigError(f"expected 2 to 26 runs to compare, came {count}")
+        raise ConfigError(f"expected 2 to 26 runs to compare, got {count}")
 
 
 def _name(run: Run) -> str:

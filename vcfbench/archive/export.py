@@ -62,7 +62,7 @@ def export_run(
     if outline_of(directory.journal) is None and (damage := directory.read().damage) is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged, nothing is exported: {damage}")
     if format is not None and format not in FORMATS:
-        raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, came {format!r}")
+        raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
     written_as = format or (None if file is None else _SUFFIXES.get(Path(file).suffix.lower()))
     if written_as is None:
         raise ConfigError(f"which format is not known: expected one of {', '.join(FORMATS)}", hint="--format FORMAT")

@@ -228,7 +228,7 @@ def breaks(header: Mapping[str, Any], points: int) -> tuple[str, ...]:
         return ()
     earlier = resumed_from.get("before", [])
     if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
-        raise ConfigError(f"resumed_from: expected the earlier breaks as a list, came {str(earlier)[:60]}")
+        raise ConfigError(f"resumed_from: expected the earlier breaks as a list, got {str(earlier)[:60]}")
     in_process = header.get("simulated") and header.get("bench", {}).get("served") is None
     anew = "; the simulated world began anew" if in_process else ""
     said = []

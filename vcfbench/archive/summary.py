@@ -75,11 +75,11 @@ def run_summaries(
     """
     known = [each.value for each in Status]
     if status is not None and status not in known:
-        raise ConfigError(f"status: expected one of {', '.join(known)}, came {status!r}")
+        raise ConfigError(f"status: expected one of {', '.join(known)}, got {status!r}")
     try:
         instant = datetime.fromisoformat(since) if isinstance(since, str) else since
     except ValueError:
-        raise ConfigError(f"since: expected a date, as in 2026-01-15, came {since!r}") from None
+        raise ConfigError(f"since: expected a date, as in 2026-01-15, got {since!r}") from None
     if instant is not None and instant.tzinfo is None:
         instant = instant.replace(tzinfo=UTC)
     found = [

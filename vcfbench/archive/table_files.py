@@ -48,7 +48,7 @@ def _xlsx(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     filled = [(title, rows) for title, rows in tables if any(any(cell is not None for cell in row) for row in rows)]
     if len(filled) != 1:
         titles = ", ".join(title for title, _ in filled)
-        raise ConfigError(f"{name}: expected one sheet with a table, came {titles or 'none'}", hint="save it as CSV")
+        raise ConfigError(f"{name}: expected one sheet with a table, got {titles or 'none'}", hint="save it as CSV")
     for row in filled[0][1]:
         yield [each.isoformat() if isinstance(each, date) else "" if each is None else each for each in row]
 
@@ -61,7 +61,7 @@ def _npy(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     if array.dtype.names:
         return _of_columns({each: array[each].tolist() for each in array.dtype.names})
     if array.dtype.kind not in "iuf" or array.ndim not in {1, 2}:
-        raise ConfigError(f"{name}: expected columns of real numbers, came {array.dtype} of the shape {array.shape}")
+        raise ConfigError(f"{name}: expected columns of real numbers, got {array.dtype} of the shape {array.shape}")
     return iter(array.reshape(len(array), -1).tolist())
 
 
@@ -82,7 +82,7 @@ def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     lengths = {key: len(column) for key, column in columns.items()}
     if len(set(lengths.values())) != 1:
         came = ", ".join(f"{key} of {length}" for key, length in lengths.items())
-        raise ConfigError(f"{name}: expected variables of one length, came {came or 'none'}")
+        raise ConfigError(f"{name}: expected variables of one length, got {came or 'none'}")
     return _of_columns(columns)
 
 

@@ -85,7 +85,7 @@ def write_figures(run: Run, path: Path, number: int | None = None) -> tuple[Path
     if not figures:
         raise ConfigError(f"run {run.name or run.procedure}: its report has no figure")
     if number is not None and not 1 <= number <= len(figures):
-        raise ConfigError(f"run {run.name or run.procedure}: expected a figure from 1 to {len(figures)}, came {number}")
+        raise ConfigError(f"run {run.name or run.procedure}: expected a figure from 1 to {len(figures)}, got {number}")
     chosen = {1: path} if len(figures) == 1 else {each: _numbered(path, each) for each in range(1, len(figures) + 1)}
     if number is not None:
         chosen = {number: path}

@@ -29,7 +29,7 @@ def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
     options = dict(parse_qsl(asked, keep_blank_values=True))
     seed, speed = options.get("seed"), options.get("speed", "1")
     if unknown := [name for name in options if name not in _OPTIONS]:
-        raise OSError(f"?{asked}: expected {', '.join(_OPTIONS)}, came {unknown[0]!r}")
+        raise OSError(f"?{asked}: expected {', '.join(_OPTIONS)}, got {unknown[0]!r}")
     if seed is not None and not seed.isdecimal():
         raise OSError(f"?seed={seed}: expected a whole number")
     try:

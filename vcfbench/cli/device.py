@@ -96,14 +96,14 @@ def device(
     """Show certificates, self-calibrations, static records and runs of a gyroscope, oldest first."""
     if add is not None:
         if serial is not None:
-            raise ConfigError(f"SERIAL: expected none with --add, came {serial!r}: the record says whose it is")
+            raise ConfigError(f"SERIAL: expected none with --add, got {serial!r}: the record says whose it is")
         typer.echo(keep_of_device(add, runs, devices).path)
         return
     if withdraw is not None:
         typer.echo(_withdraw(DeviceStore(devices), serial, withdraw, reason, by))
         return
     if json and csv:
-        raise ConfigError("--json and --csv: expected one of the two, came both")
+        raise ConfigError("--json and --csv: expected one of the two, got both")
     store = DeviceStore(devices)
     if serial is None:
         _list(store, runs, json=json)
@@ -126,7 +126,7 @@ def device(
 def _withdraw(store: DeviceStore, serial: str | None, entry: str, reason: str, by: str | None) -> Path:
     """Withdraw an entry and return the file that says so."""
     if serial is None:
-        raise ConfigError("SERIAL: expected the device of which an entry is to be withdrawn, came none")
+        raise ConfigError("SERIAL: expected the device of which an entry is to be withdrawn, got none")
     return store.withdraw(serial, entry, reason=reason, by=by or logged_in()).path
 
 

@@ -47,7 +47,7 @@ def report(  # noqa: PLR0917  # options of a command
     if template is not None:
         said = parse_toml(read_text(template, "a template"), shown(template))
         if other := [key for key, value in said.items() if not isinstance(value, str)]:
-            raise ConfigError(f"{template}: expected texts by key, came something else for {', '.join(other)}")
+            raise ConfigError(f"{template}: expected texts by key, got something else for {', '.join(other)}")
         said |= {"logo": str(template.parent / said["logo"])} if "logo" in said else {}  # which lies beside it
     said |= dict(key_and_value("--set", each, "customer=ACME") for each in words or ())
     if not every:
@@ -56,7 +56,7 @@ def report(  # noqa: PLR0917  # options of a command
         return
     folder = output or Path()
     if not folder.is_dir():
-        raise ConfigError(f"expected a directory in -o, came {str(folder)!r}", hint="make it first")
+        raise ConfigError(f"expected a directory in -o, got {str(folder)!r}", hint="make it first")
     chosen = run_summaries(runs, tags=tags_of(tag or ()))
     if not chosen:
         raise ConfigError(f"there is no such run in {runs}")

@@ -92,7 +92,7 @@ app = typer.Typer(cls=Procedures, no_args_is_help=True, help="Run a calibration 
 def _directory(name: str | Path) -> Path:
     """Read the name of a directory; an empty one would be the working directory, which nobody means by it."""
     if not str(name).strip():
-        raise ConfigError("--runs: expected a directory, came an empty name")
+        raise ConfigError("--runs: expected a directory, got an empty name")
     return Path(name)
 
 

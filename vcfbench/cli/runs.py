@@ -58,7 +58,7 @@ def list_(
 ) -> None:
     """List the records, oldest first: device, key results, verdict."""
     if json and csv:
-        raise ConfigError("--json and --csv: expected one of the two, came both")
+        raise ConfigError("--json and --csv: expected one of the two, got both")
     asked = {"dut": dut, "since": since, "status": status, "procedure": procedure}
     known = run_summaries(runs, **asked, tags=tags_of(tag or ()))
     for each in known:

@@ -96,5 +96,5 @@ def _numbers(part: str, option: str) -> list[float]:
     steps = (stop - start) / step if step else Decimal(-1)
     if not 0 <= steps < _MOST or steps % 1:
         expected = f"START:STOP:STEP, whole steps from start to stop, at most {_MOST} numbers, as -5:5:0.5"
-        raise ConfigError(f"{option}: expected {expected}, came {part.strip()}")
+        raise ConfigError(f"{option}: expected {expected}, got {part.strip()}")
     return [float(start + step * place) for place in range(int(steps) + 1)]

@@ -133,7 +133,7 @@ def soak(
     """
     parts = seeds.split(":")
     if not (len(parts) == 2 and all(map(str.isdecimal, parts)) and int(parts[0]) < int(parts[1])):
-        raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, came {seeds!r}")
+        raise ConfigError(f"--seeds: expected A:B, whole numbers with A below B, got {seeds!r}")
     first, last = map(int, parts)
     clock, broken, tried = WallClock(), list[int](), 0
     for verdict in soaking.soak(range(first, last)):

@@ -60,7 +60,7 @@ class Preamble(Struct, frozen=True):
         """Read ``:WAV:PRE?``: format, type, points, count, then increment, origin and reference of x and of y."""
         fields = replies.numbers(reply)
         if len(fields) != 10 or fields[0] not in {0.0, 1.0} or fields[2] < 1.0 or min(fields[4], fields[7]) <= 0.0:
-            raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, came {reply!r}")
+            raise FramingError(f"expected the ten fields of a BYTE or WORD preamble, got {reply!r}")
         return cls(int(fields[2]), fields[4], fields[5], fields[6], fields[7], fields[8], fields[9])
 
     def waveform(self, codes: NDArray[np.unsignedinteger[Any]]) -> Waveform:

@@ -100,5 +100,5 @@ class E36312A(E3631A):
 def _three_states(reply: str) -> tuple[float, ...]:
     states = replies.numbers(reply)
     if len(states) != 3 or any(state not in {0.0, 1.0} for state in states):
-        raise FramingError(f"expected three states, came {reply!r}")
+        raise FramingError(f"expected three states, got {reply!r}")
     return states

@@ -87,7 +87,7 @@ class Hands:
             if found := accepted(answer):
                 return found
             asked = f"{words}, not {repr(answer) if answer else 'Enter alone'}"
-        raise MeasurementError(f"somebody had to {words}; after {_TRIES} tries came {answer!r}")
+        raise MeasurementError(f"somebody had to {words}; after {_TRIES} tries: got {answer!r}")
 
 
 class _ByHand:

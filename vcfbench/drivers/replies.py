@@ -65,7 +65,7 @@ def nr3(decimals: int | None = None, exponent_digits: tuple[int, int] = (2, 2)) 
 
 def _refuse(expected: str, came: str | bytes) -> FramingError:
     shown = repr(came[:_SHOWN]) + ("..." if len(came) > _SHOWN else "")
-    return FramingError(f"expected {expected}, came {shown}")
+    return FramingError(f"expected {expected}, got {shown}")
 
 
 LINE_SPEED = "is baud_rate in the bench file what the instrument's port is set to?"

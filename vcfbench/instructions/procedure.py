@@ -109,10 +109,10 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
-            raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', came {self.name!r}")
+            raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', got {self.name!r}")
         force_setattr(self, "title", self.title or BUILT_IN.get(self.name, ""))
         if not self.title:
-            raise ConfigError(f"procedure {self.name!r}: expected a title, one line, came none")
+            raise ConfigError(f"procedure {self.name!r}: expected a title, one line, got none")
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
         for asked, what in ((self.needs, "needs"), (self.either, "either"), (self.uses, "uses")):
@@ -120,12 +120,12 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             roles = (*ROLES, "rate_table")
             words = f"procedure {self.name!r}: {what}: expected a capability by role, as in {{'power': PowersRails}}"
             if not isinstance(asked, Mapping):
-                raise ConfigError(f"{words}, came {asked!r}")
+                raise ConfigError(f"{words}, got {asked!r}")
             for role, capability in asked.items():
                 if role not in roles:
-                    raise ConfigError(f"{words}, of {', '.join(roles)}; came {role!r}")
+                    raise ConfigError(f"{words}, of {', '.join(roles)}; got {role!r}")
                 if not isinstance(capability, type):
-                    raise ConfigError(f"{words}, came {role}: {capability!r}")
+                    raise ConfigError(f"{words}, got {role}: {capability!r}")
         if self.name in self.settings.__struct_fields__:
             raise ConfigError(
                 f"procedure {self.name!r}: its name is that of a setting, [procedure.{self.name}] is both"

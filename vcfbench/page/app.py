@@ -311,7 +311,7 @@ def _number(request: Request, name: str) -> float | None:
     except ValueError:
         number = math.nan
     if number is not None and not math.isfinite(number):
-        raise HTTPException(400, f"{name}: expected a number, came {text!r}")
+        raise HTTPException(400, f"{name}: expected a number, got {text!r}")
     return number
 
 

@@ -59,7 +59,7 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
             raise ConfigError(f"{said} cannot be loaded: {mistake_in(error)}") from error
         if isinstance(loaded, Procedure) and loaded.name == name:
             return loaded
-        raise ConfigError(f"{said}: expected a Procedure of that name, came {loaded!r}")
+        raise ConfigError(f"{said}: expected a Procedure of that name, got {loaded!r}")
 
     def __repr__(self) -> str:
         return f"<procedures {', '.join(self)}>"
@@ -120,7 +120,7 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
         from vcfbench.instructions.procedure import Procedure  # noqa: PLC0415  # with the first procedure
 
         if not isinstance(name, Procedure):
-            raise PlanError(f"expected a procedure's name, its file or a Procedure, came {name!r}")
+            raise PlanError(f"expected a procedure's name, its file or a Procedure, got {name!r}")
         return name
     if not isinstance(name, str) or is_file(name):
         from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415

@@ -112,7 +112,7 @@ def results(settings: GSensitivitySettings, measured: Measured) -> GSensitivityR
     windows = [each for step, each in measured.found(steps.Window) if isinstance(step, steps.Acquire)]
     ups = settings.positions * settings.cycles
     if len(windows) != len(ups):
-        raise ConfigError(f"expected {len(ups)} windows, came {len(windows)}")
+        raise ConfigError(f"expected {len(ups)} windows, got {len(windows)}")
     vertical = 0.0 if where is None else EARTH_DEG_S * math.sin(math.radians(where))
     earth = {sign + settings.input_axis: float(f"{sign}1") * vertical for sign in "+-"}
     found = [each.mean_v / scale.value - earth.get(up, 0.0) for up, each in zip(ups, windows, strict=True)]

@@ -51,7 +51,7 @@ S = TypeVar("S", bound=ProcedureSettings)
 def asked_in_python(settings: Mapping[str, Any]) -> Layer:
     """Return the request of a script: ``settings={...}``, a mapping (ConfigError), numpy's numbers as Python's."""
     if not isinstance(settings, Mapping) or not all(isinstance(key, str) for key in settings):
-        raise ConfigError(f"settings: expected a mapping of keys to values, came {settings!r}")
+        raise ConfigError(f"settings: expected a mapping of keys to values, got {settings!r}")
     plain = to_builtins(dict(settings), enc_hook=lambda each: each.tolist() if hasattr(each, "tolist") else str(each))
     return Layer(plain, lambda keys: f"settings: {dotted(('procedure', *keys))}")
 
@@ -169,7 +169,7 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     chosen, unsaid = _checked(kind, layers, station)
     for invalid_value in unsaid:
         keys, came = keys_of(invalid_value.path), words(invalid_value.came)
-        said = f"{named(layers, keys)}: expected {invalid_value.expected}, came {came}, the default"
+        said = f"{named(layers, keys)}: expected {invalid_value.expected}, got {came}, the default"
         raise ConfigError(said, hint=f"put {keys[0]} into [procedure] of the bench file, with what it bears")
     return chosen
 

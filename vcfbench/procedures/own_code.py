@@ -37,7 +37,7 @@ def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure
         known = next(iter(found))
         raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, a name taken by {origin(known)}")
     came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
-    raise ConfigError(f"{shown(path)}: expected a file with one Procedure, came {came}")
+    raise ConfigError(f"{shown(path)}: expected a file with one Procedure, got {came}")
 
 
 def file_of(procedure: AnyProcedure) -> dict[str, str] | None:

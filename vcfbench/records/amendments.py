@@ -129,7 +129,7 @@ def amend(
     if record.damage is not None or not record.header:
         raise ConfigError(f"{shown(path)}: the record is damaged, nothing is amended: {record.damage or 'no header'}")
     if not reason.strip() or not by.strip():
-        raise ConfigError("amend: expected a reason and who amends, came an empty text")
+        raise ConfigError("amend: expected a reason and who amends, got an empty text")
     before, changes = amendments_of(record.lines), []
     metadata = amended(metadata_from(record.header), before)
     for name, value in given.items():
@@ -146,7 +146,7 @@ def amend(
         metadata = _changed(metadata, field, now)
         changes.append(Change(field, was, now))
     if not changes:
-        raise ConfigError("amend: expected what is to be amended, came nothing", hint="--set dut=G-018")
+        raise ConfigError("amend: expected what is to be amended, got nothing", hint="--set dut=G-018")
     made = {"revision": len(before) + 2, "by": by, "reason": reason, "changes": to_builtins(changes)}
     append_line(path, {"type": "amendment", **made}, key)
     return amendments_at(path)[-1]

@@ -304,11 +304,11 @@ class DeviceStore(Struct, frozen=True):
         found = next((each for each in entries if each.name == name), None)
         if found is None:
             known = ", ".join(each.name for each in entries) or "none"
-            raise ConfigError(f"device {serial}: expected the name of an entry ({known}), came {name!r}")
+            raise ConfigError(f"device {serial}: expected the name of an entry ({known}), got {name!r}")
         if name in withdrawn(entries):
             raise ConfigError(f"{shown(found.path)}: it is withdrawn already")
         if not reason.strip() or not by.strip():
-            raise ConfigError("withdraw: expected a reason and who withdraws, came an empty text")
+            raise ConfigError("withdraw: expected a reason and who withdraws, got an empty text")
         paths = [path for _, path in numbered(self.root / serial)]
         said = {"withdraws": name, "reason": reason, "by": by, "last": paths[-1].stem, "seal": seal_of(paths)}
         return self.add(Withdrawal(serial=serial, done=utc_now(), **said))

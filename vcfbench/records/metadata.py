@@ -61,14 +61,14 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
         _number("ambient_temperature_c", self.ambient_temperature_c, -100.0, 100.0)
         _number("humidity_percent", self.humidity_percent, 0.0, 100.0)
         if self.ambient_from not in {None, "chamber"}:
-            raise ConfigError(f"ambient_from: expected 'chamber', came {_short(self.ambient_from)}")
+            raise ConfigError(f"ambient_from: expected 'chamber', got {_short(self.ambient_from)}")
         tags = self.tags
         if not isinstance(tags, Mapping) or len(tags) > _MOST_TAGS:
-            raise ConfigError(f"tags: expected texts by key, at most {_MOST_TAGS}, came {_short(tags)}")
+            raise ConfigError(f"tags: expected texts by key, at most {_MOST_TAGS}, got {_short(tags)}")
         for key, value in tags.items():
             if not isinstance(key, str) or not _KEY.fullmatch(key):
                 expected = "a key of letters, digits, '_', '-' and '.'"
-                raise ConfigError(f"tags: expected {expected}, came {_short(key)}")
+                raise ConfigError(f"tags: expected {expected}, got {_short(key)}")
             _text(f"tag {key}", value, _LINE)
         force_setattr(self, "tags", ReadOnly(tags))
 
@@ -117,7 +117,7 @@ def metadata_of(values: Mapping[str, Any] | RunMetadata | None) -> RunMetadata:
         return values
     known = RunMetadata.__struct_fields__
     if not isinstance(values, Mapping | None):
-        raise ConfigError(f"metadata: expected a mapping of {', '.join(known)}, came {_short(values)}")
+        raise ConfigError(f"metadata: expected a mapping of {', '.join(known)}, got {_short(values)}")
     for key in values or ():
         if key not in known:
             raise unknown_key(str(key), known, f"metadata: {key}")
@@ -132,7 +132,7 @@ def metadata_from(header: Mapping[str, Any]) -> RunMetadata:
     """
     recorded = header.get("metadata", {})
     if not isinstance(recorded, Mapping):
-        raise ConfigError(f"metadata: expected an object, came a {type(recorded).__name__}")
+        raise ConfigError(f"metadata: expected an object, got a {type(recorded).__name__}")
     return RunMetadata(**{key: value for key, value in recorded.items() if key in RunMetadata.__struct_fields__})
 
 
@@ -153,16 +153,16 @@ def equipment_of(header: Mapping[str, Any]) -> tuple[Equipment, ...]:
 
 def _text(name: str, value: object, most: int) -> str:
     if not isinstance(value, str) or not value.strip() or len(value) > most:
-        raise ConfigError(f"{name}: expected a text of 1 to {most} characters, came {_short(value)}")
+        raise ConfigError(f"{name}: expected a text of 1 to {most} characters, got {_short(value)}")
     if not is_utf8(value):  # no record could hold it
-        raise ConfigError(f"{name}: expected a text in UTF-8, came {ascii(value)[:60]}")
+        raise ConfigError(f"{name}: expected a text in UTF-8, got {ascii(value)[:60]}")
     return value
 
 
 def _number(name: str, value: object, low: float, high: float) -> None:
     fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if value is not None and not (fits and low <= float(str(value)) <= high):
-        raise ConfigError(f"{name}: expected a number from {low:g} to {high:g}, came {_short(value)}")
+        raise ConfigError(f"{name}: expected a number from {low:g} to {high:g}, got {_short(value)}")
 
 
 def _short(value: object) -> str:

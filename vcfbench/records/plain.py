@@ -62,11 +62,11 @@ def _single(value: object, name: str) -> Any:
             return str(value)
         case int():
             if not -_WHOLE <= value < _WHOLE:
-                raise ConfigError(f"{name}: expected a whole number of 64 bits, came a longer one")
+                raise ConfigError(f"{name}: expected a whole number of 64 bits, got a longer one")
             return value
         case float():
             if not math.isfinite(value):
-                raise ConfigError(f"{name}: expected a finite number, or None where there is none, came {value}")
+                raise ConfigError(f"{name}: expected a finite number, or None where there is none, got {value}")
             return float(value)
         case set() | frozenset():
             return plain(sorted(value), name)
@@ -75,7 +75,7 @@ def _single(value: object, name: str) -> Any:
     if isinstance(held, bool | int | float | str | list | date):
         return plain(held, name)
     raise ConfigError(
-        f"{name}: expected numbers, texts, lists, or a frozen dataclass of them, came a {type(value).__name__}"
+        f"{name}: expected numbers, texts, lists, or a frozen dataclass of them, got a {type(value).__name__}"
     )
 
 
@@ -83,7 +83,7 @@ def _key(key: object, name: str) -> str:
     """Return a key as a text; numbers as they are printed."""
     found = key.value if isinstance(key, Enum) else key
     if not isinstance(found, str | int | float):
-        raise ConfigError(f"{name}: expected keys that are texts or numbers, came a {type(key).__name__}")
+        raise ConfigError(f"{name}: expected keys that are texts or numbers, got a {type(key).__name__}")
     return str(found)
 
 

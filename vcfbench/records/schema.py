@@ -86,7 +86,7 @@ class Point(Struct, frozen=True):
         for name in self.__struct_fields__:
             value = getattr(self, name)
             if value is not None and not abs(value) <= _LARGEST:
-                raise ValueError(f"{name}: expected a number within +-{_LARGEST:g}, came {value:g}")
+                raise ValueError(f"{name}: expected a number within +-{_LARGEST:g}, got {value:g}")
 
     def referred(self) -> Self:
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""

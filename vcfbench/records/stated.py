@@ -60,7 +60,7 @@ def values_of(results: object) -> dict[str, Value]:
     found: dict[str, Value] = {}
     for each in stated(results):
         if each.name in found:
-            raise ConfigError(f"results: expected one value of a name, came two named {each.name}")
+            raise ConfigError(f"results: expected one value of a name, got two named {each.name}")
         if isinstance(each, Value):
             found[each.name] = each
     return found

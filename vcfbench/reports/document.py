@@ -31,7 +31,7 @@ class Heading(Struct, frozen=True, tag_field="part", tag=str.lower):
     def __post_init__(self) -> None:
         """Refuse levels that there are not."""
         if not 1 <= self.level <= DEEPEST_HEADING:
-            raise ValueError(f"heading {self.text!r}: expected a level from 1 to {DEEPEST_HEADING}, came {self.level}")
+            raise ValueError(f"heading {self.text!r}: expected a level from 1 to {DEEPEST_HEADING}, got {self.level}")
 
 
 class Text(Struct, frozen=True, tag_field="part", tag=str.lower):
@@ -113,14 +113,14 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
         force_setattr(self, "columns", columns)
         force_setattr(self, "rows", rows)
         if not columns or not all(isinstance(each, Column) for each in columns):
-            raise ValueError(f"a table has at least one Column, and nothing else for columns, came {columns!r}")
+            raise ValueError(f"a table has at least one Column, and nothing else for columns, got {columns!r}")
         for number, row in enumerate(rows, start=1):
             if len(row) != len(columns):
                 raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
             for value, column in zip(row, columns, strict=True):
                 held, where = value.value if isinstance(value, Cell) else value, f"row {number} of a table, "
                 if not isinstance(held, float | int | str | None):
-                    words = f"expected a number, a text or None, came {held!r}"
+                    words = f"expected a number, a text or None, got {held!r}"
                     raise ValueError(f"{where}{column.name}: {words}")  # noqa: TRY004  # a value in it is wrong
                 try:
                     _printed(value, column)
@@ -210,9 +210,9 @@ class Series(Struct, frozen=True):
                 raise ValueError(f"series {self.label!r}: an uncertainty is not negative")
             force_setattr(self, name, numbers)
         if self.kind not in ("points", "line", "bars"):
-            raise ValueError(f"series {self.label!r}: expected points, line or bars, came {self.kind!r}")
+            raise ValueError(f"series {self.label!r}: expected points, line or bars, got {self.kind!r}")
         if (self.low is None) != (self.high is None):
-            raise ValueError(f"series {self.label!r}: a band has two ends, came one")
+            raise ValueError(f"series {self.label!r}: a band has two ends, got one")
         if any(low > high for low, high in zip(self.low or (), self.high or (), strict=True)):
             raise ValueError(f"series {self.label!r}: the lower end of its band is above the upper one")
 
@@ -259,7 +259,7 @@ class Report(Struct, frozen=True):
         for part in self.parts:
             if not isinstance(part, Heading | Table | Figure | Text | Notice):
                 raise ValueError(  # noqa: TRY004  # a value in it is wrong
-                    f"a report has headings, tables, figures, texts and notices, came a {type(part).__name__}"
+                    f"a report has headings, tables, figures, texts and notices, got a {type(part).__name__}"
                 )
 
 

@@ -142,7 +142,7 @@ class ByHand:
         word = self.words[name]
         usage = " ".join((word.name, *word.takes))
         if len(values) != len(word.takes):
-            raise ConfigError(f"expected {usage!r}, came {' '.join((word.name, *values))!r}")
+            raise ConfigError(f"expected {usage!r}, got {' '.join((word.name, *values))!r}")
         numbers = [_number(f"{usage}: {what}", value) for what, value in zip(word.takes, values, strict=True)]
         act: Callable[..., str | None] = getattr(self, f"_{name.replace('.', '_')}")
         try:
@@ -364,5 +364,5 @@ def _number(what: str, value: str) -> float:
     except ValueError:
         number = math.nan
     if not math.isfinite(number):
-        raise ConfigError(f"{what}: expected a number, came {value!r}")
+        raise ConfigError(f"{what}: expected a number, got {value!r}")
     return number

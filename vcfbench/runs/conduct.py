@@ -98,7 +98,7 @@ def run(
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
     """
     if runs is not None and not str(runs).strip():
-        raise ConfigError("runs: expected a directory, came an empty name")
+        raise ConfigError("runs: expected a directory, got an empty name")
     with _PREPARING:
         asked_settings = asked_in_python(settings or {})
         said = metadata_of(metadata)

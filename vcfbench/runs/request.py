@@ -148,7 +148,7 @@ class Prepared:
         """Return the plan, from its beginning."""
         plan = self.procedure.plan(self.settings)
         if not isinstance(plan, Generator):
-            raise PlanError(f"procedure {self.procedure.name!r}: expected a plan that yields steps, came {plan!r}")
+            raise PlanError(f"procedure {self.procedure.name!r}: expected a plan that yields steps, got {plan!r}")
         return plan
 
     def planned(self) -> DryRun:

@@ -198,11 +198,9 @@ class BrokenOff(Struct, frozen=True):
         identities, before = header.get("identities", {}), header.get("resumed_from") or {}
         earlier = before.get("before", []) if isinstance(before, dict) else None
         if not isinstance(identities, dict) or not all(isinstance(each, dict) for each in identities.values()):
-            raise ConfigError(f"{journal}: identities: expected a table of each role, came {str(identities)[:60]}")
+            raise ConfigError(f"{journal}: identities: expected a table of each role, got {str(identities)[:60]}")
         if not isinstance(earlier, list) or not all(isinstance(each, dict) for each in earlier):
-            raise ConfigError(
-                f"{journal}: resumed_from: expected the earlier breaks as a list, came {str(before)[:60]}"
-            )
+            raise ConfigError(f"{journal}: resumed_from: expected the earlier breaks as a list, got {str(before)[:60]}")
 
 
 def _differences(then: Any, now: Any, keys: tuple[str, ...] = ()) -> Iterator[str]:

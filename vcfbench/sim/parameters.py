@@ -345,7 +345,7 @@ class Contradiction(ConfigError):
     """Parameters that contradict each other."""
 
     def __init__(self, expected: str, came: object) -> None:
-        super().__init__(f"simulation.override: expected {expected}, came {came}")
+        super().__init__(f"simulation.override: expected {expected}, got {came}")
         self.expected = expected
         self.came = came
 

@@ -59,9 +59,7 @@ def profile_twin(dialect: str) -> str:
     twin: str | None = profile_reader().load_profile(dialect).twin
     if twin is None or find_language(twin) is None:
         came = "nothing" if twin is None else repr(twin)
-        raise ConfigError(
-            f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, came {came}"
-        )
+        raise ConfigError(f"{dialect}: twin: expected one of {', '.join(languages())} on a simulated bench, got {came}")
     return twin
 
 

@@ -34,7 +34,7 @@ def read_bench(path: Path | str | None = None, *checks: Check) -> BenchDescripti
     if path is None:
         return _embedded("paper")
     if not isinstance(path, Path | str):  # an int would be read as a descriptor: of a terminal, for ever
-        raise ConfigError(f"bench: expected a bench file or one of {', '.join(EMBEDDED)}, came {path!r}")
+        raise ConfigError(f"bench: expected a bench file or one of {', '.join(EMBEDDED)}, got {path!r}")
     if str(path) in EMBEDDED and (not Path(path).exists() or Path(path).is_dir()):
         return _embedded(str(path))
     source, folder = shown(path), Path(path).parent

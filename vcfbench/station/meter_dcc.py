@@ -131,14 +131,14 @@ class _Table(NamedTuple):
 
 def _certificate(root: ET.Element) -> MeterCertificate:
     if root.tag != f"{{{_NAMES['dcc']}}}digitalCalibrationCertificate":
-        raise _NotUnderstoodError(f"expected a DCC, a dcc:digitalCalibrationCertificate, came {root.tag[:80]}")
+        raise _NotUnderstoodError(f"expected a DCC, a dcc:digitalCalibrationCertificate, got {root.tag[:80]}")
     version = root.get("schemaVersion", "none")
     if not version.startswith("3."):
-        raise _NotUnderstoodError(f"expected schemaVersion 3.x, came {version}")
+        raise _NotUnderstoodError(f"expected schemaVersion 3.x, got {version}")
     core, item = "dcc:administrativeData/dcc:coreData", "dcc:administrativeData/dcc:items/dcc:item"
     software = root.findall("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:name/dcc:content", _NAMES)
     if "vcfbench" in map(_text, software):
-        raise _NotUnderstoodError("expected the certificate of a voltmeter, came one of a gyroscope by vcfbench")
+        raise _NotUnderstoodError("expected the certificate of a voltmeter, got one of a gyroscope by vcfbench")
     number = _text(root.find(f"{core}/dcc:uniqueIdentifier", _NAMES))
     ended = _text(root.find(f"{core}/dcc:endPerformanceDate", _NAMES))
     if not number:
@@ -146,7 +146,7 @@ def _certificate(root: ET.Element) -> MeterCertificate:
     try:
         calibrated = date.fromisoformat(ended[:10])
     except ValueError:
-        raise _NotUnderstoodError(f"expected a day as dcc:endPerformanceDate, came {ended or 'nothing'}") from None
+        raise _NotUnderstoodError(f"expected a day as dcc:endPerformanceDate, got {ended or 'nothing'}") from None
     known = root.findall(f"{item}/dcc:identifications/dcc:identification", _NAMES)
     numbers = [(_text(each.find("dcc:issuer", _NAMES)), _text(each.find("dcc:value", _NAMES))) for each in known]
     model = _text(root.find(f"{item}/dcc:model", _NAMES))
@@ -297,12 +297,12 @@ def _column(table: _Table, quantity: ET.Element) -> _Column:
     found = next(filter(_in_volts, _numbers(quantity)), None)
     if found is None:
         said = ", ".join(filter(None, map(_unit, _numbers(quantity))))
-        raise _NotUnderstoodError(f"{here}: expected a number or a list of them in \\volt, came {said or 'none'}")
+        raise _NotUnderstoodError(f"{here}: expected a number or a list of them in \\volt, got {said or 'none'}")
     units = map(_VOLT.fullmatch, _unit(found).split())
     scales = [_IN_A_VOLT[(unit and unit["prefix"]) or ""] for unit in units]
     values = _floats(here, _text(found.find("si:value", _NAMES)) or _text(found.find("si:valueXMLList", _NAMES)))
     if len(set(scales)) != 1:
-        raise _NotUnderstoodError(f"{here}: expected one unit, came {_unit(found)}")
+        raise _NotUnderstoodError(f"{here}: expected one unit, got {_unit(found)}")
     expanded, k = _uncertainty(here, found)
     scale = scales[0]
     return _Column(name, [each / scale for each in values], [each / scale for each in expanded], k)
@@ -327,9 +327,9 @@ def _floats(here: str, text: str) -> list[float]:
     try:
         values = [float(each) for each in text.split()]
     except ValueError:
-        raise _NotUnderstoodError(f"{here}: expected numbers, came {text[:40]}") from None
+        raise _NotUnderstoodError(f"{here}: expected numbers, got {text[:40]}") from None
     if not values or not all(map(math.isfinite, values)):
-        raise _NotUnderstoodError(f"{here}: expected numbers, came {text[:40] or 'nothing'}")
+        raise _NotUnderstoodError(f"{here}: expected numbers, got {text[:40] or 'nothing'}")
     return values
 
 

@@ -32,7 +32,7 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
             # Refuse a step that is never over, or takes time back: all times behind it would be nonsense
             if not 0.0 <= step.duration_s < math.inf:
                 raise PlanError(
-                    f"step {number} ({step.describe()}): expected to last 0 s or more, came {step.duration_s:g} s"
+                    f"step {number} ({step.describe()}): expected to last 0 s or more, got {step.duration_s:g} s"
                 )
             yield PlannedStep(number, t_s, step)
             t_s += step.duration_s

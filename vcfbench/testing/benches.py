@@ -67,7 +67,7 @@ def simulated(
         asked["errors"] = dict.fromkeys(SimulationErrors.__struct_fields__, errors)
     description = structs.replace(description, simulation=converted(asked, Simulation, dotted))
     for invalid_value in invalid_values(description):
-        raise ConfigError(f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came!r}")
+        raise ConfigError(f"{invalid_value.path}: expected {invalid_value.expected}, got {invalid_value.came!r}")
     check_simulation(description, description.name)
     return description
 

@@ -148,7 +148,7 @@ def _asked(request: pytest.FixtureRequest) -> dict[str, Any]:
     try:
         asked["seed"] = None if asked["seed"] is None else int(asked["seed"])
     except ValueError:
-        raise ValueError(f"seed: expected a whole number, came {asked['seed']!r}") from None
+        raise ValueError(f"seed: expected a whole number, got {asked['seed']!r}") from None
     return asked
 
 

@@ -75,7 +75,7 @@ def validate(
         ValueError: `runs` is below 30, of which no share can be told.
     """
     if runs < 30:
-        raise ValueError(f"runs: expected at least 30, came {runs}")
+        raise ValueError(f"runs: expected at least 30, got {runs}")
     description = load_bench(bench) if isinstance(bench, str | Path) else bench
     began = utc_now()
     areas = {

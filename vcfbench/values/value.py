@@ -84,13 +84,13 @@ class Value(Struct, frozen=True):
             force_setattr(self, name, None if number is None else float(number))
         numbers = (self.value, self.u, self.dof, self.u95, self.low, self.high)
         if wrong := [each for each in numbers if each is not None and not math.isfinite(each)]:
-            raise ConfigError(f"{self.name}: expected finite numbers, came {wrong[0]}")
+            raise ConfigError(f"{self.name}: expected finite numbers, got {wrong[0]}")
         if wrong := [each for each in (self.u, self.u95) if each is not None and each < 0.0]:
-            raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, came {wrong[0]:g}")
+            raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, got {wrong[0]:g}")
         kind = KINDS.get(self.kind)
         if self.kind and not fits(self.kind, self.unit):
             of = self.kind if kind is None else f"{kind.words} in {kind.si or 'no unit'}"
-            raise ConfigError(f"{self.name}: expected {of}, came {self.unit!r}")
+            raise ConfigError(f"{self.name}: expected {of}, got {self.unit!r}")
         if self.u is not None and self.u95 is None and self.form == "plus-minus":
             force_setattr(self, "u95", t_quantile(_UNCOVERED, self.dof or math.inf) * self.u)
         low, high = self.ends
@@ -100,7 +100,7 @@ class Value(Struct, frozen=True):
         if self.form != "plus-minus" and not (low <= high and within):
             raise ConfigError(f"{self.name}: {self.form} cannot be {self.value}, from {self.low} to {self.high}")
         if self.form == "plus-minus" and self.value is None:
-            raise ConfigError(f"{self.name}: expected a value, came none")
+            raise ConfigError(f"{self.name}: expected a value, got none")
 
     @property
     def ends(self) -> tuple[float, float]:

@@ -67,7 +67,7 @@ def figures_of(values: Mapping[str, Any]) -> Figures:
 def differing(came: Figures, kept: Figures) -> list[str]:
     """Return the fields that are not as they were, to some parts in ten thousand of one of their numbers."""
     return [
-        f"{name}: was {kept.get(name)}, came {came.get(name)}"
+        f"{name}: was {kept.get(name)}, got {came.get(name)}"
         for name in {**kept, **came}
         if abs(came.get(name, math.inf) - kept.get(name, 0.0)) > 3e-4
     ]

@@ -49,7 +49,7 @@ def calls(controller: NewportESP301) -> Iterator[tuple[str, Callable[[], Any]]]:
 
 def near(got: Any, wanted: float) -> None:
     if abs(magnitude(got) - wanted) > 1e-3:
-        raise AssertionError(f"expected {wanted}, came {got}")
+        raise AssertionError(f"expected {wanted}, got {got}")
 
 
 def attempt(controller: NewportESP301, call: Callable[[], Any]) -> str | None:

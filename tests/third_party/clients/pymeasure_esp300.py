@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def expect(value: Any, wanted: Any, within: float = 0.0) -> None:
     good = value == wanted if not within else abs(value - wanted) <= within
     if not good:
-        raise AssertionError(f"expected {wanted}, came {value}")
+        raise AssertionError(f"expected {wanted}, got {value}")
 
 
 def calls(controller: ESP300) -> Iterator[tuple[str, Callable[[], Any]]]:

@@ -29,7 +29,7 @@ def opened(resource: str) -> Connection:
 def expect(value: Any, wanted: Any, within: float = 0.0) -> None:
     good = value == wanted if not within else abs(value - wanted) <= within
     if not good:
-        raise AssertionError(f"expected {wanted}, came {value}")
+        raise AssertionError(f"expected {wanted}, got {value}")
 
 
 def calls(line: Connection, device: Device, axis: Axis) -> Iterator[tuple[str, Callable[[], Any]]]:

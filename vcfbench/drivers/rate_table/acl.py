@@ -267,7 +267,7 @@ class AclDialect(TableDialect):
         if self.header == "auto":
             raise FramingError("identify the table before commanding it")
         if self.header != "none" and (body := self._counted(line, deadline)) not in _ACKNOWLEDGEMENTS:
-            raise FramingError(f"expected an acknowledgement, came {body[:60]!r}")
+            raise FramingError(f"expected an acknowledgement, got {body[:60]!r}")
 
     def _message(self, line: TableLine, deadline: Deadline) -> bytes:
         return self._counted(line, deadline) if self.header != "none" else line.take_line(deadline)

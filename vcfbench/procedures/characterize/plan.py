@@ -237,7 +237,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         for invalid_value in self.of(name).contradictions():
             if keys_of(invalid_value.path)[0] not in self.given(name):
                 # nobody said it: this place does not bear the part
-                return f"{invalid_value.path}: expected {invalid_value.expected}, came {invalid_value.came}"
+                return f"{invalid_value.path}: expected {invalid_value.expected}, got {invalid_value.came}"
         return ""
 
     def contradictions(self) -> Iterator[InvalidValue]:

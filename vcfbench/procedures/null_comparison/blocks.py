@@ -75,7 +75,7 @@ def blocks_of(points: Sequence[Point]) -> list[Sequence[Point]]:
     size = len(CHOPPED)
     blocks = [points[at : at + size] for at in range(0, len(points), size)]
     if not blocks or len(blocks[-1]) != size:
-        raise ConfigError(f"expected whole blocks of {size} windows, came {len(points)} windows")
+        raise ConfigError(f"expected whole blocks of {size} windows, got {len(points)} windows")
     return blocks
 
 
@@ -88,7 +88,7 @@ def mean_differences(
     """
     windows = blocks_of([point for point in points if point.step == step])
     if len(windows) != cycles * magnitudes:
-        raise ConfigError(f"expected {cycles} times {magnitudes} blocks, came {len(windows)}")
+        raise ConfigError(f"expected {cycles} times {magnitudes} blocks, got {len(windows)}")
     blocks = [block(each) for each in windows]
     return windows, blocks, np.array([each.differences_v for each in blocks]).reshape(cycles, -1).mean(axis=0)
 

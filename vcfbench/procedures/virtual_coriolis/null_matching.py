@@ -144,7 +144,7 @@ def _differences(points: Sequence[Point], step: int, magnitudes: int, cycles: in
     """Return the weights of all outputs in the mean differences of `step` from its zeros, (pairs, windows)."""
     places = np.array([place for place, point in enumerate(points) if point.step == step])
     if places.size != cycles * magnitudes * len(CHOPPED):
-        raise ConfigError(f"expected {cycles} times {magnitudes} blocks of {len(CHOPPED)} windows, came {places.size}")
+        raise ConfigError(f"expected {cycles} times {magnitudes} blocks of {len(CHOPPED)} windows, got {places.size}")
     blocks = places.reshape(cycles, magnitudes, len(CHOPPED))
     making = np.zeros((magnitudes, 2, len(points)))
     for number in range(magnitudes):

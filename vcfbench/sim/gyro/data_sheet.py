@@ -70,10 +70,10 @@ class DataSheet(Struct, frozen=True, kw_only=True):
             value, (low, high, *either) = getattr(self, name), annotated.__metadata__
             if value is not None and not low <= (abs(value) if either else value) <= high:
                 said = f"a size from {low:g} to {high:g}, {_EITHER_SIGN}" if either else f"{low:g} to {high:g}"
-                raise ConfigError(f"{name}: expected {said}, came {value:g}")
+                raise ConfigError(f"{name}: expected {said}, got {value:g}")
         for name, expected, came, holds in self._agreements():
             if not holds:
-                raise ConfigError(f"{name}: expected {expected}, came {came}")
+                raise ConfigError(f"{name}: expected {expected}, got {came}")
 
     def _agreements(self) -> Iterator[tuple[str, str, str, bool]]:
         """Yield what figures must have in common: the key that is named, what is expected, what came, if it holds."""

@@ -48,7 +48,7 @@ class Finding(Struct, frozen=True):
     came: str = ""
 
     def __str__(self) -> str:
-        return f"{self.command}: {self.status}: expected {self.expected}, came {self.came}"
+        return f"{self.command}: {self.status}: expected {self.expected}, got {self.came}"
 
 
 class Seen(Struct, frozen=True):
