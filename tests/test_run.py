@@ -459,7 +459,7 @@ def test_a_step_that_lasts_no_time_that_could_be_is_refused(seconds: float, tmp_
     [
         ({"needs": {"power": (vcfbench.PowersRails,)}}, "'mine': needs: expected a capability by role"),
         ({"needs": ["power"]}, "'mine': needs: expected a capability by role"),
-        ({"uses": {"scope": vcfbench.CapturesWaveforms}}, "'mine': uses: .* came 'scope'"),
+        ({"uses": {"scope": vcfbench.CapturesWaveforms}}, "'mine': uses: .* got 'scope'"),
         ({"settings": vcfbench.ProcedureSettings()}, "'mine': expected settings that are ProcedureSettings, a class"),
     ],
 )

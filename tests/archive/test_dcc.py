@@ -114,7 +114,7 @@ def test_all_that_is_missing_is_said_at_once(quick: Run) -> None:
     for key in WORDS:
         assert f"--set {key}=..." in str(refused.value)
     assert "serial" not in str(refused.value)
-    with pytest.raises(ConfigError, match=r"expected keys of laboratory, .* came 'custommer'"):
+    with pytest.raises(ConfigError, match=r"expected keys of laboratory, .* got 'custommer'"):
         certificate_words(quick, {"custommer": "x"})
     with pytest.raises(ConfigError, match="expected two capital letters"):
         certificate_words(quick, {**WORDS, "country": "Greece"})

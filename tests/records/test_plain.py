@@ -72,11 +72,11 @@ def test_numbers_and_arrays_of_numpy_are_numbers_and_lists(value: object, expect
     ("value", "words"),
     [
         (Loop(float("nan")), "results.width_v: expected a finite number, or None where there is none, got nan"),
-        (Fit(0.0, (Loop([0.0, np.inf]),)), r"results.loops\[0\].width_v\[1\]: expected a finite number.*came inf"),
+        (Fit(0.0, (Loop([0.0, np.inf]),)), r"results.loops\[0\].width_v\[1\]: expected a finite number.*got inf"),
         (np.array([1.0, np.nan]), r"results\[1\]: expected a finite number"),
         (Loop(1j), "results.width_v: expected numbers, texts, lists, or a frozen dataclass of them, got a complex"),
         (Loop(np.complex128(1j)), "got a complex128"),
-        (Loop(Loop), "results.width_v: .* came a type"),
+        (Loop(Loop), "results.width_v: .* got a type"),
         (Loop(object()), "got a object"),
         ({(1, 2): 3}, "results: expected keys that are texts or numbers, got a tuple"),
         (Loop(1 << 64), "results.width_v: expected a whole number of 64 bits"),

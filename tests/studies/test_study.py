@@ -204,7 +204,7 @@ def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> 
 
 def test_names_that_fit_no_metric_are_refused_after_one_run(tmp_path: Path) -> None:
     asked = {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK, "metrics": ["nothing.*"]}
-    with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*came nothing\.\*"):
+    with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*got nothing\.\*"):
         vcfbench.study(asked, output=tmp_path / "t.csv", workers=1)
     assert not (tmp_path / "t.csv").exists()
 
