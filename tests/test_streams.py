@@ -197,11 +197,11 @@ MINIMAL = {"sample_rate_hz": 100.0, "header": "A5", "length": 8, "value": {"at":
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"profile": "imu"}, r"gyro.stream.profile: expected one of adis16495, .*FILE.toml, came 'imu'"),
+        ({"profile": "imu"}, r"gyro.stream.profile: expected one of adis16495, .*FILE.toml, got 'imu'"),
         ({"header": "xyz"}, r"gyro.stream.header: expected the bytes in hex .*came 'xyz'"),
-        ({"value": {"at": 7}}, r"gyro.stream.value.at: expected at most 6, for the number to end by byte 8, came 7"),
+        ({"value": {"at": 7}}, r"gyro.stream.value.at: expected at most 6, for the number to end by byte 8, got 7"),
         ({"value": {"at": 2, "type": "int12"}}, r"gyro.stream.value.type: expected.*came 'int12'"),
-        ({"unit": "deg"}, r"gyro.stream.unit: expected of rate: one of deg/s, rad/s, LSB, came 'deg'"),
+        ({"unit": "deg"}, r"gyro.stream.unit: expected of rate: one of deg/s, rad/s, LSB, got 'deg'"),
         ({"kind": "increment", "unit": "deg"}, r"gyro.stream.counter: expected a counter"),
         ({"checksum": {"name": "crc16"}}, r"gyro.stream.checksum.name: expected.*came 'crc16'"),
         ({"baud_rate": 4800}, r"gyro.stream.baud_rate: expected at least 8000"),

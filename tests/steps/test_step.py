@@ -93,7 +93,8 @@ def test_the_names_that_come_along_with_procedures_are_all_of_them() -> None:
     for procedure in PROCEDURES:
         assert PROCEDURES[procedure]
     kinds = [*Step.kinds.values(), *StepResult.kinds.values()]
-    ours = {kind.__name__ for kind in kinds if kind.__module__.startswith("vcfbench.procedures")}
+    ours = {kind.__name__ for kind in kinds if kind.__module__.startswith("vcfbench.")}
+    ours -= {kind.__name__ for kind in kinds if kind.__module__.startswith("vcfbench.steps")}
     assert ours == _OF_PROCEDURES
 
 

@@ -44,6 +44,6 @@ def _profile(named: str, source: str, folder: Path) -> dict[str, Any]:
         return parse_toml(read_text(folder / named, "a profile of a stream"), shown(folder / named))
     if named not in stream_profiles():
         known = f"one of {', '.join(stream_profiles())}, or FILE.toml"
-        raise ConfigError(f"{source}: gyro.stream.profile: expected {known}, came {named!r}")
+        raise ConfigError(f"{source}: gyro.stream.profile: expected {known}, got {named!r}")
     text = resources.files("vcfbench.station").joinpath("streams", f"{named}.toml").read_text(encoding="utf-8")
     return parse_toml(text, f"profile {named}")
