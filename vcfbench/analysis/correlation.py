@@ -61,23 +61,17 @@ class Correlation(Struct):
             self.squares += excess * excess
             self.products_v2 += products
             self.variance_v2 += squares
-        self.growth = self._growth(count, size)
-
-    def _growth(self, count: int, size: int) -> float:
-        """Return the factor of windows of `count` readings in pieces of `size`."""
-        if self.pieces < _FEWEST_PIECES or self.excess <= 0.0:
-            return 1.0
-        mean = self.excess / self.pieces
-        variance = (self.squares - self.pieces * mean**2) / (self.pieces - 1)
-        if variance < _ALIKE:
-            return 1.0
+        self.growth, mean = 1.0, self.excess / self.pieces
+        variance = (self.squares - self.pieces * mean**2) / max(1, self.pieces - 1)
+        if self.pieces < _FEWEST_PIECES or variance < _ALIKE:
+            return
         sigmas = mean / math.sqrt(variance / self.pieces)
         if sigmas < _LEAST_SIGMAS or sigmas < t_quantile(2.0 * _CHANCE, self.pieces - 1):
-            return 1.0
+            return
         rho = float(np.interp(self.products_v2 / self.variance_v2, _expected(size), _RHOS))
         # The mean of few readings is not all that they remember, and their scatter about it too little
         whole = (1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
-        return whole * (count - 1) / (count - whole)
+        self.growth = whole * (count - 1) / (count - whole)
 
 
 @cache
