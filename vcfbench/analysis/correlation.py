@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from functools import cache
 from operator import mul
 
-import numpy as np
 from msgspec import Struct
 
 from vcfbench.values.quantile import t_quantile
@@ -25,7 +24,7 @@ _LEAST_SIGMAS = 3.71
 """That of a normal distribution, which Student's is not below."""
 _ALIKE = 1e-4
 """Variance of a piece's correlation below which all are alike: something moves the readings that is no noise."""
-_RHOS = tuple(np.tanh(np.linspace(0.0, 3.0, 121)).tolist())
+_RHOS = tuple(math.tanh(place / 40.0) for place in range(121))
 """Correlations that are told from each other; the largest is 0.995."""
 
 
@@ -55,7 +54,7 @@ class Correlation(Struct):
             mean_v = math.fsum(piece) / size
             off = [each - mean_v for each in piece]
             products, squares = math.fsum(map(mul, off, off[1:])), math.fsum(map(mul, off, off))
-            excess = products / squares - _expected(size)[0]
+            excess = products / squares + 1.0 / size  # of independent ones about their mean it is -1 / n
             self.pieces += 1
             self.excess += excess
             self.squares += excess * excess
@@ -68,6 +67,8 @@ class Correlation(Struct):
         sigmas = mean / math.sqrt(variance / self.pieces)
         if sigmas < _LEAST_SIGMAS or sigmas < t_quantile(2.0 * _CHANCE, self.pieces - 1):
             return
+        import numpy as np  # noqa: PLC0415  # commands that measure nothing come here as well, and take longer by it
+
         rho = float(np.interp(self.products_v2 / self.variance_v2, _expected(size), _RHOS))
         # The mean of few readings is not all that they remember, and their scatter about it too little
         whole = (1.0 + rho) / (1.0 - rho) - 2.0 * rho * (1.0 - rho**count) / (count * (1.0 - rho) ** 2)
@@ -77,6 +78,8 @@ class Correlation(Struct):
 @cache
 def _expected(size: int) -> tuple[float, ...]:
     """Return products of neighbours over squares, about the mean of `size` readings, expected for each of `_RHOS`."""
+    import numpy as np  # noqa: PLC0415  # as above
+
     at = np.arange(size)
     left = np.eye(size) - 1.0 / size
     products = left @ (np.eye(size, k=1) + np.eye(size, k=-1)) @ left / 2.0
