@@ -39,7 +39,23 @@ HEAD = """\
 # API reference
 
 Everything that `import vcfbench` offers, made from the docstrings. How it is used is in [From Python](python.md).
+
+The examples begin with the names of this one, `run` (a complete run of a simulated bench) with the `events` that its
+observer got, `stopped` (a run that was broken off) and the `settings` of a bench file `lab.toml`:
+
+```pycon
+>>> from dataclasses import dataclass
+>>> from typing import Annotated
+>>> import vcfbench
+>>> from msgspec import Meta
+>>> from vcfbench.clock import ScaledClock, VirtualClock, WallClock, sleep
+>>> from vcfbench.testing import open_simulated
+>>> with open_simulated("ideal", seed=1) as lab:
+...     bench = lab.bench
+...     lab.fault("multimeter", "overload")  # faults show which errors come
+```
 """
+EXAMPLE = re.compile(r"^>>> .+?(?=\n\n|\Z)", re.MULTILINE | re.DOTALL)
 SECTION = re.compile(r"^(Args|Raises|Returns|Yields):$", re.MULTILINE)
 ITEM = re.compile(r"^(?P<name>[\w*.]+): +(?P<words>.*)$")
 WORDS = {"Args": "Arguments", "Raises": "Raises", "Returns": "Returns", "Yields": "Yields"}
@@ -262,7 +278,7 @@ def markdown(said: str) -> str:
     for title, body in zip(rest[::2], rest[1::2], strict=True):
         items, _, after = dedented(body).partition("\n\n")
         parts += [f"{WORDS[title]}:", listed(items), after.strip()]
-    return "\n\n".join(filter(None, parts)) + "\n"
+    return EXAMPLE.sub(lambda found: f"```pycon\n{found[0]}\n```", "\n\n".join(filter(None, parts))) + "\n"
 
 
 def dedented(body: str) -> str:
@@ -289,7 +305,7 @@ def linked(page: str, names: Sequence[str]) -> str:
     classes = "|".join(sorted((name for name in names if name[0].isupper()), key=len, reverse=True))
     functions = "|".join(sorted((name for name in names if name[0].islower()), key=len, reverse=True))
     a_name = re.compile(rf"`(?:vcfbench\.)?(?:\w+\.)*({classes})`|`vcfbench\.({functions})`")
-    blocks = re.split(r"(^```\n.*?^```$)", page, flags=re.MULTILINE | re.DOTALL)
+    blocks = re.split(r"(^```\w*\n.*?^```$)", page, flags=re.MULTILINE | re.DOTALL)
     return "".join(each if place % 2 else a_name.sub(link, each) for place, each in enumerate(blocks))
 
 
