@@ -80,6 +80,11 @@ class PacedClock(VirtualClock):
     """Simulated time that is shown to a person: each wait also takes wall time, `speed` times shorter.
 
     It gives the same instants as a :class:`VirtualClock`, hence the same results.
+
+    >>> clock = vcfbench.PacedClock(speed=1000.0)
+    >>> vcfbench.sleep(clock, 5.0)  # 5 ms on the wall
+    >>> clock.now()
+    5.0
     """
 
     __slots__ = ("_start", "pace")
@@ -97,7 +102,13 @@ class PacedClock(VirtualClock):
 
 
 class Deadline(Struct, frozen=True):
-    """An instant by which something must be done, handed down instead of a time-out."""
+    """An instant by which something must be done, handed down instead of a time-out.
+
+    >>> deadline = vcfbench.Deadline.after(bench.clock, 10.0)
+    >>> vcfbench.sleep(bench.clock, 4.0)
+    >>> f"{deadline.remaining():.0f} s left", deadline.expired()
+    ('6 s left', False)
+    """
 
     clock: Clock
     started_s: float

@@ -44,6 +44,12 @@ class BenchError(Exception):
     """Any error of the bench that is shown to its user; the attributes say where and when it happened.
 
     `run` is the run that it ended, with the points that were kept (:class:`vcfbench.Run`); None outside of one.
+
+    >>> try:
+    ...     vcfbench.load_run("not-there")
+    ... except vcfbench.BenchError as error:
+    ...     print(type(error).__name__, error.exit_code)
+    ConfigError 2
     """
 
     exit_code: ClassVar[int] = 3
@@ -87,27 +93,55 @@ class BenchError(Exception):
 
 
 class ConfigError(BenchError):
-    """The bench file, a data file, a record or an option cannot be used as it stands."""
+    """The bench file, a data file, a record or an option cannot be used as it stands.
+
+    >>> vcfbench.dry_run("turntable", settings={"samples": 0})
+    Traceback (most recent call last):
+    vcfbench.errors.ConfigError: settings: procedure.samples: expected a whole number at least 2 and at...
+    """
 
     exit_code = 2
 
 
 class PlanError(BenchError):
-    """The procedure cannot be run as asked on this bench."""
+    """The procedure cannot be run as asked on this bench.
+
+    >>> vcfbench.dry_run("turntabel")
+    Traceback (most recent call last):
+    vcfbench.errors.PlanError: there is no procedure 'turntabel'; known are turntable, virtual-coriolis,...
+    """
 
     exit_code = 2
 
 
 class LimitError(BenchError):
-    """A setting would leave the limits of the bench or of the instrument; nothing was sent."""
+    """A setting would leave the limits of the bench or of the instrument; nothing was sent.
+
+    >>> bench.rate_table.set_rate(9000.0, acceleration_deg_s2=100.0)
+    Traceback (most recent call last):
+    vcfbench.errors.LimitError: rate_table at sim://ideal: rate 9000 deg/s is beyond the bench's limit of...
+    """
 
 
 class InterlockError(BenchError):
-    """The rate table's interlock or a latched fault forbids motion."""
+    """The rate table's interlock or a latched fault forbids motion.
+
+    >>> lab.fault("rate_table", "door")
+    >>> bench.rate_table.enable()
+    Traceback (most recent call last):
+    vcfbench.errors.InterlockError: rate_table at sim://ideal: interlock input 1; see to the cause, then...
+    """
 
 
 class MeasurementError(BenchError):
-    """A reading cannot be used: overload, not settled, supply in current limit."""
+    """A reading cannot be used: overload, not settled, supply in current limit.
+
+    >>> lab.fault("multimeter", "overload")
+    >>> bench.multimeter.configure_dc_voltage(10.0, 10.0)
+    >>> bench.multimeter.read_voltage_v()
+    Traceback (most recent call last):
+    vcfbench.errors.MeasurementError: multimeter at GPIB0::22::INSTR: overload or not measurable (the...
+    """
 
 
 class ClippedRecord(MeasurementError):
@@ -115,7 +149,14 @@ class ClippedRecord(MeasurementError):
 
 
 class Aborted(BenchError):
-    """A person or a signal stopped the run; the bench was made safe."""
+    """A person or a signal stopped the run; the bench was made safe.
+
+    >>> control = vcfbench.RunControl()
+    >>> control.stop("the technician")
+    >>> vcfbench.run("turntable", control=control, runs=None)
+    Traceback (most recent call last):
+    vcfbench.errors.Aborted: stopped by the technician
+    """
 
     exit_code = 4
 
@@ -139,6 +180,11 @@ class NotSafe(BenchError):
 
     `reports` say what state every instrument was left in (:class:`vcfbench.interfaces.SafeReport`), as far as that is
     known.
+
+    >>> with open_simulated("ideal") as lab:
+    ...     lab.fault("rate_table", "unreachable")
+    Traceback (most recent call last):
+    vcfbench.errors.NotSafe: NOT SAFE: rate_table at sim://ideal: could not be told to stop; last read...
     """
 
     exit_code = 5
@@ -146,31 +192,75 @@ class NotSafe(BenchError):
 
 
 class TransportError(BenchError):
-    """The wire failed, not the instrument."""
+    """The wire failed, not the instrument.
+
+    >>> lab.fault("multimeter", "disconnect")
+    >>> try:
+    ...     bench.multimeter.identify()
+    ... except vcfbench.TransportError as error:
+    ...     print(type(error).__name__, error.instrument)
+    LinkLost multimeter
+    """
 
 
 class ConnectFailed(TransportError):
-    """Nobody answers at the resource."""
+    """Nobody answers at the resource.
+
+    >>> try:
+    ...     bench.multimeter.check_errors()
+    ... except vcfbench.ConnectFailed as error:
+    ...     print(f"is {error.instrument} switched on?")
+    """
 
 
 class LinkLost(TransportError):
-    """The connection broke."""
+    """The connection broke.
+
+    >>> lab.fault("multimeter", "disconnect")
+    >>> bench.multimeter.identify()
+    Traceback (most recent call last):
+    vcfbench.errors.LinkLost: multimeter at GPIB0::22::INSTR: the connection broke (the link to the...
+    """
 
 
 class DeadlineExceeded(TransportError):
-    """No answer came in time."""
+    """No answer came in time.
+
+    >>> lab.fault("multimeter", "silent")
+    >>> bench.multimeter.identify()
+    Traceback (most recent call last):
+    vcfbench.errors.DeadlineExceeded: multimeter at GPIB0::22::INSTR: no answer, command '*IDN?', after 5 s
+    """
 
 
 class FramingError(TransportError):
-    """The received bytes are not an answer of the expected form."""
+    """The received bytes are not an answer of the expected form.
+
+    >>> lab.fault("multimeter", "garbled")
+    >>> bench.multimeter.configure_dc_voltage(10.0, 10.0)
+    Traceback (most recent call last):
+    vcfbench.errors.FramingError: multimeter at GPIB0::22::INSTR: expected ASCII text, ...
+    """
 
 
 class OutOfSync(TransportError):
-    """The answers no longer belong to the questions; the session was closed."""
+    """The answers no longer belong to the questions; the session was closed.
+
+    >>> try:
+    ...     bench.multimeter.check_errors()
+    ... except vcfbench.OutOfSync as error:
+    ...     print(f"check the cable of {error.instrument} and open the bench again")
+    """
 
 
 class InstrumentError(BenchError):
-    """The instrument refused a command; `number` and `words` are its own."""
+    """The instrument refused a command; `number` and `words` are its own.
+
+    >>> lab.fault("multimeter", "error", number=-213)
+    >>> bench.multimeter.check_errors()
+    Traceback (most recent call last):
+    vcfbench.errors.InstrumentError: multimeter at GPIB0::22::INSTR: refused with -213 "Init ignored"
+    """
 
     def __init__(
         self, what: str, *, number: int | None = None, words: str | None = None, **where: Unpack[Where]
@@ -181,4 +271,11 @@ class InstrumentError(BenchError):
 
 
 class WrongInstrument(InstrumentError):
-    """Another model or specimen than the bench file says answers at the resource."""
+    """Another model or specimen than the bench file says answers at the resource.
+
+    >>> try:
+    ...     with vcfbench.open_bench("lab.toml"):
+    ...         pass
+    ... except vcfbench.WrongInstrument as error:
+    ...     print(f"the bench file has another {error.instrument}")
+    """

@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 
 class Identity(Struct, frozen=True):
-    """Identity of an instrument: the four fields of ``*IDN?`` (empty where a dialect has none)."""
+    """Identity of an instrument: the four fields of ``*IDN?`` (empty where a dialect has none).
+
+    >>> bench.multimeter.identify().model
+    '34401A'
+    """
 
     maker: str
     model: str
@@ -55,7 +59,12 @@ class UnprovedCommand(Struct, frozen=True):
 
 
 class SafeReport(Struct, frozen=True):
-    """Result of making an instrument safe, proved by read-back; `unproved` is there when it could not be proved."""
+    """Result of making an instrument safe, proved by read-back; `unproved` is there when it could not be proved.
+
+    >>> report = bench.power.make_safe(vcfbench.Deadline.after(bench.clock, 10.0))
+    >>> report.instrument, report.safe, report.detail
+    ('power', True, 'outputs off, P6V +0 V, P25V +0 V, N25V +0 V at the terminals')
+    """
 
     instrument: str
     resource: str
@@ -65,7 +74,11 @@ class SafeReport(Struct, frozen=True):
 
 
 class Regulation(Enum):
-    """Regulation of a supply output."""
+    """Regulation of a supply output.
+
+    >>> bench.power.regulation("P25V") is vcfbench.Regulation.OFF
+    True
+    """
 
     OFF = "off"
     CONSTANT_VOLTAGE = "CV"
@@ -74,7 +87,13 @@ class Regulation(Enum):
 
 
 class Waveform(Struct, frozen=True):
-    """A record of one oscilloscope channel: times (s, trigger at 0) and voltages (V), one-dimensional, equal length."""
+    """A record of one oscilloscope channel: times (s, trigger at 0) and voltages (V), one-dimensional, equal length.
+
+    >>> bench.oscilloscope.acquire(1)
+    >>> wave = bench.oscilloscope.waveform(1, points=500)
+    >>> wave.time_s.shape, wave.voltage_v.shape
+    ((500,), (500,))
+    """
 
     time_s: NDArray[np.float64]
     voltage_v: NDArray[np.float64]
@@ -108,7 +127,16 @@ def nobody(request: Request) -> str:
 
 
 class Instrument(Protocol):
-    """Capabilities of every instrument of the bench."""
+    """Capabilities of every instrument of the bench.
+
+    >>> for instrument in bench.instruments.values():
+    ...     print(instrument.name, instrument.resource)
+    power GPIB0::5::INSTR
+    rate_source USB0::0x0957::0x0407::MY44021876::INSTR
+    multimeter GPIB0::22::INSTR
+    oscilloscope USB0::0x0957::0x175D::MY49520121::INSTR
+    rate_table sim://ideal
+    """
 
     @property
     def name(self) -> str:
@@ -143,7 +171,13 @@ class Instrument(Protocol):
 
 @runtime_checkable
 class PowersRails(Protocol):
-    """Feeds the rails: named outputs, each regulated and read back, that share one output switch."""
+    """Feeds the rails: named outputs, each regulated and read back, that share one output switch.
+
+    >>> bench.power.configure_output("P25V", 10.0, current_limit_a=0.1)
+    >>> bench.power.enable_outputs()
+    >>> f"{bench.power.measure_voltage_v('P25V'):.2f} V"
+    '10.00 V'
+    """
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
         """Set level and current limit of `output`; `voltage_v` carries the sign of the terminal."""
@@ -169,7 +203,12 @@ class PowersRails(Protocol):
 
 @runtime_checkable
 class SwitchesOutput(Protocol):
-    """An output with a relay, by which it can be switched off."""
+    """An output with a relay, by which it can be switched off.
+
+    >>> bench.rate_source.disable_output()
+    >>> bench.rate_source.output_enabled()
+    False
+    """
 
     def enable_output(self) -> None:
         """Close the output relay."""
@@ -183,7 +222,11 @@ class SwitchesOutput(Protocol):
 
 @runtime_checkable
 class SetsVoltage(SwitchesOutput, Protocol):
-    """Puts out a DC voltage, into a high impedance."""
+    """Puts out a DC voltage, into a high impedance.
+
+    >>> bench.rate_source.configure_dc(0.5)
+    0.5
+    """
 
     def configure_dc(self, voltage_v: float) -> float:
         """Select DC at `voltage_v` into an open circuit, output switch unchanged; return the setting read back, V."""
@@ -194,7 +237,11 @@ class SetsVoltage(SwitchesOutput, Protocol):
 
 @runtime_checkable
 class SetsSine(SwitchesOutput, Protocol):
-    """Puts out a sine, into a high impedance."""
+    """Puts out a sine, into a high impedance.
+
+    >>> bench.rate_source.configure_sine(20.0, amplitude_vpp=0.1)
+    >>> bench.rate_source.enable_output()
+    """
 
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine into an open circuit, output switch unchanged."""
@@ -202,7 +249,12 @@ class SetsSine(SwitchesOutput, Protocol):
 
 @runtime_checkable
 class ReadsVoltage(Protocol):
-    """Reads a DC voltage when it is asked, on one node."""
+    """Reads a DC voltage when it is asked, on one node.
+
+    >>> bench.multimeter.configure_dc_voltage(range_v=10.0, nplc=10.0)
+    >>> f"{bench.multimeter.read_voltage_v():.2f} V"
+    '0.00 V'
+    """
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Select DC voltage on a fixed range with an integration time of `nplc` power-line cycles, autozero on."""
@@ -213,7 +265,11 @@ class ReadsVoltage(Protocol):
 
 @runtime_checkable
 class ReadsResistance(Protocol):
-    """Reads the resistance between its terminals when it is asked, of something that has no voltage of its own."""
+    """Reads the resistance between its terminals when it is asked, of something that has no voltage of its own.
+
+    >>> bench.multimeter.configure_resistance(1e6, nplc=10.0, wires=2)
+    >>> resistance_ohm = bench.multimeter.read_resistance_ohm()
+    """
 
     def configure_resistance(self, range_ohm: float, nplc: float, wires: int = 2) -> None:
         """Select resistance by two or four wires on a fixed range with an integration time of `nplc` cycles."""
@@ -224,7 +280,14 @@ class ReadsResistance(Protocol):
 
 @runtime_checkable
 class BeginsReadings(ReadsVoltage, Protocol):
-    """Reads while another instrument is asked: a reading is begun, and fetched when it is over."""
+    """Reads while another instrument is asked: a reading is begun, and fetched when it is over.
+
+    >>> bench.multimeter.configure_dc_voltage(10.0, 10.0)
+    >>> bench.multimeter.begin_reading()
+    >>> rate_deg_s = bench.rate_table.rate_deg_s()  # meanwhile
+    >>> f"{bench.multimeter.begun_reading_v():.2f} V"
+    '0.00 V'
+    """
 
     def begin_reading(self) -> None:
         """Trigger one reading; return at once."""
@@ -235,7 +298,13 @@ class BeginsReadings(ReadsVoltage, Protocol):
 
 @runtime_checkable
 class SamplesVoltage(ReadsVoltage, Protocol):
-    """Takes readings by itself, at its own interval, and keeps them until they are read out."""
+    """Takes readings by itself, at its own interval, and keeps them until they are read out.
+
+    >>> bench.multimeter.configure_dc_voltage(10.0, 1.0)
+    >>> took_s = bench.multimeter.start_sampling(50, interval_s=0.1)
+    >>> len(bench.multimeter.sampled_voltages_v())
+    50
+    """
 
     @property
     def aperture_s(self) -> float:
@@ -254,7 +323,14 @@ class SamplesVoltage(ReadsVoltage, Protocol):
 
 @runtime_checkable
 class CapturesWaveforms(Protocol):
-    """Takes records of channels that see nodes of the PCB."""
+    """Takes records of channels that see nodes of the PCB.
+
+    >>> bench.oscilloscope.configure_channel(1, scale_v_per_div=0.5)
+    >>> bench.oscilloscope.configure_timebase(1e-4)
+    >>> bench.oscilloscope.acquire(1)
+    >>> len(bench.oscilloscope.waveform(1, points=500).voltage_v)
+    500
+    """
 
     def configure_channel(self, channel: int, scale_v_per_div: float, offset_v: float = 0.0) -> None:
         """Show `channel`, DC coupled, 1 Mohm, at the given scale and offset."""
@@ -285,7 +361,14 @@ class AveragesWaveforms(Protocol):
 
 @runtime_checkable
 class MeasuresWaveforms(CapturesWaveforms, Protocol):
-    """Measures its records by itself."""
+    """Measures its records by itself.
+
+    >>> try:
+    ...     print(bench.oscilloscope.measure_frequency_hz(1))
+    ... except vcfbench.MeasurementError:
+    ...     print("no signal on channel 1")
+    no signal on channel 1
+    """
 
     def measure_frequency_hz(self, channel: int) -> float:
         """Measure the frequency of the record; raises MeasurementError when there is none."""
@@ -299,7 +382,14 @@ class MeasuresWaveforms(CapturesWaveforms, Protocol):
 
 @runtime_checkable
 class Rotates(Protocol):
-    """Turns the device on it about one axis."""
+    """Turns the device on it about one axis.
+
+    >>> bench.rate_table.enable()
+    >>> bench.rate_table.set_rate(10.0, acceleration_deg_s2=50.0)
+    >>> vcfbench.sleep(bench.clock, 1.0)
+    >>> f"{bench.rate_table.rate_deg_s():.2f} deg/s"
+    '10.00 deg/s'
+    """
 
     def enable(self) -> None:
         """Zero the demand, then close the servo; raises InterlockError when a fault forbids it."""
@@ -359,19 +449,35 @@ class ForcesTemperature(Protocol):
 
 
 class PowerSupply(Instrument, PowersRails, Protocol):
-    """A supply of the rails."""
+    """A supply of the rails.
+
+    >>> bench.power.identify().model
+    'E3631A'
+    """
 
 
 class FunctionGenerator(Instrument, SetsVoltage, SetsSine, Protocol):
-    """A generator whose load is a high impedance."""
+    """A generator whose load is a high impedance.
+
+    >>> bench.rate_source.identify().model
+    '33220A'
+    """
 
 
 class Multimeter(Instrument, ReadsVoltage, Protocol):
-    """A voltmeter."""
+    """A voltmeter.
+
+    >>> bench.multimeter.identify().model, isinstance(bench.multimeter, vcfbench.SamplesVoltage)
+    ('34401A', True)
+    """
 
 
 class Oscilloscope(Instrument, MeasuresWaveforms, Protocol):
-    """An oscilloscope."""
+    """An oscilloscope.
+
+    >>> bench.oscilloscope.identify().model
+    'DSO7104B'
+    """
 
 
 class TemperatureChamber(Instrument, ForcesTemperature, Protocol):
@@ -379,7 +485,11 @@ class TemperatureChamber(Instrument, ForcesTemperature, Protocol):
 
 
 class RateTable(Instrument, Rotates, Protocol):
-    """A single-axis rate table."""
+    """A single-axis rate table.
+
+    >>> bench.rate_table.identify().model, bench.rate_table.fault()
+    ('Acutrol3000', None)
+    """
 
 
 def lacking(kind: type, capability: type) -> tuple[str, ...]:

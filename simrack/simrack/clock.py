@@ -16,6 +16,11 @@ class Clock(Protocol):
     """Bench time in seconds since the clock was made.
 
     One whose waits take wall time has a `pace`: so many seconds of bench time a second of the wall.
+
+    >>> clock = VirtualClock()
+    >>> clock.sleep_until(20.0)
+    >>> clock.now()
+    20.0
     """
 
     def now(self) -> float:
@@ -26,12 +31,20 @@ class Clock(Protocol):
 
 
 def sleep(clock: Clock, seconds: float) -> None:
-    """Wait `seconds` of bench time."""
+    """Wait `seconds` of bench time.
+
+    >>> clock = ScaledClock(speed=1000.0)
+    >>> sleep(clock, 5.0)  # 5 ms on the wall
+    """
     clock.sleep_until(clock.now() + seconds)
 
 
 class WallClock:
-    """The clock of a bench of real instruments."""
+    """The clock of a bench of real instruments.
+
+    >>> f"{WallClock().now():.0f} s"
+    '0 s'
+    """
 
     __slots__ = ("_start",)
 
@@ -52,7 +65,13 @@ class WallClock:
 
 
 class VirtualClock:
-    """Simulated time: waiting moves it, nothing else does."""
+    """Simulated time: waiting moves it, nothing else does.
+
+    >>> clock = VirtualClock()
+    >>> sleep(clock, 3600.0)
+    >>> clock.now()
+    3600.0
+    """
 
     __slots__ = ("_now",)
 
@@ -73,6 +92,10 @@ class ScaledClock:
 
     It can be held: in ``with clock:`` time stands still, so that whatever is computed there sees one instant. One
     thread at a time holds it.
+
+    >>> with ScaledClock(speed=1000.0) as clock:
+    ...     clock.now() == clock.now()
+    True
     """
 
     __slots__ = ("_depth", "_held_s", "_lock", "_start", "pace")
