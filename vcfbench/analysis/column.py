@@ -38,6 +38,9 @@ class Nonlinearity(Struct, frozen=True):
     """Non-linearity by every definition in use, ppm; None where the points do not allow the definition.
 
     The names are those of :data:`vcfbench.analysis.nonlinearity.DEFINITIONS`, which says in words what each means.
+
+    >>> f"{run.results.nonlinearity_ppm.max_fs:.0f} ppm of full scale"
+    '368 ppm of full scale'
     """
 
     max_span: float | None
@@ -78,7 +81,12 @@ class Pair(Struct, frozen=True):
 
 
 class CalibrationColumn(Struct, frozen=True, kw_only=True):
-    """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and its residuals."""
+    """One column of outputs against rates: the line ``output = scale_factor * rate + bias`` and its residuals.
+
+    >>> column = run.results  # TurntableResult is one
+    >>> f"{column.scale_factor.value:.5f} V/(deg/s), bias {column.bias_deg_s:.2f} deg/s"
+    '-0.01256 V/(deg/s), bias 3.29 deg/s'
+    """
 
     scale_factor: FittedValue
     """Slope; its `u_fit` is from the scatter about the line, never less than the noise alone."""

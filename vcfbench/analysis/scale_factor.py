@@ -19,7 +19,12 @@ BIAS_UNIT = "V"
 
 
 class ScaleFactorResult(Struct, frozen=True):
-    """One column, characterised; `type_a` is None when the noise of the points is not known."""
+    """One column, characterised; `type_a` is None when the noise of the points is not known.
+
+    >>> found = vcfbench.characterise([-100.0, 0.0, 100.0], [1.21, -0.04, -1.30])
+    >>> f"{found.line.scale_factor:.5f} V/(deg/s), u of the fit {found.u_fit_scale_factor:.1g}"
+    '-0.01255 V/(deg/s), u of the fit 3e-05'
+    """
 
     rate_deg_s: Floats
     output_v: Floats
@@ -103,6 +108,10 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
 
     Raises:
         ConfigError: the points do not determine a line, or the output does not follow the rate at all.
+
+    >>> found = vcfbench.characterise([-100.0, 0.0, 100.0], [1.21, -0.04, -1.30], u_output_v=1e-4)
+    >>> f"{1e3 * found.line.scale_factor:.2f} mV/(deg/s)"
+    '-12.55 mV/(deg/s)'
     """
     rate, output = regression.checked_points(rate_deg_s, output_v)
     line = regression.fit_line(rate, output)
@@ -145,7 +154,13 @@ def scale_factor_error_percent(reference: float, other: float, decimals: int | N
 
 
 class Comparison(Struct, frozen=True):
-    """Two calibrations of one gyroscope, the second against the first."""
+    """Two calibrations of one gyroscope, the second against the first.
+
+    >>> table = vcfbench.characterise([-100.0, 0.0, 100.0], [1.21, -0.04, -1.30])
+    >>> virtual = vcfbench.characterise([-100.0, 0.0, 100.0], [1.23, -0.04, -1.32])
+    >>> f"{vcfbench.compare(table, virtual).scale_factor_error_percent:.2f} %"
+    '1.59 %'
+    """
 
     scale_factor_error_percent: float
     scale_factor_error_percent_rounded: float | None
@@ -168,7 +183,13 @@ class Comparison(Struct, frozen=True):
 
 
 def compare(reference: ScaleFactorResult, other: ScaleFactorResult) -> Comparison:
-    """Compare `other` with `reference`."""
+    """Compare `other` with `reference`.
+
+    >>> may = vcfbench.characterise([-100.0, 0.0, 100.0], [1.21, -0.04, -1.30])
+    >>> june = vcfbench.characterise([-100.0, 0.0, 100.0], [1.22, -0.03, -1.30])
+    >>> f"bias moved by {vcfbench.compare(may, june).bias_difference_v:.4f} V"
+    'bias moved by 0.0067 V'
+    """
     first, second = reference.line, other.line
     ratio = second.scale_factor / first.scale_factor
     relative = math.hypot(

@@ -47,6 +47,10 @@ class TableAnalysis(Struct, frozen=True):
     `compared` names those two, reference first; both are None where nothing was compared. `units` are those of the
     outputs, V, deg/s or LSB, which stand for the V of all names in `series`; `notes` say what columns were taken for,
     `notices` what no gyroscope within its range gives.
+
+    >>> table = vcfbench.analyze("paper-table1.csv")
+    >>> table.compared, round(table.comparison.scale_factor_error_percent, 2)
+    (('turntable_v', 'virtual_v'), 1.53)
     """
 
     series: dict[str, ScaleFactorResult]
@@ -150,6 +154,10 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
 
     Raises:
         ConfigError: there is no such file or column, or what is in it is no such table: file, line and column are told.
+
+    >>> table = vcfbench.analyze("paper-table1.csv")
+    >>> {name: f"{1e3 * found.line.scale_factor:.3f} mV/(deg/s)" for name, found in table.series.items()}
+    {'turntable_v': '-12.542 mV/(deg/s)', 'virtual_v': '-12.734 mV/(deg/s)'}
     """
     path, notes = Path(file), list[str]()
     with opened_table(file) as raw:

@@ -45,6 +45,12 @@ class RecordAnalysis(Struct, frozen=True):
     `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line;
     `densities` N and K in deg/s/sqrt(Hz), rad/s/sqrt(Hz), deg/s^2/sqrt(Hz), rad/s^2/sqrt(Hz), as filters take them: of
     a two-sided spectrum, so that white noise of N at f readings a second has the standard deviation N sqrt(f).
+
+    >>> found = vcfbench.analyze_record("rest.csv", rate_hz=10.0)
+    >>> f"{found.samples} readings, mean {found.mean_deg_s:.2f} deg/s"
+    '500 readings, mean 0.01 deg/s'
+    >>> found.noise[0].name, found.noise[0].unit
+    ('angle_random_walk', 'deg/sqrt(h)')
     """
 
     column: str
@@ -115,6 +121,10 @@ def analyze_record(
     Raises:
         ConfigError: file, line and column of what cannot be read; a unit that is none; a stated rate that the times
             contradict.
+
+    >>> found = vcfbench.analyze_record("rest.csv", rate_hz=10.0)
+    >>> list(found.densities)
+    ['N, deg/s/sqrt(Hz)', 'N, rad/s/sqrt(Hz)', 'K, deg/s^2/sqrt(Hz)', 'K, rad/s^2/sqrt(Hz)']
     """
     path, layout = Path(file), layout or Layout()
     if rate_hz is not None and not 0.0 < rate_hz <= _MOST_HZ:

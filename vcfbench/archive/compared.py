@@ -37,6 +37,9 @@ class RunComparison(Struct, frozen=True):
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be
     paired, else empty. `settings` (of those that all have) and `equipment` are what is not the same in all, by name,
     as printed. `instruments` are those that runs have in common with the first: their errors cancel.
+
+    >>> [shared.name for shared in vcfbench.compare_runs(run, run).results]
+    ['scale_factor', 'bias', 'bias_deg_s', 'asymmetry', 'nonlinearity']
     """
 
     runs: tuple[Run, ...]
@@ -93,6 +96,10 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
     Raises:
         ConfigError: there are fewer than two, more than 26, something else than runs is among them, or they share
             neither results nor points.
+
+    >>> compared = vcfbench.compare_runs(vcfbench.load_run("last"), run)
+    >>> compared.instruments
+    ('34401A at GPIB0::22::INSTR of paper, seed 3', 'acl at sim://paper of paper, seed 3')
     """
     for each in runs:
         if not hasattr(each, "results"):

@@ -23,7 +23,11 @@ _SUFFIXES: Final = {".h5": "hdf5", **{f".{each}": each for each in FORMATS}}
 
 
 class Exported(Struct, frozen=True):
-    """Written export: the file, its format, its table, its columns and the number of rows."""
+    """Written export: the file, its format, its table, its columns and the number of rows.
+
+    >>> vcfbench.export_run(run, "points.csv").rows
+    3
+    """
 
     file: Path
     format: str
@@ -54,6 +58,9 @@ def export_run(
     Raises:
         ConfigError: there is no such record, it is damaged, the format is unknown or needs the extra ``export``, the
             table is too long for it, or the file cannot be written.
+
+    >>> vcfbench.export_run("last", "points.csv").columns
+    ('step', 'rate_deg_s', 'v_vc_v', 'output_v', 'std_v', 'n')
     """
     where = run.directory if isinstance(run, Run) else run
     if where is None:

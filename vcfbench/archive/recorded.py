@@ -27,6 +27,9 @@ def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
 
     Raises:
         ConfigError: there is no such record, more than one, or it cannot be read.
+
+    >>> vcfbench.load_run("last").procedure
+    'turntable'
     """
     directory = directory_of(name_or_path, runs)
     return recorded_run(directory, directory.read())
@@ -63,6 +66,9 @@ def list_runs(
 
     Raises:
         ConfigError: there is no such status, or the date is none.
+
+    >>> [earlier.points[0].rate_deg_s for earlier in vcfbench.list_runs(dut="G-0042", procedure="turntable")]
+    [10.0]
     """
     if all(each is None for each in (dut, since, status, procedure, tags)):
         return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))

@@ -32,6 +32,10 @@ class RawReading(NamedTuple):
     `t_s` is bench time, s. `voltage_v` is the reading, V. `table_rate_deg_s` is what the table read back at the end of
     the reading's window, deg/s, None where the window failed before that, or used no table. `v_vc_v` is what the meter
     on V_Vc read at the same time, V, None where there was none.
+
+    >>> reading = run.readings[0]
+    >>> f"{reading.t_s:.1f} s: {reading.voltage_v:+.3f} V at {reading.table_rate_deg_s:+.1f} deg/s"
+    '5.3 s: -0.042 V at +0.0 deg/s'
     """
 
     number: int
@@ -59,6 +63,9 @@ class Run(Struct, frozen=True, eq=False):
     long, and by how much the output moved. `metadata` is which device it was of, who did it and under
     what conditions (``run.metadata.dut``), `equipment` the instruments that it opened, with the dates of their
     calibration. `amendments` say what was amended since, by whom and why; `metadata` has the amended words.
+
+    >>> print(run.status, run.metadata.dut, run.values["scale_factor"])
+    complete G-0042 -12.5630(29) mV/(deg/s)
     """
 
     procedure: str

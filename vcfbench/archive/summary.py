@@ -29,6 +29,10 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     ``marginal``, ``fail``, or None where nothing was judged. `damage` and `problem` say what is wrong with a record
     that is damaged, or cannot be read. `revision` is 1, and one more for each time that the record was amended;
     `amended` names what is another than the run was told.
+
+    >>> summary = vcfbench.run_summaries()[0]
+    >>> print(summary.procedure, summary.dut, summary.results["scale_factor"])
+    turntable G-0042 -12.5630(29) mV/(deg/s)
     """
 
     run: str
@@ -72,6 +76,9 @@ def run_summaries(
 
     Arguments and errors are those of :func:`list_runs`.
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
+
+    >>> [(summary.dut, summary.verdict) for summary in vcfbench.run_summaries(status="complete")]
+    [('G-0042', 'pass')]
     """
     known = [each.value for each in Status]
     if status is not None and status not in known:

@@ -32,6 +32,9 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
     Raises:
         ConfigError: the suffix is none of these, a word is unknown, the record or the logo cannot be read, or the file
             cannot be written.
+
+    >>> [file.name for file in vcfbench.write_report(run, "G-0042.md", {"title": "Incoming inspection"})]
+    ['G-0042.md', 'G-0042-1.svg', 'G-0042-2.svg']
     """
     said = dict(words or {})
     title, logo = said.pop("title", "") or title_of(run), said.pop("logo", "")
@@ -59,6 +62,10 @@ def write_certificate(
     Raises:
         ConfigError: something is missing (all of it in one), the run can have no certificate, or the file cannot be
             written.
+
+    >>> customer = {"customer": "ACME Ltd", "customer_address": "1 Mill Lane, York"}
+    >>> vcfbench.write_certificate(run, "G-0042.xml", customer).name
+    'G-0042.xml'
     """
     path = Path(path)
     document = None if embed is None else (Path(embed).name, read_file(embed, "a report", _LARGEST_DOCUMENT))

@@ -222,6 +222,10 @@ class Device(Struct, frozen=True):
 
     What it says of the device, it says by those that stand: none that was withdrawn, none from a simulated bench where
     there is one from a real bench.
+
+    >>> device = vcfbench.load_device("G-0042")
+    >>> len(device.entries), f"{device.certificate.issued:%Y-%m-%d}"
+    (1, '2026-11-22')
     """
 
     serial: str
@@ -273,10 +277,10 @@ class DeviceStore(Struct, frozen=True):
         found = tuple(Entry(path, read_entry(path)) for path in paths)
         for each in (one for one in found if one.record.serial != serial):
             raise ConfigError(f"{shown(each.path)}: it is of device {each.record.serial!r}, and lies with {serial!r}")
-        for each in found:
-            if isinstance(record := each.record, Withdrawal) and record.seal != seal_of(_up_to(record.last, paths)):
+        for path, record in ((each.path, each.record) for each in found if isinstance(each.record, Withdrawal)):
+            if record.seal != seal_of([each for each in paths if int(each.stem) <= int(record.last)]):
                 raise ConfigError(
-                    f"{shown(each.path)}: an entry up to {record.last} was changed or removed since this was written"
+                    f"{shown(path)}: an entry up to {record.last} was changed or removed since it was written"
                 )
         return tuple(sorted(found, key=lambda each: each.done))
 
@@ -451,12 +455,11 @@ def load_device(serial: str, devices: Path | str = "devices") -> Device:
     """Return the calibration history of a gyroscope: its certificates, self-calibrations and static records.
 
     `devices` is the directory in which they are kept. ConfigError: nothing is known of it, or an entry cannot be read.
+
+    >>> vcfbench.load_device("G-0042").certificate.procedure
+    'kvc'
     """
     return DeviceStore(Path(devices)).device(serial)
-
-
-def _up_to(name: str, paths: Sequence[Path]) -> list[Path]:
-    return [path for path in paths if int(path.stem) <= int(name)]
 
 
 def require_serial(serial: str) -> None:

@@ -35,6 +35,9 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
 
     Raises:
         ConfigError: a value cannot be what it is to be; its name comes first.
+
+    >>> run.metadata.dut, run.metadata.operator
+    ('G-0042', 'A. Person')
     """
 
     dut: str | None = None
@@ -85,6 +88,9 @@ class Equipment(Struct, frozen=True, kw_only=True):
     `identity` is what it answered, None if it was not asked. `serial_number` is the one it answered, else that of the
     bench file, None if neither has one. `inventory_number` is what is written on it. `overdue`: its calibration was due
     before the day of the run.
+
+    >>> [(each.role, each.model) for each in run.equipment][:2]
+    [('power', 'E3631A'), ('rate_source', '33220A')]
     """
 
     role: str

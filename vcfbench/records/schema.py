@@ -44,6 +44,9 @@ class Status(StrEnum):
 
     A journal without its last line is `RUNNING` while its run goes on, else `INCOMPLETE`, one that was changed since
     `DAMAGED`, one that is no journal `UNREADABLE`.
+
+    >>> run.status == "complete", run.status is vcfbench.Status.COMPLETE
+    (True, True)
     """
 
     COMPLETE = "complete"
@@ -69,6 +72,10 @@ class Point(Struct, frozen=True):
     `v_vc_measured_v` is the mean of what the meter on it read meanwhile, and `v_vc_std_v` is the standard deviation of
     one such reading. `moved_v` is by how much the output at rest had moved in pauses of the run before, in V, with its
     standard uncertainty `moved_u_v`: results count from the first reference, `output_v` is as it was read.
+
+    >>> point = run.points[0]
+    >>> f"{point.output_v:+.3f} V at {point.rate_deg_s:+g} deg/s, mean of {point.n}"
+    '-0.167 V at +10 deg/s, mean of 3'
     """
 
     step: _Count

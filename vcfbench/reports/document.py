@@ -23,7 +23,12 @@ DEEPEST_HEADING = 6
 
 
 class Heading(Struct, frozen=True, tag_field="part", tag=str.lower):
-    """A heading; `level` 1 is the highest, 6 the lowest."""
+    """A heading; `level` 1 is the highest, 6 the lowest.
+
+    >>> print(vcfbench.text_of(vcfbench.Report([vcfbench.Heading("Zero")])))
+    Zero
+    ====
+    """
 
     text: str
     level: int = 1
@@ -35,21 +40,36 @@ class Heading(Struct, frozen=True, tag_field="part", tag=str.lower):
 
 
 class Text(Struct, frozen=True, tag_field="part", tag=str.lower):
-    """Words, in lines that stay as they are; `verbatim` where also their characters must: words of a person."""
+    """Words, in lines that stay as they are; `verbatim` where also their characters must: words of a person.
+
+    >>> vcfbench.text_of(vcfbench.Report([vcfbench.Text("warm for an hour")]))
+    'warm for an hour'
+    """
 
     text: str
     verbatim: bool = False
 
 
 class Notice(Struct, frozen=True, tag_field="part", tag=str.lower):
-    """Important words, such as that a bench was simulated; `kind` is their weight."""
+    """Important words, such as that a bench was simulated; `kind` is their weight.
+
+    >>> vcfbench.text_of(vcfbench.Report([vcfbench.Notice("SIMULATED. Not measured.")]))
+    'SIMULATED. Not measured.'
+    """
 
     text: str
     kind: Literal["warning", "pass", "marginal", "fail"] = "warning"
 
 
 class Cell(Struct, frozen=True):
-    """A value of a table that is printed otherwise than its column says; `format` and `unit` are its own."""
+    """A value of a table that is printed otherwise than its column says; `format` and `unit` are its own.
+
+    >>> zero = vcfbench.Cell(0.0000123, format=".1e", unit="V")
+    >>> print(vcfbench.text_of(vcfbench.Report([vcfbench.Table([vcfbench.Column("zero")], [[zero]])])))
+         zero
+    ---------
+    1.2e-05 V
+    """
 
     value: Value
     format: str = ""
@@ -61,6 +81,9 @@ class Column(Struct, frozen=True):
 
     Texts are printed as they are, None as ``-``. `verbatim` says that none of their characters may be set otherwise on
     a page: commands, names of files, what a person wrote.
+
+    >>> vcfbench.Column("output", "V", ".5f").head
+    'output / V'
     """
 
     name: str
@@ -97,6 +120,14 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
     Raises:
         ValueError: a row has more or fewer values than there are columns, or a value cannot be printed as its column
             says.
+
+    >>> rate, output = vcfbench.Column("rate", "deg/s", "g"), vcfbench.Column("output", "V", ".3f")
+    >>> table = vcfbench.Table([rate, output], [[10.0, -0.1671], [0.0, -0.0414]])
+    >>> print(vcfbench.text_of(vcfbench.Report([table])))
+    rate / (deg/s)   output / V
+    ---------------------------
+                10       -0.167
+                 0       -0.041
     """
 
     columns: Sequence[Column]
@@ -160,7 +191,11 @@ def _printed(value: Any, column: Column) -> str:
 
 
 class Axis(Struct, frozen=True):
-    """An axis of a figure: the quantity along it, its unit, and its scale."""
+    """An axis of a figure: the quantity along it, its unit, and its scale.
+
+    >>> vcfbench.Axis("averaging time", "s", scale="log").title
+    'averaging time / s'
+    """
 
     label: str
     unit: str = ""
@@ -186,6 +221,9 @@ class Series(Struct, frozen=True):
 
     Raises:
         ValueError: there are not as many of one as of the other, or something is no finite number.
+
+    >>> vcfbench.Series("output", x=[10.0, 0.0, -10.0], y=[-0.167, -0.041, 0.084], u_y=[3e-5] * 3).heights
+    (-0.167, -0.041, 0.084)
     """
 
     label: str
@@ -227,6 +265,10 @@ class Figure(Struct, frozen=True, tag_field="part", tag=str.lower):
 
     Raises:
         ValueError: there is no series, or a logarithmic axis has values that are not positive.
+
+    >>> output = vcfbench.Series("output", x=[10.0, 0.0, -10.0], y=[-0.167, -0.041, 0.084])
+    >>> vcfbench.Figure("Output", vcfbench.Axis("rate", "deg/s"), vcfbench.Axis("output", "V"), [output]).title
+    'Output'
     """
 
     title: str
@@ -249,7 +291,11 @@ Part: TypeAlias = "Heading | Table | Figure | Text | Notice"
 
 
 class Report(Struct, frozen=True):
-    """Report of a run, part after part."""
+    """Report of a run, part after part.
+
+    >>> [type(part).__name__ for part in run.report().parts]
+    ['Table', 'Text', 'Table', 'Table', 'Text', 'Text', 'Figure', 'Figure', 'Table']
+    """
 
     parts: Sequence[Part] = ()
 

@@ -21,6 +21,13 @@ def text_of(report: Report, width: int = WIDTH) -> str:
     Args:
         report: what is to be shown.
         width: characters of a line; numbers of a table that is wider are not cut.
+
+    >>> print(vcfbench.text_of(vcfbench.Report(run.report().parts[:1])))
+    Omega_z / (deg/s)   output / V     s / V
+    ----------------------------------------
+                   10     -0.16699   3.3e-05
+                    0     -0.04143   7.4e-05
+                  -10      0.08427   7.2e-05
     """
     return "\n\n".join(_part(part, width) for part in report.parts if not isinstance(part, Figure))
 

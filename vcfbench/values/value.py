@@ -52,6 +52,10 @@ class Value(Struct, frozen=True):
     Raises:
         ConfigError: a number is not finite, an uncertainty negative, the form lacks its ends, or the kind has another
             unit.
+
+    >>> value = run.values["scale_factor"]
+    >>> f"{value}, U95 {value.u95:.2g} {value.unit}"
+    '-12.5630(29) mV/(deg/s), U95 6.4e-06 V/(deg/s)'
     """
 
     name: str
