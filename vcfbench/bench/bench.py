@@ -51,6 +51,11 @@ class Bench(Struct, frozen=True, eq=False):
     filled when the bench is left: at the end of a ``with``, by `close`, or when Python ends. `adjust` changes a
     simulated world as hands would, by the names of ``vcfbench sim ctl``; None on a real bench. `left_by` says by
     role who died with an instrument before, and left it as it was. `hands` are those of the person at the bench.
+
+    >>> with vcfbench.open_bench("ideal") as bench:
+    ...     bench.multimeter.configure_dc_voltage(range_v=10.0, nplc=10.0)
+    ...     print(f"{bench.multimeter.read_voltage_v():.2f} V")
+    0.00 V
     """
 
     description: BenchDescription
@@ -205,6 +210,10 @@ def open_bench(
         BenchError: the bench is in use, or instruments did not open; the message names them all.
         InterlockError: the table was found turning.
         NotSafe: something was found on, or turning, and could not be made safe.
+
+    >>> with vcfbench.open_bench("ideal", needs=["rate_table"]) as bench:
+    ...     print(bench.rate_table.identify().model)
+    Acutrol3000
     """
     description = described(bench, check_simulation)
     roles = needed_roles(description, needs)

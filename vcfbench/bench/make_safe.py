@@ -65,6 +65,10 @@ class MadeSafe(Struct, frozen=True):
     `unlocked` says why the instruments could not be locked meanwhile; None where nothing kept them from it. `left_to`
     are by role the other processes that have an instrument, `ended` the processes that were ended. `signalled`: a
     person, or a program, has meanwhile wanted an end of it.
+
+    >>> made_safe = vcfbench.safe_bench("ideal")
+    >>> all(report.safe for report in made_safe.reports), made_safe.failure()
+    (True, None)
     """
 
     instruments: tuple[Safed, ...]
@@ -106,6 +110,12 @@ def safe_bench(
         ConnectFailed: a served bench is not served, or another connection controls its time.
         BenchError: the process that has it cannot be ended from here.
         NotSafe: it was broken off by a third signal.
+
+    >>> for report in vcfbench.safe_bench("ideal").reports:
+    ...     print(report.instrument, report.safe)
+    rate_table True
+    rate_source True
+    power True
     """
     description = described(bench)
     with StopSignals() as signals, ExitStack() as stack:

@@ -88,6 +88,10 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         watched: the windows that its plan holds against each other; None: nothing of a fault between them is seen.
         streams: whether its output may be a stream of numbers, not a voltage.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
+
+    >>> turntable = vcfbench.PROCEDURES["turntable"]
+    >>> turntable.title, sorted(turntable.needs)
+    ('Calibrate on the rate table, generator off.', ['multimeter', 'rate_table'])
     """
 
     name: str

@@ -89,7 +89,11 @@ def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
 
 
 def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
-    """Ramp the table and wait until it is at its rate."""
+    """Ramp the table and wait until it is at its rate.
+
+    >>> [step.describe() for step in vcfbench.ramp_to(settings, 50.0, previous_deg_s=0.0)]
+    ['table to +50 deg/s at 100 deg/s^2', 'table at +50 deg/s, read-back within 0.05 deg/s']
+    """
     ramp = steps.SetRate(rate_deg_s, settings.acceleration_deg_s2, previous_deg_s)
     yield ramp
     deadline_s = 2.0 * ramp.ramp_s + settings.rate_deadline_s
@@ -97,13 +101,21 @@ def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: f
 
 
 def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
-    """Ramp the table, wait until it is at its rate, then let the gyro settle."""
+    """Ramp the table, wait until it is at its rate, then let the gyro settle.
+
+    >>> list(vcfbench.go_to_rate(settings, 50.0, previous_deg_s=0.0))[-1].describe()
+    'wait 2 s: gyro settles after the rate step'
+    """
     yield from ramp_to(settings, rate_deg_s, previous_deg_s=previous_deg_s)
     yield steps.Settle(settings.settle_s, "gyro settles after the rate step")
 
 
 def v_vc_on(settle_s: float | None = None) -> Routine[None]:
-    """Set 0 V and only then close the generator's relay; wait `settle_s`, where that is told."""
+    """Set 0 V and only then close the generator's relay; wait `settle_s`, where that is told.
+
+    >>> [step.describe() for step in vcfbench.v_vc_on()]
+    ['V_Vc = +0 V', 'generator output on']
+    """
     yield steps.SetVvc(0.0)
     yield steps.EnableVvc()
     if settle_s is not None:
@@ -124,7 +136,13 @@ def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: floa
 
 
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
-    """Set V_Vc and let the gyro settle; return the level read back, V."""
+    """Set V_Vc and let the gyro settle; return the level read back, V.
+
+    >>> def half_a_volt(settings):
+    ...     level_v = yield from vcfbench.set_v_vc(settings, 0.5)
+    >>> next(half_a_volt(settings)).describe()
+    'V_Vc = +0.5 V'
+    """
     setting = answer((yield steps.SetVvc(v_vc_v)), steps.VvcSetting)
     yield steps.Settle(settings.settle_s, "gyro settles after the V_Vc step")
     return setting.v_vc_v
@@ -133,7 +151,14 @@ def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:
 def take(
     settings: ProcedureSettings, step: int, *, rate_deg_s: float, v_vc_v: float, table_deg_s: float | None = None
 ) -> Routine[Point]:
-    """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table."""
+    """Average one window and return its point; `table_deg_s` is the table's due readback, None asks no table.
+
+    >>> def zero(settings):
+    ...     point = yield from vcfbench.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
+    >>> next(zero(settings)).describe()
+    Traceback (most recent call last):
+    vcfbench.errors.ConfigError: multimeter: nothing tells the resolution of its readings
+    """
     acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window_of(settings))
     return answer((yield acquire), steps.Window).point
 
@@ -230,7 +255,11 @@ def window_of(settings: ProcedureSettings) -> dict[str, Any]:
 
 
 def powered(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
-    """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off."""
+    """Do `work` with the bench started up; whatever happens, table to rest, then outputs off, then supply off.
+
+    >>> def plan(settings):
+    ...     yield from vcfbench.powered(settings, vcfbench.go_to_rate(settings, 50.0, previous_deg_s=0.0))
+    """
     return (yield from energised(settings, drive_seen(settings, under_servo(settings, work))))
 
 
@@ -239,6 +268,9 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
 
     It asks for no table and no oscilloscope. The bench's own safety stack does what switches off once more, and proves
     it, whatever becomes of these steps.
+
+    >>> def plan(settings):
+    ...     yield from vcfbench.energised(settings, vcfbench.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0))
     """
     try:
         yield steps.Note("Start-up")

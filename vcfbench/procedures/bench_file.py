@@ -25,6 +25,10 @@ def load_bench(path: Path | str | None = None) -> BenchDescription:
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or does not describe a bench.
+
+    >>> station = vcfbench.load_bench("lab.toml")
+    >>> station.limits.max_rate_deg_s, station.simulated
+    (300.0, True)
     """
     return file.read_bench(path, *_CHECKS)
 

@@ -102,7 +102,11 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
 
 
 PROCEDURES = Catalogue()
-"""Every known procedure by name."""
+"""Every known procedure by name.
+
+>>> len(vcfbench.PROCEDURES), vcfbench.PROCEDURES["zero"].title
+(20, 'Record the output at rest: Allan deviation, noise coefficients, bias stability.')
+"""
 
 
 def is_file(name: str) -> bool:

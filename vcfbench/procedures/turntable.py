@@ -68,7 +68,11 @@ def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[P
 
 
 class TurntableResult(CalibrationColumn, frozen=True, kw_only=True):
-    """Result of a calibration on the rate table: its one column."""
+    """Result of a calibration on the rate table: its one column.
+
+    >>> f"{run.results.scale_factor.value:.5f} V/(deg/s), non-linearity {run.results.nonlinearity_ppm.max_span:.0f} ppm"
+    '-0.01256 V/(deg/s), non-linearity 184 ppm'
+    """
 
     uncertainty: Statement
     """Combined uncertainties."""

@@ -96,6 +96,11 @@ def run(
     Raises:
         BenchError: the run did not come to its end. The error's `run` holds what was measured, which is recorded too.
         NotSafe: something could not be made safe; whatever else went wrong is in its words.
+
+    >>> quick = {"rates_deg_s": [10, 0, -10], "samples": 3}
+    >>> run = vcfbench.run("turntable", seed=3, settings=quick, metadata={"dut": "G-0042"})
+    >>> print(run.status, run.values["scale_factor"])
+    complete -12.5630(29) mV/(deg/s)
     """
     if runs is not None and not str(runs).strip():
         raise ConfigError("runs: expected a directory, got an empty name")

@@ -220,7 +220,12 @@ def prepare(request: Request) -> Prepared:
 
 
 class DryRun(Struct, frozen=True):
-    """A plan that was walked without a bench: each step with its number, its time and its description."""
+    """A plan that was walked without a bench: each step with its number, its time and its description.
+
+    >>> plan = vcfbench.dry_run("turntable")
+    >>> [f"{value.name}: U95 {value.u95:.0e} {value.unit}" for value in plan.expected.values][:2]
+    ['scale_factor: U95 6e-07 V/(deg/s)', 'bias: U95 7e-05 V']
+    """
 
     procedure: str
     steps: tuple[PlannedStep, ...]
@@ -266,6 +271,10 @@ def dry_run(
         ConfigError: the bench file, a setting, seed or speed cannot be used.
         PlanError: there is no such procedure.
         LimitError: a step would leave a limit of the bench; it names step, limit and the time in the plan.
+
+    >>> plan = vcfbench.dry_run("turntable", settings={"samples": 20})
+    >>> f"{plan.bench_seconds / 60:.0f} min"
+    '7 min'
     """
     described, asked_of = metadata_of(metadata), asked_in_python(settings or {})
     return prepare(Request(procedure, bench, seed, asked_of, speed=speed, metadata=described)).planned()

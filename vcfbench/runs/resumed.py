@@ -85,6 +85,9 @@ def resume(
         ConfigError: there is no such record, nothing of it is left to be done, or the bench is another.
         PlanError: the procedure or its settings were changed since.
         BenchError: as of :func:`vcfbench.run`.
+
+    >>> print(stopped.status, vcfbench.resume(stopped).status)
+    aborted complete
     """
     broken = broken_off(run, runs)
     if procedure is None:

@@ -22,6 +22,10 @@ class StartedRun(RunControl):
 
     The program does not end before the run: a bench is not left by its own program. `conduct` does the run, with this
     as its `control`.
+
+    >>> started = vcfbench.start("turntable", "lab.toml", settings={"samples": 2}, runs=None)
+    >>> print(started.result(timeout_s=60.0).status, started.state)
+    complete over
     """
 
     def __init__(self, conduct: Callable[..., Run]) -> None:
@@ -74,6 +78,12 @@ def start(
 
     Errors are raised by :meth:`StartedRun.result`. Observers and operator are called in the run's thread.
     Signals are the program's: whoever wants Ctrl-C to stop the run calls `stop`.
+
+    >>> started = vcfbench.start("turntable", "lab.toml", speed=50)
+    >>> started.stop("the technician")
+    >>> started.result()
+    Traceback (most recent call last):
+    vcfbench.errors.Aborted: stopped by the technician
     """
     conduct = partial(run, procedure, bench, seed=seed, settings=settings, observers=observers, runs=runs, speed=speed)
     return StartedRun(partial(conduct, operator=operator, metadata=metadata, trust=trust))

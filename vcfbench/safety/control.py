@@ -19,7 +19,12 @@ _LOOKS_S = 0.1
 
 
 class RunState(StrEnum):
-    """State of a run; compares with the word."""
+    """State of a run; compares with the word.
+
+    >>> control = vcfbench.RunControl()
+    >>> control.state == "beginning", control.state is vcfbench.RunState.BEGINNING
+    (True, True)
+    """
 
     BEGINNING = "beginning"
     RUNNING = "running"
@@ -35,6 +40,11 @@ class RunControl:
 
     ``vcfbench.run(..., control=control)`` is controlled by it, :func:`vcfbench.start` returns one. `state` says how the
     run is. A stop is heard within 0.2 s in every wait; a pause begins when the step under way is done.
+
+    >>> control = vcfbench.RunControl()  # for vcfbench.run(..., control=control)
+    >>> control.stop("the technician")  # from another thread
+    >>> print(control.state)
+    stopping
     """
 
     def __init__(self) -> None:

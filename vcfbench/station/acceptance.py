@@ -23,6 +23,10 @@ class Verdict(Struct, frozen=True):
     `word` was found by `rule`; it is ``not measured`` where the procedure does not measure this at all, as K_Vc in a
     turntable run. `u95` is the value's expanded uncertainty; of what is stated in another `form` `ends` are those of
     what holds with 95 %, None where there is none. U95, or that in an E_n, is incomplete without what is `missing`.
+
+    >>> limit = run.verdict.limits[0]
+    >>> limit.word, limit.low, limit.high
+    ('pass', -0.0127, -0.0124)
     """
 
     key: str
@@ -89,7 +93,11 @@ class Verdict(Struct, frozen=True):
 
 
 class Acceptance(Struct, frozen=True):
-    """The verdict on a run: it passes when nothing fails and something was judged."""
+    """The verdict on a run: it passes when nothing fails and something was judged.
+
+    >>> run.verdict.passed, run.verdict.word
+    (True, 'pass')
+    """
 
     limits: tuple[Verdict, ...]
 

@@ -292,7 +292,12 @@ class Safety(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
-    """One station, as its bench file describes it, defaults filled in; a role that the station has not is None."""
+    """One station, as its bench file describes it, defaults filled in; a role that the station has not is None.
+
+    >>> station = vcfbench.load_bench("lab.toml")
+    >>> station.name, station.simulated, station.multimeter.model
+    ('paper', True, '34401A')
+    """
 
     name: Name
     title: Text = "a bench"

@@ -20,6 +20,10 @@ class LimitChecks(Struct, frozen=True):
     """The limits of a bench as questions: each raises LimitError for a value that leaves one, or is not a number.
 
     The errors say nothing of where: whoever asks knows the instrument, or the step of a plan.
+
+    >>> vcfbench.LimitChecks.of(vcfbench.load_bench("lab.toml")).rate(9000.0)
+    Traceback (most recent call last):
+    vcfbench.errors.LimitError: rate 9000 deg/s is beyond the bench's limit of 300 deg/s
     """
 
     limits: Limits

@@ -277,12 +277,10 @@ class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 
 
 class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The settings that all procedures share; the defaults are the paper's.
+    """The settings that all procedures share. A subclass adds the keys of one procedure, each with a default.
 
-    A subclass adds the keys of one procedure, each with a default::
-
-        class HysteresisSettings(ProcedureSettings, frozen=True):
-            loops: Annotated[int, Meta(ge=1, le=100, description="times up and down")] = 1
+    >>> class HysteresisSettings(vcfbench.ProcedureSettings, frozen=True):
+    ...     loops: Annotated[int, Meta(ge=1, le=100, description="times up and down")] = 1
     """
 
     positive_rail_v: Annotated[bounds.PositiveRail, bounds.said("level of the positive rail")] = 10.0

@@ -13,7 +13,12 @@ from vcfbench.steps.step import Plan, Routine, Step, abandon
 
 
 class PlannedStep(Struct, frozen=True):
-    """A step of a plan that was walked: its number from 1, its beginning (s from that of the plan) and the step."""
+    """A step of a plan that was walked: its number from 1, its beginning (s from that of the plan) and the step.
+
+    >>> planned = vcfbench.dry_run("turntable").steps[5]
+    >>> f"{planned.number}, {planned.t_s:.1f} s: {planned.step.describe()}"
+    '6, 0.3 s: supply N25V (negative rail): -10 V, limit 0.1 A'
+    """
 
     number: int
     t_s: float

@@ -9,7 +9,12 @@ from vcfbench.steps.step import Reading, Step, StepResult
 
 
 class StepStarted(Struct, frozen=True):
-    """Step `number` begins at bench time `t_s` (s since the run began)."""
+    """Step `number` begins at bench time `t_s` (s since the run began).
+
+    >>> started = next(event for event in events if isinstance(event, vcfbench.StepStarted))
+    >>> f"{started.number}, {started.t_s:.1f} s: {started.step.describe()}"
+    '1, 0.0 s: Start-up'
+    """
 
     number: int
     t_s: float
@@ -17,14 +22,24 @@ class StepStarted(Struct, frozen=True):
 
 
 class ReadingTaken(Struct, frozen=True):
-    """The multimeter gave a reading."""
+    """The multimeter gave a reading.
+
+    >>> taken = next(event for event in events if isinstance(event, vcfbench.ReadingTaken))
+    >>> f"{taken.t_s:.1f} s: {taken.reading.voltage_v:+.3f} V"
+    '5.7 s: -0.042 V'
+    """
 
     t_s: float
     reading: Reading
 
 
 class StepFinished(Struct, frozen=True):
-    """Step `number` is done and on the disk; `asked_again` says which answers in it could not be believed."""
+    """Step `number` is done and on the disk; `asked_again` says which answers in it could not be believed.
+
+    >>> finished = next(event for event in events if isinstance(event, vcfbench.StepFinished))
+    >>> finished.number, finished.step.describe()
+    (1, 'Start-up')
+    """
 
     number: int
     t_s: float
@@ -34,7 +49,13 @@ class StepFinished(Struct, frozen=True):
 
 
 class StepFailed(Struct, frozen=True):
-    """Step `number` failed; the plan now brings the bench to rest."""
+    """Step `number` failed; the plan now brings the bench to rest.
+
+    >>> class Tells:
+    ...     def handle(self, event):
+    ...         if isinstance(event, vcfbench.StepFailed):
+    ...             print(f"step {event.number} failed: {event.error}")
+    """
 
     number: int
     t_s: float
@@ -71,7 +92,15 @@ class Moved(Struct, frozen=True):
 
 
 class Paused(Struct, frozen=True):
-    """After step `number` the run pauses, as `by` wanted: table at rest, V_Vc 0, rails on."""
+    """After step `number` the run pauses, as `by` wanted: table at rest, V_Vc 0, rails on.
+
+    >>> class Tells:
+    ...     def handle(self, event):
+    ...         if isinstance(event, vcfbench.Paused):
+    ...             print(f"paused by {event.by} after step {event.number}")
+    >>> Tells().handle(vcfbench.Paused(20, t_s=61.5, by="the technician"))
+    paused by the technician after step 20
+    """
 
     number: int
     t_s: float
@@ -83,6 +112,9 @@ class WentOn(Struct, frozen=True):
 
     `waited_s` is how long somebody had it wait, wall time, `pause_s` what all of the pause took, bench time. `moved` is
     None where nothing had been measured that would show it.
+
+    >>> vcfbench.WentOn(20, t_s=91.5, by="the technician", waited_s=12.0, pause_s=30.0, moved=None).describe()
+    'goes on (the technician) after 12 s; nothing had been measured to compare'
     """
 
     number: int
@@ -99,11 +131,23 @@ class WentOn(Struct, frozen=True):
 
 
 Event = StepStarted | ReadingTaken | StepFinished | StepFailed | Paused | WentOn
-"""Events that observers are told."""
+"""Events that observers are told.
+
+>>> sorted({type(event).__name__ for event in events})
+['ReadingTaken', 'StepFinished', 'StepStarted']
+"""
 
 
 class Observer(Protocol):
-    """Gets the events of a run, as a progress line or a page does."""
+    """Gets the events of a run, as a progress line or a page does.
+
+    >>> class Counts:
+    ...     steps = 0
+    ...     def handle(self, event):
+    ...         self.steps += isinstance(event, vcfbench.StepFinished)
+    >>> counts = Counts()
+    >>> stopped = vcfbench.resume(stopped, observers=[counts])
+    """
 
     def handle(self, event: Event) -> None:
         """Take notice; an OSError (a closed terminal) drops the observer, nothing else may be raised."""

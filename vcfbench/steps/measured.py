@@ -68,6 +68,9 @@ class Measured(Sequence[Point]):
         lines: begins to read the journal: its lines, as :func:`vcfbench.records.journal.lines_of` gives them.
         known: whose certificates correct what is given out, points and readings alike; points count from one reference
             then, wherever the run paused, and scatter as their means do. None gives out what was read.
+
+    >>> [f"{point.output_v:+.3f}" for point in run.measured], len(run.measured.readings.voltage_v)
+    (['-0.167', '-0.041', '+0.084'], 15)
     """
 
     def __init__(self, points: Iterable[Point], lines: _Lines = tuple, known: Sources | None = None) -> None:

@@ -68,6 +68,10 @@ class Context(Struct):
     only hands can do. `asked_again` says what was answered, in the step under way, that could not be believed, so that
     it was asked once more. `noise` is the scatter that the run has seen so far. `outputs` are those of the supply that
     feed the rails, once they were read back. What is done in `undivided` no signal breaks off.
+
+    >>> context = vcfbench.Context(bench, hear=print, readings=[])
+    >>> vcfbench.Settle(2.0, "after the ramp").perform(context)
+    Done()
     """
 
     bench: Bench
@@ -158,7 +162,14 @@ def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
 
 
 class StepResult:
-    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name: one of its own."""
+    """Result of a step. Records know your own subclass, a frozen dataclass or struct, by its name: one of its own.
+
+    >>> @dataclass(frozen=True)
+    ... class Humidity(vcfbench.StepResult):
+    ...     humidity_percent: float
+    >>> Humidity(41.0).as_json()
+    {'humidity_percent': 41.0}
+    """
 
     __slots__ = ()
 
@@ -212,6 +223,10 @@ class Step:
 
     `subject` names what is set, waited for, checked or measured, ``"table rate"``. A step with a result has a
     `perform`; one that is only done has a `command`, and an `instruction` where its description is always the same.
+
+    >>> step = vcfbench.dry_run("turntable").steps[5].step
+    >>> step.describe(), step.duration_s
+    ('supply N25V (negative rail): -10 V, limit 0.1 A', 0.05)
     """
 
     __slots__ = ()
@@ -317,9 +332,23 @@ def does(
 
 
 Plan = Generator[Step, StepResult, None]
-"""A generator of steps, to which their results are sent back."""
+"""A generator of steps, to which their results are sent back.
+
+>>> def plan(settings) -> vcfbench.Plan:
+...     yield vcfbench.Note("Zero")
+...     yield vcfbench.Settle(settings.settle_s, "gyro settles")
+>>> [step.describe() for step in plan(settings)]
+['Zero', 'wait 2 s: gyro settles']
+"""
 Routine = Generator[Step, StepResult, _T]
-"""Part of a plan, which returns its finding."""
+"""Part of a plan, which returns its finding.
+
+>>> def zero(settings) -> vcfbench.Routine[vcfbench.Point]:
+...     return (yield from vcfbench.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0))
+>>> next(zero(settings)).describe()
+Traceback (most recent call last):
+vcfbench.errors.ConfigError: multimeter: nothing tells the resolution of its readings
+"""
 
 
 class _Abandoned(BenchError):

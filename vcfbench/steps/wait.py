@@ -8,7 +8,11 @@ from vcfbench.steps.step import Effect, Step, does
 
 
 class Note(Step, Struct, frozen=True):
-    """A heading of the work instruction; nothing is done."""
+    """A heading of the work instruction; nothing is done.
+
+    >>> vcfbench.Note("Step 1: by the table").describe()
+    'Step 1: by the table'
+    """
 
     text: str
 
@@ -39,7 +43,11 @@ class NotChecked(Step, Struct, frozen=True):
 
 @does(Effect.WAITS)
 class Settle(Step, Struct, frozen=True):
-    """Wait for the bench to come to rest."""
+    """Wait for the bench to come to rest.
+
+    >>> vcfbench.Settle(2.0, "after the ramp").describe()
+    'wait 2 s: after the ramp'
+    """
 
     seconds: float
     reason: str

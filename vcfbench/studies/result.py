@@ -28,6 +28,10 @@ class StudyResult(Struct, frozen=True):
     ``status`` is ``complete`` or says how the run failed, ``metrics`` are its numbers. `values` are the varied ones,
     by case and label, `drawn` the drawn ones, by seed and label. `table_path` is the file of the table, None where
     there is none.
+
+    >>> found = vcfbench.load_study("samples.csv")
+    >>> [(row.seed, row.status) for row in found.rows]
+    [(0, 'complete'), (1, 'complete')]
     """
 
     title: str
@@ -117,6 +121,9 @@ def load_study(path: str | Path) -> StudyResult:
 
     Raises:
         ConfigError: there is no journal of a study.
+
+    >>> vcfbench.load_study("samples.csv").title
+    'study'
     """
     asked = AnyPath(path)
     journal = asked if asked.suffix == ".jsonl" else beside(asked, ".journal.jsonl")

@@ -33,7 +33,12 @@ _KINDS: Mapping[Verdict, str] = {"PASS": "pass", "FAIL": "fail", "NOT CHECKED": 
 
 
 class Validation(Struct, frozen=True):
-    """Outcome of a validation: its checks, versions, machine, time, and person."""
+    """Outcome of a validation: its checks, versions, machine, time, and person.
+
+    >>> outcome = vcfbench.validate(by="A. Person")
+    >>> outcome.passed, outcome.failed
+    (True, ())
+    """
 
     checks: tuple[Checked, ...]
     versions: Mapping[str, str]
@@ -73,6 +78,9 @@ def validate(
     Raises:
         ConfigError: the bench file cannot be used.
         ValueError: `runs` is below 30, of which no share can be told.
+
+    >>> vcfbench.validate(by="A. Person").passed
+    True
     """
     if runs < 30:
         raise ValueError(f"runs: expected at least 30, got {runs}")
