@@ -135,6 +135,7 @@ def test_points_as_csv_are_those_of_the_record(run: Run, tmp_path: Path) -> None
     assert done.file.read_bytes() == (run.directory / "points.csv").read_bytes()
 
 
+@pytest.mark.exhaustive
 def test_v_vc_that_was_measured_is_a_column(tmp_path: Path) -> None:
     quick = {**QUICK, "virtual_rates_deg_s": [10.0, 20.0], "cycles": 1, "k_vc": "150"}
     run = vcfbench.run("self-calibration", "lab", settings=quick, runs=tmp_path)

@@ -12,6 +12,7 @@ import pytest
 
 import vcfbench
 from tests import warm
+from tests.cells import few
 from vcfbench import clock
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError, MeasurementError
@@ -148,7 +149,9 @@ def test_two_devices_are_refused(place: Path) -> None:
     assert not (place / "devices").exists()
 
 
-@pytest.mark.parametrize("asked", [{"settings": {"dut": "G-1"}}, {"metadata": {"dut": "G-1"}}])
+@pytest.mark.parametrize(
+    "asked", few([{"settings": {"dut": "G-1"}}, {"metadata": {"dut": "G-1"}}], {"metadata": {"dut": "G-1"}})
+)
 def test_the_device_of_the_settings_is_that_of_the_run(
     asked: dict[str, dict[str, str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +196,7 @@ def test_what_is_no_mapping_is_refused(asked: Any, tmp_path: Path) -> None:
         vcfbench.run("turntable", metadata=asked, runs=tmp_path)
 
 
+@pytest.mark.exhaustive
 def test_a_directory_with_a_name_of_another_encoding_takes_records(tmp_path: Path) -> None:
     runs = tmp_path / "Gr\udcfc"
     run = vcfbench.run("turntable", settings={"rates_deg_s": [10, 0, -10], "samples": 2}, runs=runs)

@@ -88,7 +88,7 @@ KEPT = {"33509B", "33622A", "34461A", "DSOX3024A"}
 ALIKE = {model.name for model in MODELS if model.own is not None} - KEPT
 """Models that differ from others of these sets by a number."""
 CELLS = [
-    ("E36312A", ("polarity", "turntable")),
+    ("E36312A", ("turntable",)),
     ("no oscilloscope", ("virtual-coriolis",)),
     *(
         (other, ("polarity", "turntable" if other in languages() else "kvc"))

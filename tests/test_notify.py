@@ -10,6 +10,7 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from tests.cells import few
 from vcfbench.cli import left_live
 from vcfbench.clock import WallClock
 from vcfbench.errors import Aborted, ConfigError, NotSafe
@@ -45,6 +46,7 @@ def test_the_end_of_a_run_is_told(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert "notify" not in run.header["bench"]
 
 
+@pytest.mark.exhaustive
 def test_a_failure_is_told_and_a_record_names_no_program(tmp_path: Path) -> None:
     told = tmp_path / "told.json"
 
@@ -74,12 +76,15 @@ def test_a_failure_is_told_and_a_record_names_no_program(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("command", "words"),
-    [
+    few(
+        [
+            (("/no/such/program",), "/no/such/program could not be started: No such file or directory"),
+            ((sys.executable, "-c", "raise SystemExit(3)"), "ended with code 3"),
+            ((sys.executable, "-c", "import time; time.sleep(60)"), "took longer than 0.3 s and was ended"),
+            (("nul\0",), "could not be started: embedded null byte"),
+        ],
         (("/no/such/program",), "/no/such/program could not be started: No such file or directory"),
-        ((sys.executable, "-c", "raise SystemExit(3)"), "ended with code 3"),
-        ((sys.executable, "-c", "import time; time.sleep(60)"), "took longer than 0.3 s and was ended"),
-        (("nul\0",), "could not be started: embedded null byte"),
-    ],
+    ),
 )
 def test_its_failure_is_said_and_changes_nothing(command: tuple[str, ...], words: str, tmp_path: Path) -> None:
     clock = WallClock()

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import vcfbench
+from tests.cells import few
 from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
@@ -112,6 +113,7 @@ def test_a_record_is_read_without_the_code_that_made_it(own: Run) -> None:
     assert "\nsamples  " in shown
 
 
+@pytest.mark.exhaustive
 def test_what_can_no_longer_be_computed_is_shown_as_it_was_stored(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +136,8 @@ def _tuples(values: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("results", "verdict"), [(swing, "fail"), (lambda _s, _p: Lean(0.3), "pass"), (lambda _s, _p: {"n": 1}, None)]
+    ("results", "verdict"),
+    few([(swing, "fail"), (lambda _s, _p: Lean(0.3), "pass"), (lambda _s, _p: {"n": 1}, None)], (swing, "fail")),
 )
 def test_limits_judge_what_has_their_name_and_the_verdict_stays_with_the_record(
     results: Callable[[Any, Sequence[Point]], Any], verdict: str | None, tmp_path: Path
@@ -168,6 +171,7 @@ def test_what_is_no_result_costs_the_results_and_not_the_record(
     assert caught.value.run.report().parts == again.report().parts
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("report", "words"),
     [

@@ -137,6 +137,7 @@ def test_a_run_without_points_says_how_many_records_were_taken() -> None:
     assert breaks(served, 0) == (said,)
 
 
+@pytest.mark.exhaustive
 def test_a_resumed_run_is_resumed_again(whole: Run, tmp_path: Path) -> None:
     once = vcfbench.resume(cut(whole, tmp_path, 1))
     twice = vcfbench.resume(cut(once, tmp_path, 2, "20260821T150000Z-turntable-0a1b2d"))
@@ -254,6 +255,7 @@ SHAKY = Procedure(name="shaky", title="shaky", settings=ProcedureSettings,
 '''
 
 
+@pytest.mark.exhaustive
 def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path: Path) -> None:
     """The file is one's own: where it stands is in the record, and a change of it is found."""
     file, left = tmp_path / "shaky.py", tmp_path / "shaky.txt"
@@ -351,6 +353,7 @@ def _what_could_not_be_kept_is_kept_later(run: Run, devices: Path) -> None:
     assert abs(again.record.issued - entry.record.issued) < timedelta(minutes=5)
 
 
+@pytest.mark.exhaustive
 def test_a_store_that_takes_nothing_at_the_end_is_said_with_what_to_do(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

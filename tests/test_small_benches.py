@@ -345,6 +345,7 @@ def test_step_on_a_missing_instrument_names_the_key(tmp_path: Path) -> None:
 # --- the calibrations without an oscilloscope ---
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", few(["turntable", "virtual-coriolis"], "turntable"))
 def test_without_an_oscilloscope_a_calibration_says_that_the_drive_was_not_checked(name: str, tmp_path: Path) -> None:
     run = vcfbench.run(name, UNSEEN, seed=3, settings={"rates_deg_s": (10.0, 0.0, -10.0), **QUICK}, runs=tmp_path)

@@ -123,6 +123,7 @@ def test_the_windows_held_against_each_other_are_those_that_the_run_held(
     assert [[each.point for each in own] for own in windows] == [[each.point for each in own.windows] for own in seen]
 
 
+@pytest.mark.exhaustive
 def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_path: Path) -> None:
     case = Tried(taken(tmp_path, "threshold", at_most_s=60.0, samples=3))
     step = next(each for each in case.rows if (each.kind, each.unit) == ("step", OFFSET))
@@ -133,6 +134,7 @@ def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_
         assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
 
 
+@pytest.mark.exhaustive
 def test_a_noisy_gyroscope_steps_about_rest_and_is_believed() -> None:
     """Its noise is 2 % of what the steps make."""
     bench = parse_bench(drawn_bench(4), "noisy")

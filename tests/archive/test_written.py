@@ -117,6 +117,7 @@ def test_the_same_record_gives_the_same_bytes_and_a_note_is_harmless(quick: Run,
     assert "&lt;script&gt;alert(1)" in page.read_text(encoding="utf-8")
 
 
+@pytest.mark.exhaustive
 def test_the_figures_of_a_markdown_report_lie_beside_it(quick: Run, tmp_path: Path) -> None:
     text, *figures = vcfbench.write_report(quick, str(tmp_path / "my run.md"))
     assert [each.name for each in figures] == ["my run-1.svg", "my run-2.svg"]
@@ -151,6 +152,7 @@ def test_a_pdf_without_its_library_says_what_to_install(
         vcfbench.write_report(quick, tmp_path / "run.pdf")
 
 
+@pytest.mark.exhaustive
 def test_a_pdf_without_the_system_s_pango_says_so(quick: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     broken = tmp_path / "library"
     broken.mkdir()
@@ -161,6 +163,7 @@ def test_a_pdf_without_the_system_s_pango_says_so(quick: Run, tmp_path: Path, mo
         vcfbench.write_report(quick, tmp_path / "run.pdf")
 
 
+@pytest.mark.exhaustive
 def test_what_cannot_be_written_is_refused(quick: Run, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"expected a name that ends in \.html, \.pdf, \.md"):
         vcfbench.write_report(quick, tmp_path / "run.doc")

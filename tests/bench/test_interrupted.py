@@ -31,6 +31,7 @@ bench.close()
 """
 
 
+@pytest.mark.exhaustive
 def test_at_pythons_prompt() -> None:
     interrupted = [sys.executable, "-i", "-c", f"{TURN}\nraise KeyboardInterrupt"]
     done = subprocess.run(  # noqa: S603

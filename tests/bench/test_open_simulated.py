@@ -180,6 +180,7 @@ def test_a_table_whose_line_is_dead_at_the_end_is_not_safe(monkeypatch: pytest.M
     assert [report.instrument for report in bench.safe_reports if not report.safe] == ["rate_table"]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent to another process")
 def test_a_signal_in_the_middle_of_a_paced_run_ends_it_safely(tmp_path: Path) -> None:
     code = "from vcfbench.cli.main import main; main()"

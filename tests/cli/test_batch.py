@@ -110,6 +110,7 @@ def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Pat
     assert "   0 (0.00)" in text_of(batch_sheet("b7", [still]))
 
 
+@pytest.mark.exhaustive
 def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
     limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"
     (folder / "strict.toml").write_text(embedded_text("paper") + limits, encoding="utf-8")
@@ -122,6 +123,7 @@ def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
     assert "\nNot kept: G-2 (non-linearity, of the span: fail).\n" in done.stdout
 
 
+@pytest.mark.exhaustive
 def test_devices_stand_in_the_order_of_the_plan_whenever_they_were_measured(folder: Path) -> None:
     batch(folder)
     (folder / "plan.toml").write_text(PLAN.replace('"G-1", "G-2"', '"G-3", "G-2", "G-1"'), encoding="utf-8")
@@ -160,6 +162,7 @@ def test_devices_that_nobody_has_tried_yet_are_named_and_not_counted(folder: Pat
     assert "No device has been measured yet." in text_of(batch_sheet("b7", [second]))
 
 
+@pytest.mark.exhaustive
 def test_an_incomplete_u95_is_marked_and_the_drift_has_its_own(folder: Path) -> None:
     batch(folder)
     (first, _) = sheet_rows("b7", folder / "runs")

@@ -109,6 +109,7 @@ def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) ->
     assert "no picture can be written" in refused.stderr
 
 
+@pytest.mark.exhaustive
 def test_runs_with_a_device_are_listed_with_their_drift(tmp_path: Path) -> None:
     settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
     runs = tmp_path / "runs"

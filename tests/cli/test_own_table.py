@@ -70,6 +70,7 @@ def station(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield shown("station.toml", tmp_path, address)
 
 
+@pytest.mark.exhaustive
 def test_a_table_of_ones_own_is_checked_and_turned_by_its_stand_in(station: Path) -> None:
     at_leisure(station.with_name("corner.toml"), 0.25)
     station.write_text(station.read_text("utf-8") + "rate_tolerance_deg_s = 2\n", "utf-8")

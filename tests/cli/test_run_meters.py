@@ -37,6 +37,7 @@ def test_a_run_over_a_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, mod
     assert json.dumps(over_wire) == json.dumps(alone)
 
 
+@pytest.mark.exhaustive
 def test_the_resolution_is_that_of_the_meter_in_use(tmp_path: Path) -> None:
     resolutions = {}
     for model in ("34401A", "34461A", "34465A", LIKE_34410A):

@@ -86,6 +86,7 @@ def test_same_seed_same_results_and_another_seed_others(ran: Ran, tmp_path: Path
     assert one != other
 
 
+@pytest.mark.exhaustive
 def test_points_are_read_back_by_analyze(ran: Ran) -> None:
     virtual = ran("virtual-coriolis", "--bench", "paper")
     done = CliRunner().invoke(app, ["analyze", str(ran.runs / virtual["run"] / "points.csv"), "--json"])
@@ -94,6 +95,7 @@ def test_points_are_read_back_by_analyze(ran: Ran) -> None:
         assert series[column]["scale_factor"]["value"] == virtual["results"][column]["scale_factor"]["value"]
 
 
+@pytest.mark.exhaustive
 def test_offset_of_the_zeros_is_seen_and_does_not_enter_k_vc(ran: Ran) -> None:
     """On the paper's bench the generator's leakage lifts the zero by some 50 mV; the literal match falls into it."""
     command = ("virtual-coriolis", "--bench", "paper")

@@ -24,6 +24,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run[Any]:
     return vcfbench.run("virtual-coriolis", "lab", seed=3, settings=settings, runs=tmp_path_factory.mktemp("runs"))
 
 
+@pytest.mark.exhaustive
 def test_values_are_those_of_the_v_vc_that_was_measured(run: Run[Any]) -> None:
     measured = [point for point in run.points if point.v_vc_measured_v is not None]
     assert {point.step for point in measured} == {2, 4}

@@ -267,6 +267,7 @@ def test_without_a_token_of_the_run_none_is_right(client: Client, shown: PageCon
     assert client.post("/run/live/stop", headers={"X-Vcfbench-Token": ""}).status_code == 403
 
 
+@pytest.mark.exhaustive
 def test_a_browser_that_takes_nothing_is_let_go(
     shown: PageContent, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -108,6 +108,7 @@ def test_a_record_gives_the_same_again_and_its_report_has_the_matches(runs: dict
         assert f"({by})" in text_of(again.report())
 
 
+@pytest.mark.exhaustive
 def test_the_levels_of_step_4_are_those_of_the_curve(runs: dict[str, Any]) -> None:
     results = runs["curve"].results
     for point in (p for p in runs["curve"].points if p.step == 4):

@@ -108,6 +108,7 @@ def test_what_is_measured_while_it_turns_is_within_its_uncertainty(turning: Any)
     assert [each.tau_s for each in found.allan] == [20.0]
 
 
+@pytest.mark.exhaustive
 def test_the_record_gives_the_same_and_the_report_shows_it(turning: Any) -> None:
     assert vcfbench.load_run(turning.directory).results == turning.results
     parts = turning.report().parts
@@ -132,6 +133,7 @@ def test_the_one_meter_is_moved_by_hand_and_the_sign_is_that_expected(tmp_path: 
     assert found.v_vc_by == "34401A at GPIB0::22::INSTR"
 
 
+@pytest.mark.exhaustive
 def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_path: Path) -> None:
     own, meter = 30e-6 * K_VC, 10e-6 * K_VC
     name = "34401A at GPIB0::23::INSTR of lab"

@@ -65,6 +65,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> vcfbench.Run:
     return vcfbench.run("phase", bench, seed=7, settings=QUICK, runs=runs)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("name", list(truth()))
 def test_a_phase_is_that_of_the_parameters(run: vcfbench.Run, name: str) -> None:
     assert run.error is None

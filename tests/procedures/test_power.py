@@ -68,6 +68,7 @@ def test_the_weaker_rail_alone_decides(run: Any) -> None:
         assert effect.step_v == pytest.approx(0.2, abs=3e-3)
 
 
+@pytest.mark.exhaustive
 def test_effect_of_both_rails_is_kept_of_the_device(run: Any) -> None:
     both = as_kept(run.results.effects[2].scale_factor)
     assert power_characteristics(PowerSettings(), run.results) == Characteristics(v_vc_slope_ppm_v=both)

@@ -140,6 +140,7 @@ def test_flicker_of_the_mean_grows_with_the_horizon_that_it_is_stated_for(hour: 
     assert flicker(1000.0) / flicker(24.0) == pytest.approx(1.4408 / 0.9428, rel=1e-3)
 
 
+@pytest.mark.exhaustive
 def test_unknown_noise_bandwidth_gives_a_bound_of_n(hour: Run) -> None:
     """The least bandwidth, 1 / (2 x 0.2 s), makes N 17 % too large here: it is no value, and the true one is below."""
     volts = np.array([reading.voltage_v for reading in hour.readings])

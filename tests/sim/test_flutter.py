@@ -35,6 +35,7 @@ def sampled(noise: Flutter, step_s: float, count: int, start_s: float = 0.0) -> 
     return (turned @ noise.rates).real, (turned @ noise.angles_s).real
 
 
+@pytest.mark.exhaustive
 def test_rate_and_angle_have_the_variances_of_the_closed_forms() -> None:
     """Of white torque through the loop: rate pi z f0, angle z / (2 w0), in units of the density at f0."""
     rates, angles = zip(*(sampled(flutter(seed), 3.7e-3, 6_000) for seed in range(12)), strict=True)

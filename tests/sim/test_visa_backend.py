@@ -297,6 +297,7 @@ def test_a_bench_nobody_registered_is_told_at_once(monkeypatch: pytest.MonkeyPat
     gc.collect()
 
 
+@pytest.mark.exhaustive
 def test_a_resolver_makes_benches_on_demand(monkeypatch: pytest.MonkeyPatch) -> None:
     world = FakeWorld()
     asked: list[str] = []

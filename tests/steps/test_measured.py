@@ -162,6 +162,7 @@ def report(_settings: object, run: Measured, results: Seen) -> vcfbench.Report:
     return vcfbench.Report([vcfbench.Text(f"{run.readings.t_s.size} of {results.readings}")])
 
 
+@pytest.mark.exhaustive
 def test_a_run_and_its_record_see_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plan: Callable[[Any], Plan] = vcfbench.PROCEDURES["turntable"].plan
     own = vcfbench.Procedure(

@@ -87,6 +87,7 @@ def measured_by_hand(bench: Bench) -> tuple[float, float]:
     return measured.mean_v, bench.multimeter.read_voltage_v()
 
 
+@pytest.mark.exhaustive
 def test_one_meter_measures_v_vc_and_the_output_in_turn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path))
     with open_bench("ideal") as bench:

@@ -105,6 +105,7 @@ def test_the_summary_is_of_the_rows(whole: Path) -> None:
     assert "<table" in result._repr_html_()
 
 
+@pytest.mark.exhaustive
 def test_the_table_is_a_data_frame(whole: Path) -> None:
     pandas = pytest.importorskip("pandas")
     table = vcfbench.load_study(whole / "t.csv").table()
@@ -202,6 +203,7 @@ def test_a_process_that_is_killed_costs_nothing(whole: Path, tmp_path: Path) -> 
     assert of(tmp_path) == of(whole)
 
 
+@pytest.mark.exhaustive
 def test_names_that_fit_no_metric_are_refused_after_one_run(tmp_path: Path) -> None:
     asked = {"procedure": "turntable", "seeds": {"count": 50}, "settings": QUICK, "metrics": ["nothing.*"]}
     with pytest.raises(vcfbench.ConfigError, match=r"study: metrics: expected .*scale_factor, .*got nothing\.\*"):

@@ -286,6 +286,7 @@ def test_u95_does_not_jump_where_two_residuals_become_equal() -> None:
     assert u95[-1] == pytest.approx(1.96, abs=0.06)  # one alone
 
 
+@pytest.mark.exhaustive
 def test_a_meter_on_v_vc_puts_its_scatter_into_the_non_linearity() -> None:
     rng, level = np.random.default_rng(6), np.array(RATES) / K_VC
     stated = of_virtual_line(Sources(), driven(level), 3e-5)

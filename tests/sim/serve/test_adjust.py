@@ -93,6 +93,7 @@ def test_a_load_that_asks_for_too_much_drives_the_supply_into_its_limit(lab: Ser
     assert wired.supply()[0] == pytest.approx(10.0, abs=0.01)
 
 
+@pytest.mark.exhaustive
 def test_a_short_circuit_is_as_short_as_is_said(lab: ServedLab, wired: Wired) -> None:
     wired.switch_on(limit_a=0.2)
     lab.fault("power", "current_limit", load_ohm=0.5, duration_s=10.0)

@@ -177,6 +177,7 @@ def test_a_client_that_takes_no_replies_costs_no_memory(served: Served) -> None:
         assert max(sizes) < 1 << 22
 
 
+@pytest.mark.exhaustive
 def test_fragments_of_no_length_and_of_one_byte(served: Served) -> None:
     with caller(served, "vxi11") as connection:
         sent(connection, fragment(b"", last=False) * 100_000)

@@ -102,7 +102,7 @@ def test_a_measurement_is_answered_in_its_place(
 
 
 @pytest.mark.parametrize("role", UNITS)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(data=st.data())
 def test_any_message_is_answered_in_order_up_to_its_error(role: str, lab: ServedLab, data: st.DataObject) -> None:
     units = data.draw(wrong_messages(role))

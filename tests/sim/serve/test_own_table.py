@@ -79,6 +79,7 @@ def turned(table: Any, clock: Any) -> float:
     return float(rate_deg_s)
 
 
+@pytest.mark.exhaustive
 def test_it_is_turned_in_process(bench: BenchDescription) -> None:
     with open_bench(bench) as opened:
         assert turned(opened.rate_table, opened.clock) == pytest.approx(20.0, rel=1e-4)

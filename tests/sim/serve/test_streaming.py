@@ -13,6 +13,7 @@ from simrack.serve.raw import ByteStream
 from simrack_tests.ports import eventually
 from simrack_tests.serve.lamp import ALL, Served, serving
 
+from tests.cells import few
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.served import build_served
 
@@ -49,7 +50,7 @@ def talking(served: Served, wire: str) -> Iterator[Any]:
         manager.close()
 
 
-@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("wire", few(WIRES, "pty"))
 def test_a_long_read_after_another_question(wire: str) -> None:
     with served_meter(MAX_SPEED) as served, talking(served, wire) as meter:
         counted, _, readings = meter.query("SAMP:COUN 600;:SAMP:COUN?;:READ?").strip().partition(";")
@@ -79,6 +80,7 @@ def test_the_message_available_bit_is_set_while_an_endless_read_streams(wire: st
         assert meter.query("TRIG:COUN?").strip() == "+9.90000000E+37"
 
 
+@pytest.mark.exhaustive
 @NO_PTYS
 def test_an_endless_read_that_nobody_takes_does_not_pile_up() -> None:
     """The line fills up, then the meter waits with its own memory full; what is taken then is whole."""

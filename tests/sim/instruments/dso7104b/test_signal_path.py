@@ -190,6 +190,7 @@ def test_high_resolution_averages_the_signal(form: str, periods: float) -> None:
     assert bench.number(":MEAS:VPP?") == pytest.approx(2 * abs(np.sinc(periods)), rel=0.02, abs=1e-4)
 
 
+@pytest.mark.exhaustive
 def test_high_resolution_reduces_noise_by_the_samples_that_there_are() -> None:
     for range_s, samples in ((1e-3, 4000), (5e-6, 20), (200e-9, 1)):
         bench = Bench(ScopeErrors((0.0,) * 4, (0.0,) * 4, (0.0,) * 4, 0.0, 0.1, 0))
