@@ -101,7 +101,7 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
     bent = frozenset(name for name in found.u95 if run.values[name].form != "plus-minus")
     between = unseen(found.course, found.u95, found.values, bent) if windows > 1 else ()
     within = _in_a_record(found) if windows == 1 else ()
-    return (*between, *within, *_in_k_vc(found), *_on_the_way(found))
+    return (*between, *within, *_of_knowledge(found))
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
@@ -117,29 +117,21 @@ def _in_a_record(found: Refusable) -> Iterator[Unseen]:
             yield Unseen(kind, None, OFFSET, moved)
 
 
-def _in_k_vc(found: Refusable) -> Iterator[Unseen]:
-    """Yield what a K_Vc that is other than it was known does, by what no run without a table looks at."""
-    if not isinstance(found.settings, KnownDeviceSettings):
-        return
-    known = found.settings.known
-    curve = replace(known.k_vc, coefficients=tuple((1.0 + UNIT) * each for each in known.k_vc.coefficients))
-    station = replace(found.settings.station, known=replace(known, k_vc=curve))
-    before = found.evaluated(found.settings, found.measured)
-    after = found.evaluated(replace(found.settings, station=station), found.measured)
-    if moved := _beyond(found, before, after):
-        yield Unseen("change", None, K_VC, moved)
-
-
-def _on_the_way(found: Refusable) -> Iterator[Unseen]:
-    """Yield what V_Vc does that arrives otherwise than it was set where no meter reads it."""
-    if all(each.v_vc_measured_v is not None or not each.v_vc_v for each in found.measured):
-        return
-    wiring = found.settings.station.oscilloscope
-    size = None if wiring is None or wiring.channel_of("v_vc") is None else SHOWN_SHARE
-    before = found.evaluated(found.settings, found.measured)
-    after = found.evaluated(found.settings, found.measured.set_otherwise(size or UNIT))
-    if moved := _beyond(found, before, after):
-        yield Unseen("change", size, V_VC_SET, moved)
+def _of_knowledge(found: Refusable) -> Iterator[Unseen]:
+    """Yield what K_Vc and V_Vc do that are other than they are told, where nothing looks at them."""
+    before, faults = found.evaluated(found.settings, found.measured), list[tuple[float | None, str, Any, Measured]]()
+    if isinstance(found.settings, KnownDeviceSettings):
+        known = found.settings.known
+        curve = replace(known.k_vc, coefficients=tuple((1.0 + UNIT) * each for each in known.k_vc.coefficients))
+        station = replace(found.settings.station, known=replace(known, k_vc=curve))
+        faults.append((None, K_VC, replace(found.settings, station=station), found.measured))
+    if any(each.v_vc_measured_v is None and each.v_vc_v for each in found.measured):
+        wiring = found.settings.station.oscilloscope
+        size = None if wiring is None or wiring.channel_of("v_vc") is None else SHOWN_SHARE
+        faults.append((size, V_VC_SET, found.settings, found.measured.set_otherwise(size or UNIT)))
+    for size, unit, settings, measured in faults:
+        if moved := _beyond(found, before, found.evaluated(settings, measured)):
+            yield Unseen("change", size, unit, moved)
 
 
 def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, float]) -> Mapping[str, float]:
