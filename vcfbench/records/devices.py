@@ -280,7 +280,7 @@ class DeviceStore(Struct, frozen=True):
         for path, record in ((each.path, each.record) for each in found if isinstance(each.record, Withdrawal)):
             if record.seal != seal_of([each for each in paths if int(each.stem) <= int(record.last)]):
                 raise ConfigError(
-                    f"{shown(path)}: an entry up to {record.last} was changed or removed since it was written"
+                    f"{shown(path)}: an entry up to {record.last} was changed or removed since this was written"
                 )
         return tuple(sorted(found, key=lambda each: each.done))
 
