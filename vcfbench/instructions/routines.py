@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable
 from functools import wraps
+from statistics import fmean
 from typing import Any, TypeVar
 
 from vcfbench import steps
@@ -133,6 +134,22 @@ def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: floa
     """Have V_Vc be a sine, and let the gyro settle."""
     yield steps.SetSine(frequency_hz, amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
+
+
+def turning(
+    settings: ProcedureSettings, step: steps.CaptureRotations, amplitude_v: float
+) -> Routine[list[steps.RotationRecord]]:
+    """Take records of the sense signal as V_Vc, a sine beside twice the drive's frequency, turns it against the drive.
+
+    Once more, with another sine, where it turns otherwise than it was to: of a drive at 30 kHz the time bases of
+    generator and oscilloscope differ by 3 Hz.
+    """
+    taken = list(answer((yield step), steps.Rotations).records)
+    off_hz = fmean(each.difference_hz for each in taken) - step.difference_hz
+    if abs(off_hz) < 0.5 * abs(step.difference_hz):
+        return taken
+    yield from set_sine(settings, 2.0 * step.drive_hz + step.difference_hz - off_hz, amplitude_v)
+    return taken + list(answer((yield step), steps.Rotations).records)
 
 
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:

@@ -19,7 +19,7 @@ from vcfbench.analysis.rotating import reference_phase
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.kept import Keeps, KeptSettings
 from vcfbench.instructions.procedure import Procedure, roles
-from vcfbench.instructions.routines import framed, go_to_rate, powered, set_sine, v_vc_level_again, v_vc_on
+from vcfbench.instructions.routines import framed, go_to_rate, powered, set_sine, turning, v_vc_level_again, v_vc_on
 from vcfbench.interfaces import FunctionGenerator
 from vcfbench.records import device_values
 from vcfbench.reports.document import Axis, Figure, Report, Series, Text
@@ -392,7 +392,7 @@ def _rotations(
         offset_hz, count = sign * settings.difference_hz, settings.rotation_records
         yield from set_sine(settings, 2.0 * drive_hz + offset_hz, settings.sine_amplitude_v)
         step = steps.CaptureRotations(channels, shown_v, count, points, offset_hz, drive_hz)
-        taken += answer((yield step), Rotations).records
+        taken += yield from turning(settings, step, settings.sine_amplitude_v)
     yield from v_vc_level_again()
     return taken
 

@@ -18,7 +18,7 @@ from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.analysis.rotating import fit_rotation
 from vcfbench.errors import MeasurementError
-from vcfbench.instructions.routines import check_rails, set_sine, set_v_vc, v_vc_level_again, v_vc_on
+from vcfbench.instructions.routines import check_rails, set_sine, set_v_vc, turning, v_vc_level_again, v_vc_on
 from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, SetsSine, lacking
 from vcfbench.models import driver_of, find_model
@@ -214,7 +214,8 @@ def examined(
         for sign in (1.0, -1.0):  # V_Vc turns the sense signal against the drive
             yield from set_sine(settings, 2.0 * drive_hz + sign * off_hz, 2.0 * level_v(settings))
             shown_v = yield from amplitudes(settings, *channels, points=points_that_show(10.0 * s_per_div, drive_hz))
-            yield kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
+            step = kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
+            yield from turning(settings, step, 2.0 * level_v(settings))
     yield from v_vc_level_again()
     yield from _off_again(settings)
 
