@@ -60,8 +60,7 @@ from simrack_tests.ports import free_port
 import vcfbench
 import vcfbench_tables
 from tests.faults.benches import RATE_DEG_S, ROLES, SPEED, Physics, bench_text
-from vcfbench.drivers import visa_wire
-from vcfbench.drivers.rate_table import line as table_line
+from vcfbench.drivers import serial_wire, visa_wire
 from vcfbench.sim.gyro.data_sheet import settling_s
 from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.steps.events import StepFinished
@@ -130,7 +129,7 @@ def hang_when_asked(how: str) -> None:
 
         return doing
 
-    wires: tuple[Any, ...] = (visa_wire.SocketWire, visa_wire.VisaWire, table_line.SerialWire)
+    wires: tuple[Any, ...] = (visa_wire.SocketWire, visa_wire.VisaWire, serial_wire.SerialWire)
     for wire in wires:
         wire.receive = hanging(wire.receive)
 

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-from vcfbench.drivers.rate_table.line import Link, Pause
+from vcfbench.drivers.serial_wire import Link, Pause
 from vcfbench_tables import messages
 from vcfbench_tables.messages import BinaryType, ByteValue, Frame, Place, TextType, Wrap
 

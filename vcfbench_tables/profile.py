@@ -10,7 +10,7 @@ from functools import partial
 from importlib import resources
 from typing import Any
 
-from vcfbench.drivers.rate_table.line import Link
+from vcfbench.drivers.serial_wire import Link
 from vcfbench.files import Keys, dotted, parse_toml, read_text, shown
 from vcfbench.models import find_language
 from vcfbench.strict import converted, refusal, words

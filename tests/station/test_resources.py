@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     [
         ["GPIB0::22::INSTR", "GPIB::22::INSTR", "gpib0::22::instr", "GPIB::22", " GPIB0::022::INSTR"],
         ["GPIB1::22::2::INSTR", "gpib1::22::2"],
+        ["PRLGX-TCPIP0::127.0.0.1::1234::INTFC", "prlgx-tcpip::localhost::INTFC", "TCPIP::LOCALHOST::1234::SOCKET"],
+        ["PRLGX-ASRL0::COM3::INTFC", "PRLGX-ASRL::com3::INTFC", "ASRLCOM3::INSTR"],
         ["TCPIP::127.0.0.1::5025::SOCKET", "TCPIP0::LOCALHOST::5025::SOCKET", "socket://localhost:5025"],
         ["TCPIP0::192.0.2.7::inst0::INSTR", "TCPIP::192.0.2.7::INSTR", "TCPIP::192.0.2.7", "tcpip0::192.0.2.7::INST0"],
         ["TCPIP0::192.0.2.7::hislip0::INSTR", "TCPIP::192.0.2.7::hislip0,4880::INSTR"],

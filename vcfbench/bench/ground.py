@@ -98,7 +98,7 @@ def require_instruments_apart(description: BenchDescription) -> None:
 
 def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[Mapping[str, str]]:
     locked = [each.name for each in filled_roles(description)] if roles is None else roles
-    return instrument_locks(description.name, {each: getattr(description, each).resource for each in locked})
+    return instrument_locks(description.name, {each: description.owned(each) for each in locked})
 
 
 @contextmanager

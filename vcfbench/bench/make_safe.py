@@ -189,7 +189,7 @@ def _end_owners(description: BenchDescription) -> tuple[str, ...]:
     Raises:
         BenchError: one belongs to another user, or runs on another computer.
     """
-    resources = [getattr(description, role.name).resource for role in driving_roles(description)]
+    resources = [description.owned(role.name) for role in driving_roles(description)]
     found = owners_of(resources)
     for owner in found.values():
         _signal(owner, signal.SIGTERM)

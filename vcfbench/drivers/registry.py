@@ -9,8 +9,9 @@ from msgspec import Struct
 from vcfbench.clock import Clock
 from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import TableLine, serial_port
+from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.scpi_instrument import ScpiInstrument, VisaSettings
+from vcfbench.drivers.serial_wire import serial_port
 from vcfbench.drivers.session import Session, visa_resource
 from vcfbench.drivers.streams.description import Stream
 from vcfbench.drivers.streams.reader import StreamReader, stream_port

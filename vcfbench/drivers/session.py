@@ -20,7 +20,7 @@ from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation, shown
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.trace import Connect
-from vcfbench.drivers.wire import Interface, SerialLine, Wire
+from vcfbench.drivers.wire import Interface, SerialLine, Wire, behind
 
 _T = TypeVar("_T")
 
@@ -49,9 +49,14 @@ def visa_resource(resource: str, library: str, serial: SerialLine | None = None)
     """
 
     def connect(deadline: Deadline) -> Wire:
+        adapter, real = behind(resource, library)
+        if adapter is not None:
+            from vcfbench.drivers.gpib_adapter import open_behind  # noqa: PLC0415 - it loads PyVISA too
+
+            return open_behind(adapter, resource, deadline)
         from vcfbench.drivers.visa_wire import open_wire  # noqa: PLC0415 - PyVISA is loaded when first needed
 
-        return open_wire(resource, library, deadline, serial)
+        return open_wire(resource, real, deadline, serial)
 
     return connect
 

@@ -1,5 +1,6 @@
 """Wires that move bytes: the seam below sessions and rate-table lines."""
 
+import re
 from typing import Literal, Protocol
 
 from msgspec import Struct
@@ -7,6 +8,8 @@ from msgspec import Struct
 from vcfbench.clock import Deadline
 from vcfbench.errors import DeadlineExceeded
 
+_ADAPTER = re.compile(r"PRLGX-[A-Z]+(\d*)::", re.IGNORECASE)
+_BOARD = re.compile(r"GPIB(\d*)::", re.IGNORECASE)
 Interface = Literal["gpib", "usb", "instr", "socket", "asrl", "serial"]
 
 
@@ -29,6 +32,23 @@ def left_s(deadline: Deadline) -> float:
     if left <= 0.0:
         raise DeadlineExceeded("the time is up")
     return left
+
+
+def adapters(library: str) -> dict[str, str]:
+    """Return the GPIB adapters in the name of a VISA library, by the number of their interface.
+
+    ``PRLGX-TCPIP0::192.168.1.9::1234::INTFC@py`` has that of GPIB0, by PyVISA's name for it; several have commas
+    between them.
+    """
+    named = (each.strip() for each in library.partition("@")[0].split(","))
+    return {found[1] or "0": each for each in named if (found := _ADAPTER.match(each))}
+
+
+def behind(resource: str, library: str) -> tuple[str | None, str]:
+    """Return the GPIB adapter that `resource` is behind, None for none, and the VISA library without its adapters."""
+    known, board = adapters(library), _BOARD.match(resource.strip())
+    through = None if board is None else known.get(board[1] or "0")
+    return through, f"@{library.partition('@')[2] or 'py'}" if known else library
 
 
 class Wire(Protocol):

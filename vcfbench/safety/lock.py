@@ -93,7 +93,9 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
         InUse: another process has one of them; says which, who, where and since when.
         LockUnusable: a lock file cannot be used, and nobody is known to have one of the others.
     """
-    keys = {resource_key(resource): (role, resource) for role, resource in resources.items()}
+    keys: dict[str, list[str]] = {}
+    for role, resource in resources.items():
+        keys.setdefault(resource_key(resource), []).append(role)  # several behind one adapter
     # Take away the files that dead programs have left of sockets of this computer at which nobody listens any more. A
     # simulated bench was served there, and is gone. Of any other instrument the next owner is told who died with it
     with suppress(OSError):
@@ -108,10 +110,10 @@ def instrument_locks(station: str, resources: Mapping[str, str]) -> Iterator[Map
     left: dict[str, str] = {}
     with ExitStack() as stack:
         for key in sorted(keys):
-            role, resource = keys[key]
+            role, resource = keys[key][-1], resources[keys[key][-1]]
             try:
                 before = stack.enter_context(_lock(lock_path(resource), station, role, resource))
-                left |= {} if before is None else {role: str(before)}
+                left |= {} if before is None else dict.fromkeys(keys[key], str(before))
             except LockUnusable as error:
                 unusable = unusable or error
         if unusable is not None:

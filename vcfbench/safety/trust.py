@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from vcfbench.drivers.wire import behind
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 
@@ -39,7 +40,7 @@ def require_library(description: BenchDescription, trust: Trust) -> None:
 
     What PyVISA finds by itself ("@py", "@ivi", "@vcfbench") is installed here, whatever a bench file says.
     """
-    path, _, backend = description.visa_library.partition("@")
+    path, _, backend = behind("", description.visa_library)[1].partition("@")
     if path and backend in {"", "ivi"} and description.simulation is None:
         require_trust("the VISA library", path, trust)
 

@@ -13,6 +13,7 @@ from msgspec import Meta, field
 
 from vcfbench import strict
 from vcfbench.drivers.streams.description import Stream
+from vcfbench.drivers.wire import behind
 from vcfbench.errors import ConfigError
 from vcfbench.models import rail_terminals
 from vcfbench.station import bounds, parts
@@ -331,6 +332,11 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     def procedure(self) -> ProcedureSettings:
         """Settings of ``[procedure]`` for every procedure, defaults filled in."""
         return shared_settings(self.procedure_table, self.name)
+
+    def owned(self, role: str) -> str:
+        """Return the resource that one program alone may have for `role`: its own, or the GPIB adapter's before it."""
+        resource: str = getattr(self, role).resource
+        return behind(resource, self.visa_library)[0] or resource
 
     @property
     def by_hand(self) -> tuple[str, ...]:

@@ -15,9 +15,10 @@ from msgspec.structs import replace
 
 from vcfbench.clock import Deadline, WallClock, within
 from vcfbench.drivers.rate_table.acl import take_counted
-from vcfbench.drivers.rate_table.line import Link, TableLine, serial_port
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.serial_wire import Link, serial_port
 from vcfbench.drivers.session import Session, visa_resource
-from vcfbench.drivers.wire import SerialLine
+from vcfbench.drivers.wire import SerialLine, adapters, behind
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
 from vcfbench.station.writing import value_text
@@ -89,7 +90,11 @@ def discover(
     Raises:
         BenchError: the library cannot be loaded.
     """
-    names = _listed(library)
+    names = _listed(library) + [
+        f"GPIB{board}::{address}::INSTR"
+        for board, adapter in adapters(library).items()
+        for address in _occupied(adapter)
+    ]
     ports = []
     if not _simulated(library):
         from serial.tools import list_ports  # noqa: PLC0415  # loaded when first needed
@@ -107,6 +112,17 @@ def discover(
     )
 
 
+def _occupied(adapter: str) -> list[int]:
+    """Return the addresses behind a GPIB adapter, which was named by a person; each is polled, and then asked."""
+    from vcfbench.drivers.gpib_adapter import occupied  # noqa: PLC0415  # loaded when first needed
+
+    try:
+        return _within(_LISTING_S, lambda: occupied(adapter, Deadline.after(WallClock(), _LISTING_S)))
+    except TransportError as error:
+        error.resource = adapter
+        raise
+
+
 def _simulated(library: str) -> bool:
     """Return True if nothing real can be moved through `library`."""
     return library.endswith("@vcfbench")
@@ -119,7 +135,7 @@ def _listed(library: str) -> list[str]:
     def names() -> list[str]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # PyVISA-py tells every time which of its extras are not installed
-            return sorted(set(pyvisa.ResourceManager(library).list_resources("?*")))
+            return sorted(set(pyvisa.ResourceManager(behind("", library)[1]).list_resources("?*")))
 
     try:
         return _within(_LISTING_S, names)

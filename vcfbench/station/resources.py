@@ -2,7 +2,7 @@
 
 `GPIB0::22::INSTR` is `GPIB::22`, `TCPIP::Meter.lab::INSTR` is `TCPIP0::192.168.1.5::inst0::INSTR`, and
 `/dev/serial/by-id/usb-FTDI...` is `/dev/ttyUSB0`. One instrument on two interfaces, or behind a gateway, is not
-recognised: nothing in its names tells.
+recognised: nothing in its names tells. A GPIB adapter is the socket or port that it is on.
 """
 
 import ipaddress
@@ -52,16 +52,16 @@ def resource_key(resource: str) -> str:
 
 def _of_visa(text: str) -> str:
     head, *rest = text.split("::")
-    if head.upper().startswith("ASRL"):
-        return _of_port(head[len("ASRL") :])
+    if head.upper().startswith(("ASRL", "PRLGX-ASRL")):
+        return _of_port(rest[0] if head[0] in "Pp" else head[len("ASRL") :])
     found = re.fullmatch(r"([A-Za-z-]+?)(\d*)", head)
     interface, board = (found[1].upper(), found[2] or "0") if found else (head.upper(), "0")
     kind = rest.pop().upper() if rest[-1].upper() in {"INSTR", "SOCKET", "INTFC", "RAW"} else "INSTR"
     match interface:
         case "GPIB":
             return " ".join(["gpib", board, *(str(int(address)) for address in rest), *([kind] * (kind == "INTFC"))])
-        case "TCPIP" if kind == "SOCKET":
-            return _of_socket(rest[0], int(rest[1]))
+        case "TCPIP" | "PRLGX-TCPIP" if kind in {"SOCKET", "INTFC"}:
+            return _of_socket(rest[0], int(rest[1] if len(rest) > 1 else "1234"))
         case "TCPIP":
             device = rest[1].casefold() if len(rest) > 1 else "inst0"
             return f"lan {_of_host(rest[0])} {device.removesuffix(',4880')}"

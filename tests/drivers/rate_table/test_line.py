@@ -17,7 +17,8 @@ from vcfbench.clock import Deadline, WallClock
 from vcfbench.drivers.rate_table.acl import AclDialect
 from vcfbench.drivers.rate_table.dialect import TableSettings
 from vcfbench.drivers.rate_table.driver import RateTableDriver
-from vcfbench.drivers.rate_table.line import Link, TableLine, serial_port
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.serial_wire import Link, serial_port
 from vcfbench.errors import ConnectFailed, DeadlineExceeded, LinkLost
 
 if TYPE_CHECKING:

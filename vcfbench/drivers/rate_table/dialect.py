@@ -7,7 +7,8 @@ from typing import Literal, Protocol
 from msgspec import Struct
 
 from vcfbench.clock import Deadline
-from vcfbench.drivers.rate_table.line import Link, TableLine
+from vcfbench.drivers.rate_table.line import TableLine
+from vcfbench.drivers.serial_wire import Link
 from vcfbench.errors import InstrumentError
 from vcfbench.interfaces import Identity
 from vcfbench.models import find_language, profile_reader, resolve

@@ -1,18 +1,14 @@
-"""The line to a rate table: whatever pyserial opens by URL, with deadlines."""
+"""The line to a rate table: exchanges on what pyserial opens, with deadlines."""
 
 import math
 import re
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, Literal, Protocol, TypeVar
-
-from msgspec import Meta, Struct
+from typing import Protocol, TypeVar
 
 from vcfbench import errors
-from vcfbench.clock import Clock, Deadline, sleep
+from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import Conversation
-from vcfbench.drivers.trace import Connect
-from vcfbench.drivers.wire import Interface, Wire, left_s
 
 _T = TypeVar("_T")
 
@@ -21,110 +17,6 @@ _QUIET_S = 0.2
 """Silence after which a line counts as drained, s."""
 _LONGEST_LINE = 32_768
 """The longest message of any table's language known so far (ACL manual, section 2)."""
-
-
-Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
-"""A wait that a profile may ask for, s."""
-
-
-class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Set-up of a serial line."""
-
-    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
-    data_bits: Literal[7, 8] = 8
-    parity: Literal["none", "even", "odd"] = "none"
-    stop_bits: Literal[1, 2] = 1
-    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"
-    dtr: bool | None = None
-    rts: bool | None = None
-    open_delay_s: Pause = 0.0
-
-
-def serial_port(url: str, link: Link, clock: Clock, timeout_s: float, baud_rate: int | None = None) -> Connect:
-    """Return a function that opens a port by its name or URL (``/dev/ttyUSB0``, ``COM3``, ``socket://host:port``).
-
-    The port is set as `link` says, `baud_rate` overrides its speed. What it returns raises ConnectFailed: there is no
-    such port, it is in use, or nobody answers there.
-    """
-
-    def connect(_: Deadline) -> Wire:
-        import serial  # noqa: PLC0415 - loaded when first needed
-
-        try:
-            port = serial.serial_for_url(url, do_not_open=True, timeout=timeout_s, write_timeout=timeout_s)
-            port.baudrate, port.bytesize = baud_rate or link.baud, link.data_bits
-            port.parity, port.stopbits = link.parity[0].upper(), link.stop_bits
-            port.rtscts, port.dsrdtr = link.flow == "rts_cts", link.flow == "dsr_dtr"
-            port.xonxoff = link.flow == "xon_xoff"
-            # Set DTR and RTS before the port is opened: their edge resets some controllers
-            if link.dtr is not None:
-                port.dtr = link.dtr
-            if link.rts is not None:
-                port.rts = link.rts
-            if isinstance(port, serial.Serial):
-                port.exclusive = True  # one owner a connection; only real ports know how
-            port.open()
-        except Exception as error:  # termios.error is no OSError, and the handler of a URL is anyone's code
-            raise errors.ConnectFailed(f"cannot be opened ({' '.join(str(error).split())})") from error
-        sleep(clock, link.open_delay_s)  # some tables begin anew when a port is opened
-        return SerialWire(port, serial.SerialTimeoutException)
-
-    return connect
-
-
-class SerialWire:
-    """A wire over an open pyserial port, which raises `late` where writing takes too long."""
-
-    interface: Interface = "serial"
-
-    def __init__(self, port: Any, late: type[OSError]) -> None:
-        self._port = port
-        self._late = late
-
-    def send(self, data: bytes, deadline: Deadline) -> None:
-        """Write all of `data`."""
-        try:
-            self._port.write_timeout = left_s(deadline)
-            self._port.write(data)
-        except self._late as error:
-            raise errors.DeadlineExceeded("the table does not take the command") from error
-        except OSError as error:
-            raise _lost(error) from error
-
-    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return the received bytes, waiting for the first."""
-        try:
-            self._port.timeout = left_s(deadline)
-            first = self._port.read(1)
-            data = first + self._port.read(self._port.in_waiting) if first else first
-        except OSError as error:
-            raise _lost(error) from error
-        if not data:
-            raise errors.DeadlineExceeded("no answer")
-        return data, False
-
-    def pending(self) -> bytes:
-        """Take unasked bytes; a port on a socket never says that more than one byte waits."""
-        data = b""
-        try:
-            while len(data) < _LONGEST_LINE and (waiting := self._port.in_waiting):
-                data += self._port.read(waiting)
-        except OSError as error:
-            raise _lost(error) from error
-        return data
-
-    def clear(self, deadline: Deadline) -> None:
-        """Drop received bytes; tables know no device clear."""
-        while not deadline.expired() and self.pending():
-            pass
-
-    def close(self) -> None:
-        """Close the port."""
-        self._port.close()
-
-
-def _lost(error: OSError) -> errors.LinkLost:
-    return errors.LinkLost(f"the connection broke ({' '.join(str(error).split()) or type(error).__name__})")
 
 
 class Language(Protocol):

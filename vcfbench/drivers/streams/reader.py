@@ -15,7 +15,7 @@ from typing import Any
 
 from vcfbench import errors
 from vcfbench.clock import Clock, Deadline, sleep
-from vcfbench.drivers.rate_table.line import Link, serial_port
+from vcfbench.drivers.serial_wire import Link, serial_port
 from vcfbench.drivers.streams.decoder import Decoder, Sample
 from vcfbench.drivers.streams.description import Stream
 from vcfbench.drivers.trace import BEHIND, Connect

@@ -137,7 +137,7 @@ def drives(model: str) -> tuple[list[Said], list[str]]:
     wire = TwinWire(device, clock)
     session = Session(wire, name=model, resource="GPIB", clock=clock, timeout_s=VisaSettings().timeout_s)
     driver = driver_of(row).opened(session, VisaSettings())
-    _use(driver, TWINS[model].kind)
+    use_within_limits(driver, TWINS[model].kind)
     driver.make_safe(Deadline.after(clock, 30.0))
     own = list(wire.said)
     wire.said.clear()
@@ -145,7 +145,8 @@ def drives(model: str) -> tuple[list[Said], list[str]]:
     return own, [each.message for each in wire.said]
 
 
-def _use(driver: Any, kind: str) -> None:
+def use_within_limits(driver: Any, kind: str) -> None:
+    """Set and measure with a driver of a kind of instrument: little enough for anybody's bench."""
     if kind == "supply":
         for output, sign in (("P6V", 1.0), ("P25V", 1.0), ("N25V", -1.0)):
             driver.configure_output(output, sign, 0.05)
