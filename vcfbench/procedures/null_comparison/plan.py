@@ -13,7 +13,7 @@ from vcfbench.belief.agreement import require_expected_k_vc
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.routines import at_rates, set_v_vc, v_vc_on
 from vcfbench.instructions.v_vc import take_driven
-from vcfbench.records.schema import Point
+from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.station.bounds import LEAST_V_VC_V
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings, rate_words
@@ -24,6 +24,9 @@ _CLOSE = 1e-3
 """Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""
 _USABLE = 0.1
 """Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
+
+_NOISES = 9.0
+"""Standard deviations of a mean that a null may be off besides: V_Vc was chosen by noisy means, which are compared."""
 
 
 def nulled(
@@ -63,8 +66,10 @@ def nulled(
                 driven.append((yield from taken))
             yield from set_v_vc(settings, 0.0)
             virtual = block(driven[-len(CHOPPED) :])
+            both = (*table[-len(CHOPPED) :], *driven[-len(CHOPPED) :])
+            noise_v = _NOISES * pooled_std_v(both) / math.sqrt(min(each.n for each in both))
             for got_v, want_v, way in zip(virtual.differences_v, real.differences_v, (1.0, -1.0), strict=True):
-                if not abs(got_v - want_v) <= _USABLE * abs(want_v):
+                if not abs(got_v - want_v) <= _USABLE * abs(want_v) + noise_v:
                     raise MeasurementError(
                         f"at {way * rate_deg_s:+g} deg/s the table moves the output by {want_v:+.6g} V, V_Vc by "
                         f"{got_v:+.6g}",
