@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 import re
@@ -15,6 +16,7 @@ import pytest
 from simrack_tests.cells import few
 
 from tests.testing.test_plugin import run
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.fault_scripts import read_script
 from vcfbench.studies.file import read_study
@@ -113,3 +115,12 @@ def test_the_studies_can_be_done(name: str) -> None:
     row = perform(PlannedRun(study.of(cases[-1].number), study.seeds[0]))
     assert row.status == "complete", row.message
     assert any(name.endswith(".z") for name in row.metrics)
+
+
+def test_the_data_set_has_one_record_of_each_procedure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "records"))
+    make = importlib.import_module("make")
+    assert sorted(make.procedures()) == sorted(BUILT_IN)
+    (run,) = make.make(tmp_path / "set", ("polarity",))
+    assert (run.status, run.metadata.dut, run.directory.parent) == ("complete", "G-001", tmp_path / "set" / "runs")
+    assert (tmp_path / "set" / "README.md").read_text("utf-8").startswith("# Twenty records")
