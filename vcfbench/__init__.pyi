@@ -11,8 +11,12 @@ from vcfbench.analysis.scale_factor import characterise as characterise
 from vcfbench.analysis.scale_factor import compare as compare
 from vcfbench.archive.analyzed import TableAnalysis as TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyze
+from vcfbench.archive.analyzed_axes import AxesAnalysis as AxesAnalysis
+from vcfbench.archive.analyzed_axes import analyze_axes as analyze_axes
 from vcfbench.archive.analyzed_record import RecordAnalysis as RecordAnalysis
 from vcfbench.archive.analyzed_record import analyze_record as analyze_record
+from vcfbench.archive.analyzed_temperature import TemperatureAnalysis as TemperatureAnalysis
+from vcfbench.archive.analyzed_temperature import analyze_temperature as analyze_temperature
 from vcfbench.archive.compared import RunComparison as RunComparison
 from vcfbench.archive.compared import compare_runs as compare_runs
 from vcfbench.archive.export import Exported as Exported

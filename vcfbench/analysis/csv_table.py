@@ -106,6 +106,10 @@ class Head(Struct, frozen=True):
             )
         return found[0]
 
+    def asked(self, layout: Layout) -> tuple[str, ...]:
+        """Return the columns that were asked for by name; none where the names are those of all."""
+        return () if layout.columns == tuple(each.written for each in self.names) else layout.columns
+
     def is_text(self, place: int) -> bool:
         """Return True if none of the first cells of a column begins as a number does."""
         return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)

@@ -194,14 +194,14 @@ def _stray(rate: Floats, output: Floats) -> int | None:
     if rate.size < _LEAST_POINTS:
         return None
     x = (rate - rate.mean()) / np.ptp(rate)
-    row = _far_off(np.column_stack([np.ones_like(x), x]), output)
+    row = far_off(np.column_stack([np.ones_like(x), x]), output)
     if row is None or rate.min() < rate[row] < rate.max():
         return row
     bent = np.column_stack([np.ones_like(x), x, x**2, x**3, np.abs(rate)])
-    return row if _far_off(bent, output) == row else None
+    return row if far_off(bent, output) == row else None
 
 
-def _far_off(columns: Floats, output: Floats) -> int | None:
+def far_off(columns: Floats, output: Floats) -> int | None:
     """Return the row whose deleted residual, studentised, is the largest, if chance does not make one so large."""
     from scipy.special import stdtrit  # noqa: PLC0415 - SciPy costs more to import than all the rest
 

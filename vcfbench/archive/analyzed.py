@@ -28,6 +28,7 @@ _APPLIED = {
 """Words in the name of the rate that was applied, where several columns are rates."""
 _NO_OUTPUT = {"n", "no", "nr", "index", "step", "sample", "line", "row", "id", "flag", "status", "point", "#"}
 """Names without a unit that are no output."""
+_OUTPUTS = {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
 _COUNTED = {"n", "count", "counts", "readings", "samples"}
 """Names of how many readings a point has."""
 
@@ -223,14 +224,14 @@ def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> d
 
 def _rate_place(head: Head, layout: Layout) -> int:
     """Return the column of the applied rate: the one that is named first, the only rate, or that called so."""
-    if layout.columns and layout.columns != tuple(each.written for each in head.names):
-        place = head.place(layout.columns[0])
+    if asked := head.asked(layout):
+        place = head.place(asked[0])
         if head.names[place].kind is not Kind.RATE:
-            raise ConfigError(f"--columns: the rate comes first, {layout.columns[0]} has no unit of one")
-        kinds = {head.names[head.place(each)].kind for each in layout.columns}
+            raise ConfigError(f"--columns: the rate comes first, {asked[0]} has no unit of one")
+        kinds = {head.names[head.place(each)].kind for each in asked}
         if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not _is_applied(head.names[place]):
             raise ConfigError(
-                f"{head.file}: of a record at rest one column is analysed at a time, got {', '.join(layout.columns)}",
+                f"{head.file}: of a record at rest one column is analysed at a time, got {', '.join(asked)}",
                 hint="of a table the column of the applied rate is called so: rate, applied, table",
             )
         return place
@@ -256,16 +257,7 @@ def _output_places(
 ) -> tuple[list[int], dict[int, tuple[int, int | None]]]:
     """Return the columns of outputs, and of some that of their uncertainty, with that of its number of readings."""
     names = head.names
-    asked = layout.columns and layout.columns != tuple(each.written for each in names)
-    outputs = [head.place(name) for name in layout.columns[1:]] if asked else _outputs(head, rate)
-    for place in outputs:
-        unit = names[place].unit
-        if names[place].unknown or (unit and unit.kind not in {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}):
-            raise ConfigError(
-                f"{head.file}, column {names[place].written}: {names[place].unknown or (unit and unit.written)} is no "
-                f"unit of an output that is known; known are {KNOWN}",
-                hint=f"--unit {names[place].written}=mV says what it is",
-            )
+    outputs = outputs_of(head, head.asked(layout)[1:], [rate])
     if not outputs:
         others = ", ".join(each.written for place, each in enumerate(names) if place != rate)
         beside = f"{names[rate].written}{', of ' + others if others else ''}"
@@ -291,19 +283,32 @@ def _output_places(
     return outputs, uncertainties
 
 
-def _outputs(head: Head, rate: int) -> list[int]:
-    """Return the columns whose unit is that of an output; where none is told, those without one."""
+def outputs_of(head: Head, asked: Sequence[str], rates: Sequence[int]) -> list[int]:
+    """Return the columns that are `asked` for; else those whose unit is that of an output, or those without one.
+
+    Raises:
+        ConfigError: the unit of one is none of an output.
+    """
+    outputs = [head.place(name) for name in asked] or _outputs_beside(head, rates)
+    for place in outputs:
+        name, unit = head.names[place].written, head.names[place].unit
+        if head.names[place].unknown or (unit and unit.kind not in _OUTPUTS):
+            raise ConfigError(
+                f"{head.file}, column {name}: {head.names[place].unknown or (unit and unit.written)} is no "
+                f"unit of an output that is known; known are {KNOWN}",
+                hint=f"--unit {name}=mV says what it is",
+            )
+    return outputs
+
+
+def _outputs_beside(head: Head, rates: Sequence[int]) -> list[int]:
     left = [
         place
         for place, each in enumerate(head.names)
-        if place != rate and each.written and not each.spread and not each.is_time and not head.is_text(place)
+        if place not in rates and each.written and not each.spread and not each.is_time and not head.is_text(place)
     ]
     in_units = [place for place in left if head.names[place].unit is not None or head.names[place].unknown]
-    analysed = [
-        place
-        for place in in_units
-        if head.names[place].unknown or head.names[place].kind in {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
-    ]
+    analysed = [place for place in in_units if head.names[place].unknown or head.names[place].kind in _OUTPUTS]
     bare = [place for place in left if place not in in_units and head.names[place].base not in _NO_OUTPUT]
     return analysed or bare
 

@@ -131,11 +131,11 @@ def analyze_record(
         raise ConfigError(f"--rate: expected readings a second, at most {_MOST_HZ:g}, got {rate_hz:g}")
     with opened_table(path) as raw:
         head = read_head(raw, shown(path), layout)
-        place = _value_place(head, layout)
+        place = record_place(head, layout)
         name = head.names[place]
         if unit := layout.units.get(""):
             name = with_unit(name, unit)
-        factor, taken_as = _factor(name, scale_factor_per_deg_s, head.file)
+        factor, taken_as = factor_to_rate(name, scale_factor_per_deg_s, head.file)
         time = None if layout.time == "none" else _time_place(head, layout, place)
         numbers = read_numbers(raw, head, [place] if time is None else [place, time[0]], progress)
     record = np.ascontiguousarray(numbers.values[:, 0])
@@ -178,13 +178,13 @@ def _densities(found: RecordNoise) -> dict[str, float | None]:
     return densities
 
 
-def _value_place(head: Head, layout: Layout) -> int:
+def record_place(head: Head, layout: Layout) -> int:
     """Return the column that is analysed: the one that is named, or the only one with a unit that can be."""
     names = head.names
     if len(layout.columns) not in {0, 1, len(names)}:
         raise ConfigError(f"--columns: of a record at rest one column is analysed, got {', '.join(layout.columns)}")
-    if len(layout.columns) == 1 and layout.columns != tuple(each.written for each in names):
-        return head.place(layout.columns[0])
+    if asked := head.asked(layout):
+        return head.place(asked[0])
     numbers = [place for place in range(len(names)) if not head.is_text(place) and not names[place].spread]
     values = [place for place in numbers if names[place].kind in _ANALYSED]
     values = values or [place for place in numbers if names[place].unit is None and not names[place].is_time]
@@ -197,7 +197,7 @@ def _value_place(head: Head, layout: Layout) -> int:
     return values[0]
 
 
-def _factor(name: ColumnName, scale: float | None, where: str) -> tuple[float, str]:
+def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[float, str]:
     """Return the factor of the column to deg/s, and its assumed unit in words."""
     column, unit = f"{where}, column {name.written}", name.unit
     if unit is None or unit.kind not in _ANALYSED:
@@ -218,6 +218,12 @@ def _factor(name: ColumnName, scale: float | None, where: str) -> tuple[float, s
         )
     each = f"{unit.factor:g} {unit.kind.value} each, over {scale:g} {unit.kind.value}/(deg/s)"
     return unit.factor / scale, f"an output in {unit.written}, {each}"
+
+
+def is_record(head: Head, layout: Layout) -> bool:
+    """Tell whether a file is a record at rest: its first column with a name has times, and no others were asked for."""
+    named = [each for each in head.names if each.written]
+    return len(layout.columns) == 1 or (bool(named) and named[0].is_time and not head.asked(layout))
 
 
 def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | None:

@@ -11,7 +11,9 @@ import typer
 from vcfbench.analysis.csv_table import Layout, read_head
 from vcfbench.archive.analyzed import TableAnalysis
 from vcfbench.archive.analyzed import analyze as analyzed
-from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record
+from vcfbench.archive.analyzed_axes import AxesAnalysis, analyze_axes
+from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record, is_record
+from vcfbench.archive.analyzed_temperature import TemperatureAnalysis, analyze_temperature
 from vcfbench.archive.table_files import opened_table
 from vcfbench.archive.written import write_document
 from vcfbench.cli.options import Json_, argument, flag, key_and_value, option, output_option
@@ -52,6 +54,12 @@ def analyze(  # noqa: PLR0917  # options of a command
     unit: Annotated[
         list[str] | None, option("COLUMN=UNIT", "Unit of a column; UNIT alone: of the record's.", "--unit")
     ] = None,
+    axes: Annotated[
+        str | None, option("X,Y,Z", "Columns of rates about three axes: cross-axis matrix and misalignment of outputs.")
+    ] = None,
+    temperature: Annotated[
+        str | None, option("NAME", "Scale factor and bias over this column; of a record at rest the bias.")
+    ] = None,
     time: Annotated[str | None, option("NAME|none", "Column of times; none: they are not looked at.")] = None,
     skip: Annotated[int, option("LINES", "Lines before the names of the columns.", min=0)] = 0,
     separator: Annotated[str | None, option("comma|semicolon|tab|space", "What separates the columns.")] = None,
@@ -65,37 +73,30 @@ def analyze(  # noqa: PLR0917  # options of a command
     names = () if columns is None else tuple(name.strip() for name in next(reader([columns], skipinitialspace=True)))
     units = dict(key_and_value("--unit", each, "gyro=mdps") if "=" in each else ("", each) for each in unit or ())
     layout = Layout(names, skip, units, time, separator, decimal)
-    if rate is not None or scale_factor is not None or len(names) == 1 or _begins_with_times(file, layout):
-        if compare is not None:
-            raise ConfigError("--compare: of a calibration table, not of a record at rest")
+    with opened_table(file) as raw:
+        at_rest = rate is not None or scale_factor is not None or is_record(read_head(raw, shown(file), layout), layout)
+    if compare is not None and (at_rest or temperature is not None or axes is not None):
+        raise ConfigError("--compare: of a calibration table, not of a record at rest, over temperature or of axes")
+    found: TableAnalysis | RecordAnalysis | TemperatureAnalysis | AxesAnalysis
+    title = f"Analysis of {file.name}"
+    if temperature is not None:
+        found = analyze_temperature(file, temperature, scale_factor_per_deg_s=scale_factor, layout=layout)
+    elif axes is not None:
+        found = analyze_axes(file, [name.strip() for name in axes.split(",")], layout=layout)
+    elif at_rest:
         seen = _progress if sys.stderr.isatty() else None
-        of_record = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout, progress=seen)
-        _answer(of_record, f"Noise of {of_record.column}", file.name, output, json=json)
-        notices = of_record.notices
+        found = analyze_record(file, rate, scale_factor_per_deg_s=scale_factor, layout=layout, progress=seen)
+        title = f"Noise of {found.column}"
     else:
         pair = None if compare is None else [name.strip() for name in compare.split(",")]
-        of_table = analyzed(file, pair, layout=layout)
-        _answer(of_table, f"Analysis of {file.name}", file.name, output, json=json)
-        notices = of_table.notices
-    if strict and notices:
+        found = analyzed(file, pair, layout=layout)
+    typer.echo(dumps(found.as_json(), allow_nan=False) if json else text_of(found.report(), _WIDTH))
+    if output is not None:
+        for written in write_document(found.report(), title, file.name, output):
+            typer.echo(written, err=json)
+    if strict and found.notices:
         raise typer.Exit(1)
 
 
 def _progress(part: float) -> None:
     typer.echo(f"\r{100.0 * part:3.0f} % read" if part < 1.0 else "\r\x1b[K", err=True, nl=False)
-
-
-def _begins_with_times(file: Path, layout: Layout) -> bool:
-    """Tell whether a file is a record at rest: its first column with a name has times, and no others were asked for."""
-    with opened_table(file) as raw:
-        head = read_head(raw, shown(file), layout)
-    named = [each for each in head.names if each.written]
-    asked = layout.columns and layout.columns != tuple(each.written for each in head.names)
-    return bool(named) and named[0].is_time and not asked
-
-
-def _answer(found: TableAnalysis | RecordAnalysis, title: str, name: str, output: Path | None, *, json: bool) -> None:
-    typer.echo(dumps(found.as_json(), allow_nan=False) if json else text_of(found.report(), _WIDTH))
-    if output is not None:
-        for written in write_document(found.report(), title, name, output):
-            typer.echo(written, err=json)

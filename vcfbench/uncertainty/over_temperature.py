@@ -25,6 +25,8 @@ class Temperatures(Struct, frozen=True):
     reference_c: float
     u_alike_k: float = 0.0
     u_each_k: float = 0.0
+    near_k: float = 0.5
+    """Difference up to which two temperatures, one from below and one from above, are compared."""
 
 
 class Cause(Struct, frozen=True):
@@ -96,7 +98,7 @@ def _part(cause: Cause, weights: Floats, factor: float, *, mean: bool) -> Uncert
 def _hysteresis(
     temperatures: Temperatures, values: Floats, causes: Sequence[Cause], units: tuple[str, float]
 ) -> Measurand | None:
-    """Return the largest difference of going down less going up at one temperature, within 0.5 K.
+    """Return the largest difference of going down less going up at one temperature, the parabola taken off.
 
     Its expanded uncertainty is one that all of them keep together. Where one is seen beyond its own, it is the largest
     of those; else the one that could be the largest.
@@ -105,7 +107,7 @@ def _hysteresis(
     found: dict[bytes, Measurand] = {}
     at_c, rising = temperatures.at_c, np.array(temperatures.rising)
     for here_c in at_c:
-        near = np.abs(at_c - here_c) <= 0.5
+        near = np.abs(at_c - here_c) <= temperatures.near_k
         down, up = (near & ~rising).astype(float), (near & rising).astype(float)
         if down.any() and up.any():
             weights = down / down.sum() - up / up.sum()
