@@ -147,8 +147,9 @@ class StreamReader:
             if t_s < from_s:
                 continue
             if taken:
-                counts = stream.counter is not None and sample.counter is not None
-                gone = (sample.counter - (taken[-1].counter or 0)) % stream.counter.numbers if counts else 1
+                gone = 1
+                if stream.counter is not None:
+                    gone = ((sample.counter or 0) - (taken[-1].counter or 0)) % stream.counter.numbers
                 if gone == 0:
                     repeated += 1
                     self._require(repeated <= wanted, "the same frame comes again and again: the device stands still")
