@@ -11,7 +11,8 @@ import struct
 import zlib
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
+from functools import partial, reduce
+from operator import xor
 from random import Random
 from typing import TYPE_CHECKING, Any
 
@@ -35,34 +36,27 @@ _IDLE_S = 0.1
 class StreamErrors(Struct, frozen=True):
     """Imperfections of the stream; zero switches each off.
 
+    `clock_ppm` is by how much its clock is fast, `latency_s` the time from the end of a frame's span to its first bit.
+    Shares of the frames: `dropped`, `flipped` (a wrong bit), `repeated`, `garbage` (bytes before them that belong to
+    none). Switches, 1 is on: `silent`, `stuck` (the counter goes on, the number does not), `frozen` (the same frame
+    again and again), `saturated`, `status` (not well). A stream in LSB has `lsb_per_deg_s` steps a deg/s.
+
     Raises:
         ValueError: a share is none, or a time is negative.
     """
 
     clock_ppm: float = 0.0
-    """By how much its clock is fast."""
     latency_s: float = 0.0
-    """Time from the end of what a frame says to its first bit."""
     dropped: float = 0.0
-    """Share of the frames that are never sent."""
     flipped: float = 0.0
-    """Share of the frames with a wrong bit."""
     repeated: float = 0.0
-    """Share of the frames that are sent twice."""
     garbage: float = 0.0
-    """Share of the frames with bytes before them that belong to none."""
     silent: float = 0.0
-    """1: it says nothing any more."""
     stuck: float = 0.0
-    """1: the counter goes on, the number does not."""
     frozen: float = 0.0
-    """1: the same frame again and again."""
     saturated: float = 0.0
-    """1: the number is at the end of its type."""
     status: float = 0.0
-    """1: it says that it is not well."""
     lsb_per_deg_s: float = 100.0
-    """Steps of its last digit a deg/s, of a stream in LSB."""
 
     def __post_init__(self) -> None:
         """Refuse values beyond the bounds."""
@@ -84,15 +78,7 @@ class StreamErrors(Struct, frozen=True):
 
 
 class StreamTwin:
-    """A gyroscope that speaks numbers.
-
-    Args:
-        world: what the analogue output is seen by, with one input.
-        errors: its imperfections.
-        stream: the tables of the frame.
-        volts_per_deg_s: what the analogue output is taken to give a deg/s.
-        noise_seed: of what happens by chance.
-    """
+    """A gyroscope that speaks numbers: `world` has one input, its analogue output, `stream` the tables of the frame."""
 
     errors_class = StreamErrors
 
@@ -302,39 +288,24 @@ def _put(frame: bytearray, place: Mapping[str, Any], raw: float, order: Any, *, 
         frame[at : at + len(data)] = data
 
 
-def _exclusive_or(data: bytes) -> int:
-    found = 0
+def _crc(data: bytes, poly: int, found: int, width: int = 0) -> int:
+    """Return a CRC bit by bit: of so many bits with the highest first, or the lowest first where `width` is 0."""
+    top, mask = 1 << max(0, width - 1), (1 << width) - 1
     for each in data:
-        found ^= each
-    return found
-
-
-def _rising(data: bytes, poly: int, found: int) -> int:
-    """Return a CRC of 32 bits, the highest first."""
-    for each in data:
-        found ^= each << 24
+        found ^= each << max(0, width - 8)
         for _ in range(8):
-            found = (found << 1 ^ (poly if found & 0x80000000 else 0)) & 0xFFFFFFFF
-    return found
-
-
-def _falling(data: bytes, poly: int, found: int) -> int:
-    """Return a CRC of 16 bits, the lowest first."""
-    for each in data:
-        found ^= each
-        for _ in range(8):
-            found = found >> 1 ^ (poly if found & 1 else 0)
+            found = (found << 1 ^ (poly if found & top else 0)) & mask if width else found >> 1 ^ poly * (found & 1)
     return found
 
 
 _CHECKS: Mapping[str, Callable[[bytes], int]] = {
     "sum8": lambda data: sum(data) % 256,
     "sum16": lambda data: sum(data) % 65536,
-    "xor8": _exclusive_or,
+    "xor8": lambda data: reduce(xor, data, 0),
     "crc16-ccitt-false": lambda data: binascii.crc_hqx(data, 0xFFFF),
     "crc16-xmodem": lambda data: binascii.crc_hqx(data, 0),
-    "crc16-kermit": lambda data: _falling(data, 0x8408, 0),
-    "crc16-modbus": lambda data: _falling(data, 0xA001, 0xFFFF),
+    "crc16-kermit": lambda data: _crc(data, 0x8408, 0),
+    "crc16-modbus": lambda data: _crc(data, 0xA001, 0xFFFF),
     "crc32": zlib.crc32,
-    "crc32-mpeg2": lambda data: _rising(data, 0x04C11DB7, 0xFFFFFFFF),
+    "crc32-mpeg2": lambda data: _crc(data, 0x04C11DB7, 0xFFFFFFFF, 32),
 }

@@ -12,6 +12,7 @@ from xml.etree import ElementTree as ET
 
 from vcfbench.archive.certificate import CertificateWords
 from vcfbench.archive.days import days_of
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.archive.reported import method_of
 from vcfbench.archive.run import Run
 from vcfbench.archive.si_units import in_si
@@ -280,11 +281,12 @@ def _points(parent: ET.Element, run: Run) -> None:
     """Add the points as lists, step by step: their rates, V_Vc and the mean output."""
     _say(parent, "name", "points")
     _say(parent, "description", "means of the readings, in the order in which they were taken")
+    output = in_si(unit_of_record(run.header)) or (1.0, r"\one")
     columns = {
         "step": ([float(point.step) for point in run.points], r"\one"),
         "rate": ([point.rate_deg_s for point in run.points], r"\degree\second\tothe{-1}"),
         "V_Vc": ([point.v_vc_v for point in run.points], r"\volt"),
-        "output": ([point.output_v for point in run.points], r"\volt"),
+        "output": ([point.output_v for point in run.points], output[1]),
     }
     table = _under(_under(parent, "data"), "list")
     for name, (values, unit) in columns.items():

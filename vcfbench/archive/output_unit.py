@@ -9,13 +9,27 @@ from typing import Any, TypeVar
 
 from msgspec import Struct, structs
 
+from vcfbench.drivers.streams.description import Stream
 from vcfbench.reports.document import Axis, Cell, Column, Report, Table, Text
+from vcfbench.typed import typed
 from vcfbench.values.kinds import slope_unit
 
 _T = TypeVar("_T")
 
-_SOURCES = {"meter gain": "device clock", "multimeter": "device clock", "last digit": "quantisation"}
+_CLOCK = "device clock"
+_SOURCES = {
+    **dict.fromkeys(("meter gain", "the multimeter's gain", "gain of the multimeter"), _CLOCK),
+    "last digit": "quantisation",
+}
 _MILLI = re.compile(r"([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?) mV(/\(deg/s\))?")
+
+
+def unit_of_record(header: Mapping[str, Any]) -> str:
+    """Return the unit of the output of a run by the header of its record."""
+    below: Any = header
+    for key in ("settings", "station", "gyro", "stream"):
+        below = below.get(key) if isinstance(below, Mapping) else None
+    return typed(below, Stream).output_unit if below else "V"
 
 
 def in_output_unit(results: _T, unit: str) -> _T:
@@ -31,7 +45,7 @@ def report_in_output_unit(report: Report, unit: str) -> Report:
 class _Renamed:
     def __init__(self, unit: str) -> None:
         slope = slope_unit(unit)
-        self._units = {"V": unit, "V/(deg/s)": slope, "V^2": f"({unit})^2", "(V/(deg/s))/K": f"({slope})/K"}
+        self._units = {"V": unit, "V/(deg/s)": slope, "(V/(deg/s))/K": f"({slope})/K"}
         self._units["(V/(deg/s))/K^2"] = f"({slope})/K^2"
 
     def value(self, each: Any) -> Any:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from vcfbench.archive.front_page import BLANK, MOST, checked, front_page, values_table
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.archive.results import STORED_SETTINGS
 from vcfbench.archive.run import Run, clock
 from vcfbench.archive.unseen import unseen_in_short, unseen_of, unseen_parts
@@ -166,7 +167,8 @@ def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[
         x, y = (t_s.tolist(), output_v.tolist()) if few is None else few
         said = "" if few is None else f"{len(t_s)} readings; {DRAWN}"
         series = Series("readings", x, y, kind="line")
-        yield Figure("Record of the raw readings", Axis("time", "s"), Axis("output", "V"), [series], said)
+        axes = Axis("time", "s"), Axis("output", unit_of_record(run.header))
+        yield Figure("Record of the raw readings", *axes, [series], said)
     if run.verdict is not None:
         yield Heading("Verdict", 2)
         yield last

@@ -25,8 +25,9 @@ _WORDS: Final = {
     "degC": (1.0, r"\degreecelsius"),
     "percent": (1.0, r"\percent"),
     "ppm": (1e-6, ""),
+    "LSB": (1.0, ""),
 }
-"""Factor of a value, and the name in D-SI, which has none for parts per million."""
+"""Factor of a value, and the name in D-SI, which has none for parts per million and steps of a converter."""
 
 
 def in_si(unit: str) -> tuple[float, str] | None:

@@ -8,7 +8,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.archive.output_unit import in_output_unit
+from vcfbench.archive.output_unit import in_output_unit, unit_of_record
 from vcfbench.archive.run import Run
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
@@ -153,8 +153,10 @@ def _half_width(value: Value) -> float | None:
 
 def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, str]]:
     """Yield for each fault its kind, the size up to which it is not refused, and its effect on each value."""
+    volts = unit_of_record(run.header)
+    offset = (1e3, "mV") if volts == "V" else (1.0, volts)
     for each in found:
-        factor, unit = (1e3, "mV") if each.unit in OFFSETS else (1e2, "%")
+        factor, unit = offset if each.unit in OFFSETS else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
         size, of = ("any size", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
         yield _WORDS[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done

@@ -93,7 +93,6 @@ def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
     if settings.scale_factor_v_per_deg_s is not None:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
     expected = settings.expected.scale_factor_v_per_deg_s is not None
-    source = (
-        "middle of what the bench file expects" if expected else "that of the paper: nothing tells this gyroscope's"
-    )
+    usual = "nominal" if settings.station.stream else "that of the paper"
+    source = "middle of what the bench file expects" if expected else f"{usual}: nothing tells this gyroscope's"
     return ScaleFactor(settings.expected_gyro().scale_factor, None, source)
