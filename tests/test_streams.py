@@ -24,6 +24,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.stream_profiles import stream_profiles
 from vcfbench.station.writing import bench_text
 from vcfbench.steps.stream import StreamSeen
+from vcfbench.values.printing import in_unit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -234,3 +235,9 @@ def test_a_profile_beside_the_bench_file_is_read_and_the_bench_file_goes_before_
     stream = vcfbench.load_bench(tmp_path / "bench.toml").stream
     assert stream is not None
     assert (stream.name, stream.length, stream.sample_rate_hz) == ("imu", 8, 20.0)
+
+
+def test_words_about_the_output_have_its_unit() -> None:
+    said = "rate +5 deg/s, V_Vc +0 V: +0.3 V off, 2e-05 V of V_Vc"
+    assert in_unit(said, "V") == said
+    assert in_unit(said, "LSB") == "rate +5 deg/s: +0.3 LSB off, 2e-05 LSB of V_Vc"

@@ -105,7 +105,7 @@ def attended(
     def display(prepared: Prepared) -> NoProgress:
         if page is not None:
             page.begin(prepared)
-        estimate_s = prepared.planned().bench_seconds
+        estimate_s, unit = prepared.planned().bench_seconds, prepared.settings.station.output_unit
         shown = NoProgress()
         if not options.quiet:
             if (
@@ -114,11 +114,11 @@ def attended(
                 or not sys.stderr.isatty()
                 or os.environ.get("TERM") in _WITHOUT_CURSOR
             ):
-                shown = LineProgress(sys.stderr, estimate_s)
+                shown = LineProgress(sys.stderr, estimate_s, unit)
             else:
                 from vcfbench.reports.live_progress import LiveProgress  # noqa: PLC0415  # rich comes with it
 
-                shown = LiveProgress(sys.stderr, estimate_s, prepared.points())
+                shown = LiveProgress(sys.stderr, estimate_s, prepared.points(), unit)
         if control is not None:
             control.tell(shown.hear)
         return shown

@@ -21,6 +21,8 @@ from vcfbench.safety.control import RunState
 from vcfbench.steps import Acquire, Note, Window
 from vcfbench.steps.events import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.steps.step import Effect, Step, StepResult
+from vcfbench.values.kinds import slope_unit
+from vcfbench.values.printing import in_unit
 
 _GAP = "  "
 _LEAST_MV = 1e-3
@@ -53,7 +55,7 @@ def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-_COLUMNS = (
+_COLUMNS: tuple[_Column, ...] = (
     _Column("time", "", 7, lambda row: span(row.t_s), 4),
     _Column("step", "", 4, lambda row: str(row.window.point.step), 5),
     _Column("rate", "deg/s", 9, lambda row: f"{row.window.point.rate_deg_s:+.6g}", 0),
@@ -69,9 +71,21 @@ _COLUMNS = (
 _V_VC_MEASURED = _Column("V_Vc measured", "V", 13, lambda row: _number(row.window.point.v_vc_measured_v, "+.6f"), 9)
 
 
-def _in_columns(row: _PointRow, width: int) -> list[str]:
+def _columns_of(unit: str) -> tuple[_Column, ...]:
+    """Return the columns of an output in its own unit: no V_Vc, no thousandths."""
+    texts: dict[str, Callable[[_PointRow], str]] = {
+        "output": lambda row: f"{row.window.point.output_v:+.5f}",
+        "s": lambda row: f"{row.window.point.std_v:.1e}",
+        "residual": lambda row: _number(row.residual_v, "+.2g"),
+    }
+    own = (each._replace(unit=unit, text=texts[each.name]) if each.name in texts else each for each in _COLUMNS)
+    return tuple(each for each in own if each.name != "V_Vc")
+
+
+def _in_columns(row: _PointRow, width: int, unit: str) -> list[str]:
     """Return names, units and texts of the columns that have room in `width`, by rank; rate and output always have."""
     known = _COLUMNS if row.window.point.v_vc_measured_v is None else (*_COLUMNS, _V_VC_MEASURED)
+    known = known if unit == "V" else _columns_of(unit)
     chosen: list[_Column] = []
     for column in sorted(known, key=lambda each: each.rank):
         needed = sum(each.width + len(_GAP) for each in chosen) + column.width
@@ -103,8 +117,9 @@ class LiveProgress(NoProgress):
     be faster than its own clock. `points` are those that were measured before the run was broken off.
     """
 
-    def __init__(self, stream: TextIO, estimate_s: float, points: Sequence[Point] = ()) -> None:
+    def __init__(self, stream: TextIO, estimate_s: float, points: Sequence[Point] = (), unit: str = "V") -> None:
         self._outlet = Outlet(stream)
+        self._unit = unit
         self._console = Console(file=self._outlet, highlight=False)  # type: ignore[arg-type]  # all of a file it needs
         self._block = _Block(estimate_s, ("━", "─") if self._outlet.encoding.lower().startswith("utf") else ("#", "."))
         self._points = list(points)
@@ -165,7 +180,7 @@ class LiveProgress(NoProgress):
                 self._points.append(point)
                 _, fit = line_of(self._points, point.step)
             row = _PointRow(t_s, result, None if fit is None else float(fit.residuals_v[-1]))
-            *heads, cells = _in_columns(row, self._console.width)
+            *heads, cells = _in_columns(row, self._console.width, self._unit)
             if heads != self._head:  # a new part, or the window is wider or narrower than it was
                 self._head = heads
                 for line in heads:
@@ -183,9 +198,10 @@ class LiveProgress(NoProgress):
         if line is None:
             return
         worst = max(range(len(numbers)), key=lambda place: abs(line.residuals_v[place]))
+        factor, unit = (1e3, "mV") if self._unit == "V" else (1.0, self._unit)
         words = (
-            f"  line through {len(numbers)} points: {1e3 * line.scale_factor:.5f} mV/(deg/s), "
-            f"{1e3 * line.bias:+.3f} mV; largest residual {1e3 * line.residuals_v[worst]:+.3f} mV "
+            f"  line through {len(numbers)} points: {factor * line.scale_factor:.5f} {slope_unit(unit)}, "
+            f"{factor * line.bias:+.3f} {unit}; largest residual {factor * line.residuals_v[worst]:+.3f} {unit} "
             f"at {points[numbers[worst]].rate_deg_s:+.6g} deg/s"
         )
         self._print(words, "green", whole=True)
@@ -193,7 +209,7 @@ class LiveProgress(NoProgress):
     def _print(self, line: str, style: str, *, whole: bool = False) -> None:
         """Print a line; one that must be read to its end goes on in the next where the terminal is narrow."""
         cropped: Any = {} if whole else {"no_wrap": True, "overflow": "crop"}
-        self._console.print(Text(printable(line), style=style), **cropped)
+        self._console.print(Text(printable(in_unit(line, self._unit)), style=style), **cropped)
 
     def _draw(self) -> None:
         """Draw the block anew, if that was not just done and the terminal takes it."""

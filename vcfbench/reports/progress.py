@@ -7,6 +7,7 @@ from vcfbench.reports.shielded import NoProgress
 from vcfbench.safety.control import RunState
 from vcfbench.steps import Note
 from vcfbench.steps.events import Event, Paused, StepFailed, StepFinished, StepStarted, WentOn
+from vcfbench.values.printing import in_unit
 
 HOW_ON = "p or Enter goes on, Ctrl-C stops"
 
@@ -24,8 +25,9 @@ def paused_words(event: Paused) -> str:
 class LineProgress(NoProgress):
     """One plain line a step, when it is done: bench time, time left, step, result."""
 
-    def __init__(self, stream: TextIO, estimate_s: float) -> None:
+    def __init__(self, stream: TextIO, estimate_s: float, unit: str = "V") -> None:
         self._outlet = Outlet(stream)
+        self._unit = unit
         self._estimate_s = estimate_s
         self._begin_s: float | None = None  # bench time goes on in a run that is resumed
 
@@ -66,4 +68,4 @@ class LineProgress(NoProgress):
 
     def _say(self, t_s: float, text: str) -> None:
         left_s = max(0.0, self._estimate_s - (t_s - (self._begin_s or 0.0)))
-        self._outlet.write(f"{t_s:8.1f} s  {left_s:6.0f} s left  {text}\n")
+        self._outlet.write(f"{t_s:8.1f} s  {left_s:6.0f} s left  {in_unit(text, self._unit)}\n")

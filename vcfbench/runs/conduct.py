@@ -48,6 +48,7 @@ from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.operator import simulated_operator
 from vcfbench.steps.step import LOOK_AT_SIGNALS
+from vcfbench.values.printing import in_unit
 from vcfbench.version import installed_versions
 
 _OVERTIME_S: Final = 60.0  # By how much a step may take longer than twice its estimate, wall time
@@ -248,6 +249,7 @@ class _UnderWay(Struct):
         if isinstance(error, NotSafe) and self.error is not None:
             error.hint = "; ".join(filter(None, [error.hint, f"before that: {self.error}"]))
         if isinstance(error, NotSafe) or self.error is None:
+            error.what = in_unit(error.what, self.prepared.settings.station.output_unit)
             self.error = error
 
     def observers_lost(self) -> list[str]:

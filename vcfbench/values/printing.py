@@ -1,7 +1,9 @@
 """Digits of a value and its uncertainty in print (GUM 7.2.6): two of u, the value to the same place."""
 
 import math
+import re
 from collections.abc import Sequence
+from typing import Final
 
 _SMALLEST_GROUPED = 1e-7  # Above that an uncertainty in words has none: its zeros stand in threes
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
@@ -35,6 +37,14 @@ def in_threes(figure: str) -> str:
     if len(rest) > 4 and rest.isdigit():
         rest = " ".join(rest[place : place + 3] for place in range(0, len(rest), 3))
     return f"{whole}{point}{rest}"
+
+
+_VOLTS: Final = re.compile(r"(?<=\d) V\b")
+
+
+def in_unit(words: str, unit: str) -> str:
+    """Return words about an output with its unit in place of volts, and without V_Vc where it is none."""
+    return words if unit == "V" else _VOLTS.sub(f" {unit}", words.replace(", V_Vc +0 V", ""))
 
 
 def incomplete(missing: Sequence[str]) -> str:
