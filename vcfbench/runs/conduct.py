@@ -249,7 +249,8 @@ class _UnderWay(Struct):
         if isinstance(error, NotSafe) and self.error is not None:
             error.hint = "; ".join(filter(None, [error.hint, f"before that: {self.error}"]))
         if isinstance(error, NotSafe) or self.error is None:
-            error.what = in_unit(error.what, self.prepared.settings.station.output_unit)
+            if self.execution is not None:
+                error.what = in_unit(error.what, self.prepared.settings.station.output_unit)
             self.error = error
 
     def observers_lost(self) -> list[str]:
