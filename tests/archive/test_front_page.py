@@ -112,6 +112,18 @@ def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
     assert sheet.rows[0][-1] == "PASS*"
 
 
+@pytest.mark.parametrize("procedure", ["kvc", "self-calibration", pytest.param("online", marks=pytest.mark.exhaustive)])
+def test_what_goes_by_k_vc_says_on_its_first_page_what_u95_lacks(procedure: str, tmp_path: Path) -> None:
+    settings = {"k_vc": "150", **QUICK} if procedure == "self-calibration" else {"k_vc": "150"}
+    if procedure == "kvc":
+        settings = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 3, "health": False}
+    run = vcfbench.run(procedure, "lab", seed=1, settings=settings, runs=tmp_path)
+    _, _, text = shown(run)
+    assert "U95 does not contain: " in text
+    first = run.results.holds_not[0].split(" ", 3)[:3]
+    assert " ".join(first) in " ".join(text.split())
+
+
 @pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:HarfBuzz-Subset:DeprecationWarning")
 def test_the_results_fit_on_the_first_page(lacking: Run) -> None:

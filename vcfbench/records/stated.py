@@ -26,6 +26,13 @@ class LeavesOut(Protocol):
 
 
 @runtime_checkable
+class HoldsNot(Protocol):
+    """The same of K_Vc and what goes by it: results under another name, which records have."""
+
+    holds_not: Sequence[str]
+
+
+@runtime_checkable
 class Refuses(Protocol):
     """Results that cannot state what a run was for."""
 
@@ -46,7 +53,10 @@ def left_out(results: object) -> Sequence[str]:
     """Return what the uncertainties of results do not contain, as far as they say that."""
     if isinstance(results, Mapping):  # of a record whose code is not known
         statement = results.get("uncertainty")
-        return (statement.get("not_in_u") or ()) if isinstance(statement, Mapping) else ()
+        of_line = statement.get("not_in_u") if isinstance(statement, Mapping) else None
+        return of_line or results.get("holds_not") or ()
+    if isinstance(results, HoldsNot):
+        return results.holds_not
     within = (results, *(getattr(results, name) for name in field_names(results) or ()))
     return next((each.not_in_u for each in within if isinstance(each, LeavesOut)), ())
 
