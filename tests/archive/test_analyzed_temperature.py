@@ -83,6 +83,17 @@ def test_log_at_rest_gives_its_bias(tmp_path: Path) -> None:
     assert kelvin.found[0].temperature_c[0] == pytest.approx(bias.temperature_c[0] - 273.15)
 
 
+def test_ramp_up_and_down_without_hysteresis_shows_none(tmp_path: Path) -> None:
+    """Temperatures up and down are not the same ones: a coefficient of 1 (deg/s)/K is no hysteresis."""
+    at_c = np.concatenate([np.linspace(0.0, 50.0, 1000), np.linspace(49.3, 0.7, 1000)])
+    rates = at_c + 0.01 * np.random.default_rng(4).standard_normal(at_c.size)
+    rows = [f"{0.1 * k:.1f},{t:.3f},{x:.4f}" for k, (t, x) in enumerate(zip(at_c, rates, strict=True))]
+    (tmp_path / "t.csv").write_text("\n".join(["t_s,imu [degC],gz [dps]", *rows]))
+    found = analyze_temperature(tmp_path / "t.csv", "imu [degC]").found[0].stated[-1]
+    assert (found.form, found.unit) == ("size-below", "deg/s")
+    assert (found.high or 1.0) < 0.02
+
+
 @pytest.mark.parametrize(
     ("head", "column", "words"),
     [

@@ -82,7 +82,7 @@ def over_temperature(
         made(0, unit, 1.0),
         made(1, f"({per})/K" if "/" in per else f"{per}/K", factor),
         made(2, f"({per})/K^2" if "/" in per else f"{per}/K^2", factor),
-        _hysteresis(temperatures, y, known, (per, factor)),
+        _hysteresis(temperatures, y, powers @ found, known, (per, factor)),
         None if free <= 0 else float(abs(factor) * math.sqrt(float(rest @ rest) / free)),
     )
 
@@ -96,7 +96,7 @@ def _part(cause: Cause, weights: Floats, factor: float, *, mean: bool) -> Uncert
 
 
 def _hysteresis(
-    temperatures: Temperatures, values: Floats, causes: Sequence[Cause], units: tuple[str, float]
+    temperatures: Temperatures, values: Floats, fitted: Floats, causes: Sequence[Cause], units: tuple[str, float]
 ) -> Measurand | None:
     """Return the largest difference of going down less going up at one temperature, the parabola taken off.
 
@@ -112,7 +112,7 @@ def _hysteresis(
         if down.any() and up.any():
             weights = down / down.sum() - up / up.sum()
             parts = [_part(cause, weights, factor, mean=False) for cause in causes]
-            difference = float(factor * (weights @ values))
+            difference = float(factor * (weights @ values - weights @ fitted))
             found[weights.tobytes()] = measurand(difference, unit, [each for each in parts if each.u > 0.0])
     together = []
     for each in found.values():
