@@ -30,7 +30,7 @@ def with_stream(values: Mapping[str, Any], source: str, folder: Path) -> Mapping
         return values
     stated = dict(stream)
     if (named := stated.pop("profile", None)) is not None:
-        stated = merged({"name": Path(str(named)).stem, **_profile(str(named), source, folder)}, stated)
+        stated = merged({"name": Path(str(named)).stem, **profile_keys(str(named), source, folder)}, stated)
     meter = {"model": "stream", "resource": stated.get("resource"), "timeout_s": stated.get("timeout_s", 2.0)}
     beside = values.get("multimeter", meter)
     if not isinstance(beside, Mapping) or beside.get("model") != "stream":
@@ -38,7 +38,7 @@ def with_stream(values: Mapping[str, Any], source: str, folder: Path) -> Mapping
     return {**values, "gyro": {**gyro, "stream": stated}, "multimeter": {**beside, **meter}}
 
 
-def _profile(named: str, source: str, folder: Path) -> dict[str, Any]:
+def profile_keys(named: str, source: str, folder: Path) -> dict[str, Any]:
     """Return the keys of a profile, one that comes along or a file."""
     if named.endswith(".toml"):
         return parse_toml(read_text(folder / named, "a profile of a stream"), shown(folder / named))

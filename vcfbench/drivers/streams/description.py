@@ -205,9 +205,10 @@ class Stream(_Table, frozen=True, kw_only=True):
             yield "resolution", f"the step of the last digit, {self.unit}: nothing tells it of a float", None
         if self.counter is not None and self.counter.type.startswith("float"):
             yield "counter.type", "a whole number", self.counter.type
-        yield from self._of_bytes() if self.length is not None else self._of_lines()
+        yield from self.mistakes_of_bytes() if self.length is not None else self.mistakes_of_lines()
 
-    def _of_bytes(self) -> Iterator[tuple[str, str, object]]:
+    def mistakes_of_bytes(self) -> Iterator[tuple[str, str, object]]:
+        """Yield those of a frame of bytes."""
         length, check = self.length or 0, CHECKSUMS[self.checksum.name]
         try:
             header = len(bytes.fromhex(self.header))
@@ -227,7 +228,8 @@ class Stream(_Table, frozen=True, kw_only=True):
         if self.baud_rate < least and "://" not in self.resource and not self.resource.startswith("file:"):
             yield "baud_rate", f"at least {least:.0f}, for {self.sample_rate_hz:g} frames a second", self.baud_rate
 
-    def _of_lines(self) -> Iterator[tuple[str, str, object]]:
+    def mistakes_of_lines(self) -> Iterator[tuple[str, str, object]]:
+        """Yield those of a line."""
         if self.columns is None:
             yield "columns", "how many columns a line has (of bytes: length)", None
         for key, number in self.in_frame.items():
