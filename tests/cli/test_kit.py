@@ -31,7 +31,7 @@ def test_a_bundle_is_told_in_a_line_and_what_differs_in_others(tmp_path: Path) -
     assert other.exit_code == 1
     assert "  VOLT:RANG?: form: expected +1.00000000E+01, got 10\n" in other.output
     (seen,) = json.loads(CliRunner().invoke(app, ["kit", "check", str(path), "--json"]).output)["seen"]
-    assert {"command": "VOLT:RANG?", "status": "form", "expected": "+1.00000000E+01", "came": "10"} in seen["findings"]
+    assert {"command": "VOLT:RANG?", "status": "form", "expected": "+1.00000000E+01", "got": "10"} in seen["findings"]
 
 
 def test_what_is_no_bundle_is_refused(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from vcfbench.drivers import gpib_adapter
 from vcfbench.drivers.gpib_adapter import occupied, open_behind
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.drivers.wire import behind
-from vcfbench.errors import ConnectFailed, DeadlineExceeded, LinkLost
+from vcfbench.errors import ConnectFailed, DeadlineExceeded, LinkLost, TransportError
 from vcfbench.safety.lock import InUse, instrument_locks
 from vcfbench.station.discovery import discover, stanza
 from vcfbench.testing.kit.write import use_within_limits
@@ -113,9 +113,9 @@ def test_a_deadline_is_kept_and_a_late_answer_is_nobodys(adapter: str) -> None:
     with Opened(adapter) as bench:
         meter, supply = bench["34401A"], bench["E3631A"]
         began_s = CLOCK.now()
-        with pytest.raises(DeadlineExceeded, match="no answer"):  # an instrument that has nothing to say
-            supply._session._wire.receive(Deadline.after(CLOCK, 0.5))
-        assert 0.4 < CLOCK.now() - began_s < 0.5 + PLENTY_S
+        with pytest.raises(DeadlineExceeded, match=r"no answer|the time is up"):
+            supply._session._wire.receive(Deadline.after(CLOCK, 0.3))
+        assert 0.2 < CLOCK.now() - began_s < 0.3 + PLENTY_S
         assert meter._session.query("*IDN?").startswith("HEWLETT-PACKARD,34401A")
         supply._session.clear()
         assert supply.identify().model == "E3631A"
@@ -129,13 +129,13 @@ def test_a_safe_word_goes_out_while_another_instrument_is_waited_for(adapter: st
 
         def wait() -> None:
             with pytest.raises(DeadlineExceeded):
-                meter._session._wire.receive(Deadline.after(CLOCK, 1.5))
+                meter._session._wire.receive(Deadline.after(CLOCK, 0.6))
 
         waiting = threading.Thread(target=wait)
         waiting.start()
         began_s = CLOCK.now()
         assert supply.command_safe().sent
-        assert CLOCK.now() - began_s < 1.0
+        assert CLOCK.now() - began_s < 0.4
         assert supply.outputs_enabled() is False
         waiting.join()
 
@@ -194,6 +194,7 @@ def test_the_library_names_the_adapters(resource: str, library: str, found: tupl
     assert behind(resource, library) == found
 
 
+@pytest.mark.exhaustive
 def test_what_is_behind_it_is_discovered_by_its_name(server: BenchServer) -> None:
     library = f"{adapter_of(server, 'tcp')}@py"
     found = discover(library)
@@ -291,3 +292,22 @@ def test_a_killed_program_leaves_nothing_on(tmp_path: Path, wire: str, number: i
             assert all(each.safe for each in made.reports)
         finally:
             served.terminate()
+
+
+@pytest.mark.parametrize("kind", few(["silent", "disconnect", "garbled", "truncated", "half_open"], "disconnect"))
+def test_after_a_failure_of_the_adapter_all_is_off_and_found_again(kind: str) -> None:
+    with (
+        serving("34401A:gpib22", "E3631A:gpib5") as server,
+        Control(server.control.port) as control,
+        Opened(adapter_of(server, "tcp")) as bench,
+    ):
+        meter, supply = bench["34401A"], bench["E3631A"]
+        supply.configure_output("P6V", 1.0, 0.05)
+        supply.enable_outputs()
+        control.request("fault", instrument="gpib", kind=kind)
+        with suppress(TransportError):
+            meter._session.query("*IDN?", Deadline.after(CLOCK, 0.4))
+        supply.command_safe()
+        control.request("clear_faults")
+        assert supply.make_safe(Deadline.after(CLOCK, PLENTY_S)).safe
+        assert control.request("get", name="rail.E3631A.output_1.voltage_v") == pytest.approx(0.0, abs=0.01)

@@ -40,15 +40,15 @@ _CLOSE = 1e-6
 
 
 class Finding(Struct, frozen=True):
-    """What came of a command: `expected` is what the simulated instrument says, `came` what the real one said."""
+    """What came of a command: `expected` is what the simulated instrument says, `got` what the real one said."""
 
     command: str
     status: Status
     expected: str = ""
-    came: str = ""
+    got: str = ""
 
     def __str__(self) -> str:
-        return f"{self.command}: {self.status}: expected {self.expected}, got {self.came}"
+        return f"{self.command}: {self.status}: expected {self.expected}, got {self.got}"
 
 
 class Seen(Struct, frozen=True):

@@ -326,7 +326,11 @@ def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = typed) 
     )
     parser.add_argument("--output", default="vcfbench-bundle.trace", help="the file that is written")
     given = parser.parse_args(words)
-    import pyvisa  # noqa: PLC0415  # who asks for help need not have it
+    try:
+        import pyvisa  # noqa: PLC0415  # who asks for help need not have it
+    except ImportError:
+        print("PyVISA is not installed here: pip install pyvisa pyvisa-py")
+        return 2
 
     def ended(*_: Any) -> None:
         raise KeyboardInterrupt

@@ -115,16 +115,12 @@ def _spelt(word: Mnemonic) -> str:
 
 def words(table: CommandTable, answers: Iterator[str]) -> list[str]:
     """Return all words of a table, of its parameters, of the standard's errors, and in the answers of its twin."""
-    choices = (word for row in table.commands for each in row.parameters for word in _choices(each))
+    parameters = (each for row in table.commands for each in row.parameters if isinstance(each, Choice))
+    choices = (word for each in parameters for word in each.mnemonics)
     named = (word for row in table.commands for part, _ in row.parts() for word in part)
     spelt = {spelling for word in (*choices, *named) for spelling in word.spellings}
     free = " ".join((*ERROR_WORDS.values(), *answers)).upper()
     return sorted(spelt | {each for each in re.split(r"[^A-Z_-]+", free) if each})
-
-
-def _choices(parameter: Any) -> Iterator[Mnemonic]:
-    if isinstance(parameter, Choice):
-        yield from parameter.mnemonics
 
 
 def drives(model: str) -> tuple[list[Said], list[str]]:
