@@ -6,6 +6,7 @@ import ast
 import re
 import subprocess
 import sys
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -63,6 +64,8 @@ def test_it_only_reads_unless_it_may_set_and_is_told_so_twice(tmp_path: Path) ->
             f"Agilent Technologies,33522B,{SERIAL},3.05-1.19",
             "Agilent Technologies,33522B,XX00000000,3.05-1.19",
         ),
+        ("*IDN?", "the box of A. Miller", "XXX XXX XX X. XXXXXX"),
+        ("*IDN?", f"ACME,M1,{SERIAL},1.0 {SERIAL}", "ACME,M1,XX00000000,0.0 XX00000000"),
         ("*OPT?", "0,0", "0,0"),
         ("VOLT?", "+1.00000000E+01", "+1.00000000E+01"),
         ("FUNC?", '"VOLT +1.000000E+01"', '"VOLT +1.000000E+01"'),
@@ -116,6 +119,13 @@ def test_however_it_ends_outputs_are_off(
     assert said[said.index(b"OUTP ON\n") :][-3:] == [b"OUTP OFF\n", b"*RST\n", b"*OPC?\n"]
     manager: Any = pyvisa.ResourceManager(library("E3631A"))
     assert manager.open_resource(manager.list_resources("?*")[0]).query("OUTP?").strip() == "0"
+
+
+def test_it_is_made_safe_in_any_thread(tmp_path: Path) -> None:
+    thread = Thread(target=recorded, args=(tmp_path / "a.trace", "E3631A"))
+    thread.start()
+    thread.join()
+    assert [line.data for line in read_trace(tmp_path / "a.trace") if line.mark == ">"][-2:] == [b"*RST\n", b"*OPC?\n"]
 
 
 def test_a_model_that_is_not_known_is_asked_what_all_know(tmp_path: Path) -> None:

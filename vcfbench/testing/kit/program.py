@@ -41,7 +41,8 @@ QUIET_MS = 200
 MOST_SILENT = 3
 """Unanswered questions in a row after which an instrument is left alone."""
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d{1,3})?", re.IGNORECASE)
-_EXACT_DIGITS = 5
+_EXACT_DIGITS, _SHORTEST_SERIAL = 5, 2
+_IDENTITY, _SERIAL = 4, 2
 _APART = re.compile(r"([\s,;\"'()@]+)")
 
 Script = dict[str, Any]
@@ -59,9 +60,9 @@ def scripts() -> dict[str, Script]:
     return json.loads(zlib.decompress(base64.b85decode(PACKED))) if PACKED else {}
 
 
-def escaped(data: bytes) -> str:
-    """Return bytes as printable ASCII without tabs, as vcfbench's traces have them."""
-    return data.decode("latin-1").encode("unicode_escape").decode("ascii")
+def escaped(text: str) -> str:
+    """Return text, a character a byte, as printable ASCII without tabs, as vcfbench's traces have it."""
+    return text.encode("unicode_escape").decode("ascii")
 
 
 def model_of(identity: str) -> str:
@@ -81,29 +82,28 @@ def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -
     Kept are numbers, words of the list (with the number of a channel), and of ``*IDN?`` maker, model and firmware. Not
     kept is a whole number of more than five digits, or any in quotes, and whatever holds the serial number.
     """
+    foreign = len(serial) > _SHORTEST_SERIAL
     if question.upper().startswith("*IDN?"):
         fields = answer.split(",")
-        return ",".join([*fields[:2], *map(blotted, fields[2:3]), *fields[3:4], *map(blotted, fields[4:])])
+        whole = len(fields) == _IDENTITY  # else it may be anything
+        kept = [whole and index != _SERIAL and not (foreign and serial in each) for index, each in enumerate(fields)]
+        return ",".join(each if keep else blotted(each) for each, keep in zip(fields, kept, strict=True))
     allowed, parts, quoted = {word.upper() for word in words}, [], False
+
+    def known(word: str) -> bool:
+        stem = word.rstrip("0123456789")
+        return word in allowed or (stem in allowed and len(word) - len(stem) == 1)
+
     for index, part in enumerate(_APART.split(answer)):
         if index % 2:
             quoted ^= part.count('"') % 2 == 1
             parts.append(part)
             continue
-        number = _NUMBER.fullmatch(part)
-        if number:
-            kept = number[2] or "." in part or not (quoted or len(part.strip("+-")) > _EXACT_DIGITS)
+        if number := _NUMBER.fullmatch(part):
+            keep = number[2] or "." in part or not (quoted or len(part.strip("+-")) > _EXACT_DIGITS)
         else:
-            heads = [each.rstrip("0123456789") for each in part.upper().split(":")]
-            kept = (
-                all(
-                    (not each or each in allowed) and len(whole) - len(each) <= 1
-                    for each, whole in zip(heads, part.split(":"), strict=True)
-                )
-                or part.upper() in allowed
-            )
-        foreign = len(serial) > 2 and serial.upper() in part.upper()
-        parts.append(part if kept and not foreign else blotted(part))
+            keep = all(known(each) for each in part.upper().split(":") if each)
+        parts.append(part if keep and not (foreign and serial.upper() in part.upper()) else blotted(part))
     return "".join(parts)
 
 
@@ -124,14 +124,8 @@ class Bundle:
 
     def note(self, role: str, kind: str, mark: str, text: str = "") -> None:
         """Write a line, at once: none of it is to be lost."""
-        line = (
-            f"{time.monotonic() - self._began_s:.6f}",
-            role,
-            f"{kind}::INSTR",
-            mark,
-            escaped(text.encode("latin-1")),
-        )
-        print("\t".join(line), file=self._file, flush=True)
+        at_s = f"{time.monotonic() - self._began_s:.6f}"
+        print(at_s, role, f"{kind}::INSTR", mark, escaped(text), sep="\t", file=self._file, flush=True)
 
 
 class Silent(Exception):
@@ -159,9 +153,8 @@ class Connection:
         """Begin a connection in the bundle."""
         self.role = role
         interface = {"GPIB": "gpib", "USB": "usb", "ASRL": "asrl"}.get(self.kind, "socket" if self.stream else "instr")
-        self.bundle.note(
-            role, self.kind, "open", f"{interface} {datetime.now(timezone.utc).isoformat(timespec='milliseconds')}"
-        )
+        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+        self.bundle.note(role, self.kind, "open", f"{interface} {now}")
 
     def send(self, message: str) -> None:
         """Send a message."""
@@ -200,32 +193,27 @@ class Connection:
             while self.stream:
                 self.opened.read_raw()
 
-    def say(self, message: str, deadline_s: float) -> None:
-        """Send a message, and take its answer if it is a question."""
-        if "?" in message:
-            self.ask(message, LATER * deadline_s)
-        else:
-            self.send(message)
 
-
-def read(connection: Connection, say: Callable[[str], Any]) -> None:
+def read(connection: Connection) -> None:
     """Ask all that only reads, and after each question for its error."""
     script, connection.silent = connection.script, 0
     for number, question in enumerate(script["reads"], start=1):
         connection.ask(question, READ_S)
         connection.ask(ERROR_QUESTION, READ_S)
         if number % 50 == 0:
-            say(f"  {number} of {len(script['reads'])} questions")
+            print(f"  {number} of {len(script['reads'])} questions")
 
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
     """Let nothing interrupt what makes safe."""
-    before = [(each, signal.signal(each, signal.SIG_IGN)) for each in (signal.SIGINT, signal.SIGTERM)]
+    before = {}
+    with suppress(ValueError):  # only the first thread may, and only that is interrupted
+        before = {each: signal.signal(each, signal.SIG_IGN) for each in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        for each, handler in before:
+        for each, handler in before.items():
             signal.signal(each, handler)
 
 
@@ -236,7 +224,10 @@ def drive(connection: Connection) -> None:
         connection.clear()
         for message, pause_s, deadline_s in script["drives"]:
             time.sleep(pause_s)
-            connection.say(message, deadline_s)
+            if "?" in message:
+                connection.ask(message, LATER * deadline_s)
+            else:
+                connection.send(message)
     finally:
         with uninterrupted():
             make_safe(connection)
@@ -286,7 +277,7 @@ def talk_to(resource: str, manager: Any, bundle: Bundle, known: dict[str, Script
         role = bundle.named(model if model in known else "unknown")
         connection.begin(role)
         print(f"{model}: {len(connection.script['reads'])} questions" + ("" if model in known else ", none of its own"))
-        read(connection, print)
+        read(connection)
         if connection.script.get("drives") and twice(model, connection.script, ask):
             connection.send("*RST")
             connection.begin(f"{role} driven")
@@ -304,12 +295,11 @@ def twice(model: str, script: Script, ask: Callable[[str], str]) -> bool:
     """Ask whether an instrument may be set, and if so once more, by its name."""
     if ask(f"{model}: also set it? It loses its settings, and {script['does']}. y or n: ").strip().lower() != "y":
         return False
-    return (
-        ask(f"Take all leads off the {model}. Then type {model} to go on, anything else leaves it: ").strip() == model
-    )
+    typed = ask(f"Take all leads off the {model}. Then type {model} to go on, anything else leaves it: ")
+    return typed.strip() == model
 
 
-def typed(words: str) -> str:
+def at_the_terminal(words: str) -> str:
     """Ask a person; where nobody can type, nothing was said."""
     try:
         return input(words)
@@ -317,13 +307,11 @@ def typed(words: str) -> str:
         return ""
 
 
-def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = typed) -> int:
+def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = at_the_terminal) -> int:
     """Run the kit."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("resources", nargs="*", help="VISA resource names; of a serial port with @ and its speed")
-    parser.add_argument(
-        "--library", default="", help="the VISA library: @py, or a path; default is PyVISA's own choice"
-    )
+    parser.add_argument("--library", default="", help="the VISA library: @py, or a path; else PyVISA's own choice")
     parser.add_argument("--output", default="vcfbench-bundle.trace", help="the file that is written")
     given = parser.parse_args(words)
     try:

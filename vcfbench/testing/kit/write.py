@@ -14,7 +14,6 @@ from functools import cache
 from importlib.resources import files
 from typing import Any
 
-from msgspec import Struct
 from simrack.device import Device
 from simrack.models import MODELS as TWINS
 from simrack.plan import plan_of
@@ -40,21 +39,14 @@ _DOES = {
 }
 
 
-class Said(Struct, frozen=True):
-    """A message of a driver: how long after what came before it, s, and how long its answer may take, s."""
-
-    message: str
-    pause_s: float
-    deadline_s: float
-
-
 class TwinWire:
     """A wire to a simulated instrument whose time jumps; it notes what is said over it."""
 
     interface: Interface = "gpib"
 
     def __init__(self, device: Device, clock: Clock) -> None:
-        self.said: list[Said] = []
+        self.said: list[tuple[str, float, float]] = []
+        """Messages; how long after what came before it, s; how long an answer may take, s."""
         self._device, self._clock = device, clock
         self._free_s = clock.now()
 
@@ -63,7 +55,7 @@ class TwinWire:
         now = self._clock.now()
         for message in data.decode("ascii").split("\n"):
             if message:
-                self.said.append(Said(message, round(now - self._free_s, 3), round(deadline.expires_s - now, 3)))
+                self.said.append((message, round(now - self._free_s, 3), round(deadline.expires_s - now, 3)))
         self._device.write(data, end=True)
         self._free_s = now
 
@@ -97,6 +89,12 @@ def twin(model: str) -> tuple[Device, Clock]:
     return rack.devices[model], rack.world.clock
 
 
+def _opened(model: str) -> tuple[Session, TwinWire]:
+    device, clock = twin(model)
+    wire = TwinWire(device, clock)
+    return Session(wire, name=model, resource="GPIB", clock=clock, timeout_s=VisaSettings().timeout_s), wire
+
+
 def questions(table: CommandTable) -> list[str]:
     """Return the questions of a table that only read and need nothing after the question mark, in short form."""
     asked = []
@@ -123,22 +121,19 @@ def words(table: CommandTable, answers: Iterator[str]) -> list[str]:
     return sorted(spelt | {each for each in re.split(r"[^A-Z_-]+", free) if each})
 
 
-def drives(model: str) -> tuple[list[Said], list[str]]:
+def drives(model: str) -> tuple[list[tuple[str, float, float]], list[str]]:
     """Return what the driver says when it sets and measures within limits, and the words by which it switches off."""
     row = find_model(model)
     if row is None:
         raise KeyError(model)
-    device, clock = twin(model)
-    device.write(b"*RST\n", end=True)
-    wire = TwinWire(device, clock)
-    session = Session(wire, name=model, resource="GPIB", clock=clock, timeout_s=VisaSettings().timeout_s)
+    session, wire = _opened(model)
     driver = driver_of(row).opened(session, VisaSettings())
     use_within_limits(driver, TWINS[model].kind)
-    driver.make_safe(Deadline.after(clock, 30.0))
+    driver.make_safe(session.deadline(30.0))
     own = list(wire.said)
     wire.said.clear()
     driver.command_safe()
-    return own, [each.message for each in wire.said]
+    return own, [message for message, _, _ in wire.said]
 
 
 def use_within_limits(driver: Any, kind: str) -> None:
@@ -185,7 +180,7 @@ def scripts() -> dict[str, program.Script]:
             "timeout_s": VisaSettings().timeout_s,
             "words": words(table, answers(model, asked)),
             "does": _DOES[row.kind],
-            "drives": [[each.message, each.pause_s, each.deadline_s] for each in own],
+            "drives": own,
             "safe": safe,
         }
     return made
@@ -193,9 +188,7 @@ def scripts() -> dict[str, program.Script]:
 
 def answers(model: str, asked: list[str]) -> Iterator[str]:
     """Yield what a simulated instrument answers to all but the first, which is its identity."""
-    device, clock = twin(model)
-    wire = TwinWire(device, clock)
-    session = Session(wire, name=model, resource="GPIB", clock=clock, timeout_s=VisaSettings().timeout_s)
+    session, _ = _opened(model)
     for question in asked[1:]:
         with suppress(BenchError):  # some have no answer until something else is set
             yield session.query(question)
