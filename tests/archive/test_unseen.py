@@ -14,7 +14,7 @@ from msgspec import structs, to_builtins
 import vcfbench
 from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
-from vcfbench.archive.unseen import K_VC, V_VC_SET, refusable, unseen_of, unseen_words
+from vcfbench.archive.unseen import K_VC, V_VC_SET, _effect, refusable, unseen_of, unseen_words
 from vcfbench.belief import jumps
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import Course, _probes
@@ -26,6 +26,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
 from vcfbench.station.file import embedded_text
 from vcfbench.testing.gyroscopes import drawn_bench
+from vcfbench.values.value import Value
 
 if TYPE_CHECKING:
     from vcfbench.archive.run import Run
@@ -199,6 +200,20 @@ def test_v_vc_that_nobody_measures_may_arrive_otherwise(
 
 def test_a_run_without_windows_has_nothing_to_say(tmp_path: Path) -> None:
     assert unseen_of(taken(tmp_path, "electrical")) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "kind", "words"),
+    [
+        ("k_vc", "(deg/s)/V", "k_vc", "10 ppm"),
+        ("scale_factor", "V/(deg/s)", "scale_factor", "10 ppm"),
+        ("by_small", "V/(deg/s)", "", "10 ppm"),
+        ("bias_per_v", "(deg/s)/V", "", "0.000 10 (deg/s)/V"),
+    ],
+)
+def test_what_is_compared_in_ppm_is_told_in_ppm(name: str, unit: str, kind: str, words: str) -> None:
+    value = Value(name, 10.0, unit, u=1.0, kind=kind)
+    assert _effect(value, 1e-4).endswith(words)
 
 
 def test_report_and_record_say_it(turntable: Tried) -> None:

@@ -44,7 +44,6 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
-_RELATIVE: Final = frozenset({"V/(deg/s)", "(deg/s)/V"})  # Units of what people compare in ppm
 _EXPLAINED: Final = (
     "Each is the largest that the run would not have refused with 95 %, by its own tests, noise and plan, wherever it "
     "moves a value; what it may do to a value is that at the worst time. None of it is in U95. Less than a third of "
@@ -169,7 +168,7 @@ def unseen_in_short(run: Run, found: Sequence[Unseen]) -> str:
 
 def _effect(value: Value, effect: float) -> str:
     of = value.named
-    if value.value and value.unit in _RELATIVE:
+    if value.value and (value.unit == "V/(deg/s)" or value.kind == "k_vc"):  # what people compare in ppm
         return f"{of.words} {grouped(1e6 * effect / abs(value.value))} ppm"
     return f"{of.words} {grouped(abs(of.factor) * effect)} {of.unit}".strip()
 
