@@ -381,9 +381,14 @@ def test_a_lock_file_full_of_nonsense_locks_nobody_out(folder: Path) -> None:
         pass
 
 
-def test_two_roles_at_one_resource_are_one_lock() -> None:
-    with instrument_locks("lab-1", {"multimeter": METER, "power": "GPIB::22"}):
-        pass
+def test_two_roles_at_one_resource_are_one_lock_and_both_are_told_who_died_with_it() -> None:
+    behind = {"multimeter": METER, "power": "GPIB::22"}
+    with instrument_locks("lab-1", behind) as left:
+        assert left == {}
+        signed = lock_path(METER).read_text("utf-8").replace(f'"pid": {os.getpid()}', '"pid": 0')
+    lock_path(METER).write_text(signed, "utf-8")
+    with instrument_locks("lab-1", behind) as left:
+        assert {*left} == {*behind}
 
 
 @posix
