@@ -119,6 +119,7 @@ def test_what_goes_by_k_vc_says_on_its_first_page_what_u95_lacks(procedure: str,
         settings = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 3, "health": False}
     run = vcfbench.run(procedure, "lab", seed=1, settings=settings, runs=tmp_path)
     _, _, text = shown(run)
+    assert ("Source of K_Vc: K_Vc = 150" in text) is (procedure != "kvc")
     assert "U95 does not contain: " in text
     first = run.results.holds_not[0].split(" ", 3)[:3]
     assert " ".join(first) in " ".join(text.split())

@@ -6,7 +6,7 @@ What ISO/IEC 17025, 7.8.2 and 7.8.4 ask for and nobody told is a blank line, to 
 import re
 import sys
 from collections.abc import Collection, Iterator, Mapping
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 
@@ -174,7 +174,11 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
         yield f"The results hold at {conditions.words}."
     over = dict.fromkeys(each.definition.levels_words for each in run.values.values() if each.kind == "scale_factor")
     yield from (f"The scale factor is that of the line over {levels}." for levels in over if levels)
-    yield from _limits_of_meters(run)
+    station = (plain(run.header.get("settings")) or {}).get("station", {})
+    if known := station.get("known"):
+        measured = f", measured on {known['issued'][:10]} (UTC)" if known.get("issued") else ""
+        yield f"Source of K_Vc: {known['source']}{measured}."
+    yield from _limits_of_meters(station)
     if without := [_KEY.sub("", each) for each in left_out(run.results)]:
         yield f"U95 does not contain: {'; '.join(without)}."
     if any(each.form == "below" for each in stated):
@@ -183,9 +187,8 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
         yield f"All {len(stated)} results are in the section Results."
 
 
-def _limits_of_meters(run: Run) -> Iterator[str]:
+def _limits_of_meters(station: Mapping[str, Any]) -> Iterator[str]:
     """Yield for each voltmeter the distribution of the limits of its data sheet."""
-    station = (plain(run.header.get("settings")) or {}).get("station", {})
     sources, meters = station.get("sources", {}), station.get("meters", {})
     for role, key in (("multimeter", "meter"), ("v_vc_meter", "v_vc")):
         if role not in station.get("instruments", {}) or sources.get(f"{key}_gain") is None:
