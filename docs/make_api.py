@@ -41,7 +41,7 @@ HEAD = """\
 Everything that `import vcfbench` offers, made from the docstrings. How it is used is in [From Python](python.md).
 
 The examples begin with the names of this one, `run` (a complete run of a simulated bench) with the `events` that its
-observer got, `stopped` (a run that was broken off) and the `settings` of a bench file `lab.toml`:
+observer got, `stopped` (a run that was broken off) and the `settings` of `run` by its bench file `lab.toml`:
 
 ```pycon
 >>> from dataclasses import dataclass

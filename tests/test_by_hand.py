@@ -208,9 +208,9 @@ def test_a_run_that_was_broken_off_goes_on_by_hand(bench: Path, tmp_path: Path) 
 
 
 def test_nobody_to_ask_is_found_before_the_bench_is_touched(bench: Path, tmp_path: Path) -> None:
-    with pytest.raises(PlanError, match="asks a person to set and read the power by hand, and 2 more, and nobody"):
+    with pytest.raises(PlanError, match="asks a person to set and read the power by hand, and 2 more, but no operator"):
         vcfbench.run("turntable", bench, runs=tmp_path / "runs")
-    assert "nobody is there to be asked" in str(safe_bench(bench).failure())
+    assert "no operator can be asked" in str(safe_bench(bench).failure())
 
 
 def test_the_bench_is_checked_and_made_safe_by_hand(bench: Path) -> None:
@@ -349,7 +349,7 @@ def test_enter_alone_is_done_where_nothing_is_to_be_typed(monkeypatch: pytest.Mo
 def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Path, tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "bench", "check", "--bench", str(bench)], tmp_path)
     assert done.returncode == 2, done.stderr
-    assert "bench check asks a person about power, multimeter, rate_table, and nobody is there" in done.stderr
+    assert "bench check asks a person about power, multimeter, rate_table, but no operator can be asked" in done.stderr
     assert "NOT SAFE" not in done.stderr
 
 

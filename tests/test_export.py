@@ -240,7 +240,7 @@ def test_what_cannot_be_written_is_refused(asked: dict[str, str], words: str, ru
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes with a name are POSIX's")
 def test_what_is_no_file_is_not_replaced_by_one(run: Run, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.csv")
-    with pytest.raises(ConfigError, match=r"pipe\.csv: expected a file to write, this is none"):
+    with pytest.raises(ConfigError, match=r"pipe\.csv: expected a regular file to replace, got something else"):
         export_run(run, tmp_path / "pipe.csv")
     assert (tmp_path / "pipe.csv").is_fifo()
 

@@ -19,6 +19,7 @@ from msgspec import Meta
 import vcfbench
 from tests.records.test_devices import CERTIFICATE
 from vcfbench.clock import ScaledClock, VirtualClock, WallClock, sleep
+from vcfbench.procedures.layers import settings_of
 from vcfbench.records.devices import DeviceStore
 from vcfbench.testing import open_simulated
 
@@ -88,7 +89,7 @@ def given(folder: Path) -> dict[str, Any]:
         "VirtualClock": VirtualClock,
         "WallClock": WallClock,
         "sleep": sleep,
-        "settings": vcfbench.load_bench("lab.toml").procedure,
+        "settings": settings_of(vcfbench.PROCEDURES["turntable"], vcfbench.load_bench("lab.toml")),
     }
 
 

@@ -200,7 +200,7 @@ def _at(role: str) -> str:
             f"multimeter.like: expected {METERS} or 'M1', got '33220A'",
         ),
         ('"34401A"', '"M2"', "the model 'M2' (no_such_module:MODEL) cannot be loaded: No module named"),
-        ('"34401A"', '"M3"', "what is registered for 'M3' (acme_of_a_test:TWIN) is no row of vcfbench.models"),
+        ('"34401A"', '"M3"', "the entry registered for 'M3' (acme_of_a_test:TWIN) is not a row of vcfbench.models"),
         ('"acl"', '"M1"', "rate_table.dialect: expected a text: one of acl, acme"),
     ],
 )
@@ -218,9 +218,9 @@ def test_a_model_without_a_twin_serves_on_real_benches_alone(monkeypatch: pytest
 
 
 def test_a_meter_without_a_data_sheet_is_no_meter_for_a_calibration() -> None:
-    with pytest.raises(ConfigError, match="nothing tells the resolution of a M1") as caught:
+    with pytest.raises(ConfigError, match="the resolution of a M1 is not known") as caught:
         settings_of(TURNTABLE, bench('"34401A"', '"M1"'))
-    assert "names a data sheet" in str(caught.value)
+    assert "name a data sheet" in str(caught.value)
 
 
 def test_unknown_integration_time_is_a_mistake_of_the_file(

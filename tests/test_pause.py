@@ -214,7 +214,7 @@ def test_a_run_is_stopped_while_it_pauses(tmp_path: Path) -> None:
         presser.run("turntable", runs=tmp_path)
     assert presser.control.state == "over"
     assert [line["type"] for line in lines_of(caught.value.run)[-2:]] == ["error", "footer"]
-    with pytest.raises(PlanError, match="each needs one of its own"):
+    with pytest.raises(PlanError, match="make a RunControl for each run"):
         presser.run("turntable", runs=tmp_path)
 
 

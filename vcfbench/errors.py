@@ -108,7 +108,7 @@ class PlanError(BenchError):
 
     >>> vcfbench.dry_run("turntabel")
     Traceback (most recent call last):
-    vcfbench.errors.PlanError: there is no procedure 'turntabel'; known are turntable, virtual-coriolis,...
+    vcfbench.errors.PlanError: there is no procedure 'turntabel' ('turntable'?); known are...
     """
 
     exit_code = 2

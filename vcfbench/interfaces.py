@@ -121,7 +121,7 @@ Operator = Callable[[Request], str]
 def nobody(request: Request) -> str:
     """Refuse: nobody is there to be asked."""
     raise PlanError(
-        f"somebody would have to {request.words}, and nobody is there to be asked",
+        f"a person has to {request.words}, but no operator can be asked",
         hint="at a terminal, or with an operator" + ("" if request.types else "; or say --yes if all is done as asked"),
     )
 

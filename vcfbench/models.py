@@ -372,7 +372,7 @@ def profile_reader() -> Any:
     """
     for entry in entry_points(group=_PROFILES):
         return entry.load()
-    raise ConfigError("no package that is installed reads table languages told in TOML (vcfbench_tables does)")
+    raise ConfigError("no installed package reads table languages in TOML (vcfbench_tables does)")
 
 
 def recognised(maker: str, model: str) -> Model | TableLanguage | None:
@@ -408,4 +408,4 @@ def _load(name: str) -> Model | TableLanguage:
         raise ConfigError(f"the model {name!r} ({entry.value}) cannot be loaded: {error}") from error
     if isinstance(row, Model | TableLanguage) and row.name == name:
         return row
-    raise ConfigError(f"what is registered for {name!r} ({entry.value}) is no row of vcfbench.models of that name")
+    raise ConfigError(f"the entry registered for {name!r} ({entry.value}) is not a row of vcfbench.models")

@@ -122,7 +122,7 @@ def test_who_fits_a_record_again_sums_nothing_over_its_lags_again() -> None:
     ("curve", "message"),
     [
         ([AllanPoint(1.0, 1.0, 1.0, 0.0, 0.0)], "do not determine"),
-        ([AllanPoint(t, 1.0, 1.0, 0.0, 0.0) for t in (1.0, 1.5, 2.0, 4.0)], "no multiple"),
+        ([AllanPoint(t, 1.0, 1.0, 0.0, 0.0) for t in (1.0, 1.5, 2.0, 4.0)], "not a multiple"),
         ([AllanPoint(t, 0.0, 1.0, 0.0, 0.0) for t in (1.0, 2.0, 4.0, 8.0)], "no noise"),
     ],
 )

@@ -85,7 +85,7 @@ def test_a_check_is_of_its_revision(record: Path) -> None:
         ({"ambient_temperature_c": "23"}, "ambient_temperature_c: it cannot be amended"),
         ({"dut": "a b"}, "dut: serial number 'a b'"),
         ({"dut": "G-017"}, "dut: it is G-017 already"),
-        ({}, "got nothing"),
+        ({}, "expected a field to amend, got none"),
     ],
 )
 def test_what_cannot_be_amended_is_refused_by_name(changes: dict[str, str], words: str, record: Path) -> None:

@@ -81,7 +81,7 @@ def test_column_of_times_tells_the_interval(tmp_path: Path) -> None:
         ("rate_deg_s\n1.0\n\n2.0\n", "line 3: the line is empty"),
         ("a_deg_s,b_deg_s\n1,2\n", "has the columns a_deg_s, b_deg_s"),
         ("output\n" + "1.0\n" * 70, "expected a unit in its name"),
-        ("output_v\n" + "1.0\n" * 70, "volts become a rate by a scale factor"),
+        ("output_v\n" + "1.0\n" * 70, "is in volts: give the scale factor"),
     ],
 )
 def test_file_that_is_no_record_is_refused_with_its_place(tmp_path: Path, text: str, words: str) -> None:

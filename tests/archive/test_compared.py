@@ -92,7 +92,7 @@ def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> N
     of_device = [each.run for each in vcfbench.run_summaries(tmp_path, dut="G1")]
     assert (done.exit_code, json.loads(done.stdout)["runs"]) == (0, of_device)
     refused = CliRunner().invoke(app, ["compare", "last", "--dut", "G1", "--runs", str(tmp_path)])
-    assert "--dut: it chooses the runs" in refused.stderr
+    assert "--dut chooses the runs" in refused.stderr
     single = CliRunner().invoke(app, ["compare", "--dut", "G2", "--runs", str(tmp_path)])
     assert f"{tmp_path}: expected two runs of G2 to compare, found 1; one of elsewhere is named" in single.stderr
 

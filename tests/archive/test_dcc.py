@@ -136,7 +136,7 @@ def test_what_the_bench_file_tells_need_not_be_told_again(quick: Run, tmp_path: 
 
 def test_without_uncertainties_or_a_whole_run_there_is_none(tmp_path: Path) -> None:
     run = vcfbench.Run("own", vcfbench.Status.COMPLETE, results={"gain": 2.0})
-    with pytest.raises(ConfigError, match="its results have no uncertainties"):
+    with pytest.raises(ConfigError, match="needs results with uncertainties"):
         vcfbench.write_certificate(run, tmp_path / "x.xml", {**WORDS, "serial": "G-1", "identifier": "1"})
     run = vcfbench.Run("own", vcfbench.Status.ABORTED)
     with pytest.raises(ConfigError, match="needs a run that is complete, this one is aborted"):

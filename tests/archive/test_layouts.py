@@ -129,7 +129,7 @@ def test_file_that_is_not_what_its_name_says_is_refused(tmp_path: Path, suffix: 
     if suffix in LIBRARIES:
         pytest.importorskip(LIBRARIES[suffix], reason="pip install '.[dev]'")
     (tmp_path / f"log{suffix}").write_text("no such thing")
-    with pytest.raises(ConfigError, match=f"log{suffix}: this is no"):
+    with pytest.raises(ConfigError, match=r"log.*: expected a"):
         analyze_record(tmp_path / f"log{suffix}")
 
 
@@ -229,7 +229,7 @@ def test_unit_of_a_table_is_that_of_a_named_column(tmp_path: Path) -> None:
     assert found.series["a"].line.scale_factor == pytest.approx(1e-3)
     with pytest.raises(ConfigError, match="say of which column"):
         analyze(tmp_path / "table.csv", layout=Layout(units={"": "mV"}))
-    with pytest.raises(ConfigError, match="no unit that is known"):
+    with pytest.raises(ConfigError, match="expected a unit of"):
         analyze(tmp_path / "table.csv", layout=Layout(units={"a": "furlong"}))
 
 

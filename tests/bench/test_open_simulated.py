@@ -114,7 +114,7 @@ def test_a_table_found_turning_is_refused_and_stopped(worlds: list[World], monke
         return bench
 
     monkeypatch.setattr(SimulatedBench, "build", turning)
-    with pytest.raises(InterlockError, match="before anything was asked of it"), open_bench(load_bench(None)):
+    with pytest.raises(InterlockError, match="before any command was sent"), open_bench(load_bench(None)):
         pytest.fail("the bench opened")
     assert still_energised(worlds[0]) == []
 

@@ -112,7 +112,7 @@ def test_check_says_that_the_watchdog_process_does_not_start(
     [row] = [line for line in done.stdout.splitlines() if line.startswith("process")]
     assert row.split(maxsplit=2)[1:] == [
         "FAILED",
-        "the watchdog did not start: nobody would make the bench safe if this program died",
+        "the watchdog did not start, so the bench would not be made safe if this program died",
     ]
 
 

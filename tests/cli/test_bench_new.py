@@ -55,7 +55,7 @@ def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
 def test_nobody_but_the_user_knows_the_latitude(tmp_path: Path) -> None:
     done = new("--yes")
     assert done.exit_code == 2
-    assert "site.latitude_deg: expected that of the bench" in done.stderr
+    assert "site.latitude_deg: expected the latitude of the bench, got none" in done.stderr
     assert "--set site.latitude_deg=48.1" in done.stderr
     assert not (tmp_path / "station.toml").exists()
 

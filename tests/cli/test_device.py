@@ -94,7 +94,7 @@ def test_two_formats_at_once_are_refused(serial: list[str], store: DeviceStore) 
 def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store: DeviceStore) -> None:
     failed = call("G-2", "--devices", str(store.root))
     assert failed.exit_code == 2
-    assert "nothing is known of device 'G-2'" in failed.stderr
+    assert "there is no entry of device 'G-2'" in failed.stderr
     assert "known devices: G-1" in failed.stderr
 
 
@@ -143,7 +143,7 @@ def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:
     assert known.certificate is not None
     assert known.certificate.k_vc == CURVE
     assert [each.e_n for each in known.self_calibrations] == [2.5]
-    with pytest.raises(vcfbench.ConfigError, match="nothing is known of device 'G-2'"):
+    with pytest.raises(vcfbench.ConfigError, match="there is no entry of device 'G-2'"):
         vcfbench.load_device("G-2", store.root)
 
 
@@ -157,7 +157,7 @@ def test_an_entry_is_withdrawn_with_a_reason_and_the_history_says_it(store: Devi
     assert ": the leads were swapped" in shown
     answer = json.loads(call("G-1", *where, "--json").stdout)
     assert {each["entry"]: each["counts"] for each in answer["entries"]} == {"0001": True, "0002": False, "0003": False}
-    for words, wanted in ((("G-1",), "expected a reason"), ((), "SERIAL: expected the device")):
+    for words, wanted in ((("G-1",), "expected a reason"), ((), "SERIAL: expected the serial number of the device")):
         refused = call(*words, *where, "--withdraw", "0001")
         assert refused.exit_code == 2
         assert wanted in refused.stderr

@@ -81,7 +81,7 @@ def test_a_run_that_was_stopped_keeps_no_other_from_its_report(folder: Path) -> 
     assert done.returncode == 2
     assert len(list((folder / "lot").iterdir())) == len(done.stdout.split()) == 2
     assert "a certificate needs a run that is complete" in done.stderr
-    assert f"1 of 3 runs have none: {stopped}" in " ".join(done.stderr.split())
+    assert f"1 of 3 runs have no report: {stopped}" in " ".join(done.stderr.split())
 
 
 def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:

@@ -114,9 +114,9 @@ def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station
     journal.write_bytes(sealed(words.replace(b'"samples":', b'"sample_count":', 1)))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert (shown["results"], shown["points"]) == (ran["results"], ran["points"])
-    assert "not those of this version" in shown["no_results"]
+    assert "do not fit this version" in shown["no_results"]
     text = call("runs", "show", "last").stdout
-    assert "results as stored: its settings are not those of this version" in text
+    assert "results as stored: its settings do not fit this version" in text
     assert "\nscale_factor  " in text
     assert "\nbefore.that  " in text
     assert station.opened
@@ -134,7 +134,7 @@ def test_settings_that_lack_a_key_are_not_filled_in(keys: tuple[str, ...], stati
     del holder[keys[-1]]
     journal.write_bytes(sealed(f"{json.dumps(header, separators=(',', ':'))}\n{rest}".encode()))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
-    assert shown["no_results"] == f"its settings are not those of this version: {keys[-1]} missing"
+    assert shown["no_results"] == f"its settings do not fit this version: {keys[-1]} missing"
     assert station.opened
 
 
@@ -204,13 +204,13 @@ def _call_it_hysteresis(record: Path) -> None:
     ("spoil", "words"),
     [
         (lambda path: path.unlink(), "there is no such file"),
-        (lambda path: path.write_text("["), "expected the result of a run, it is no JSON object"),
-        (lambda path: path.write_text("[" * 5000 + "]" * 5000), "it is no JSON object"),
-        (lambda path: path.write_text("[1]"), "it is no JSON object"),
-        (lambda path: path.write_text("{}"), "expected the result of this run, it is that of another"),
+        (lambda path: path.write_text("["), "expected the result of a run, got no JSON object"),
+        (lambda path: path.write_text("[" * 5000 + "]" * 5000), "got no JSON object"),
+        (lambda path: path.write_text("[1]"), "got no JSON object"),
+        (lambda path: path.write_text("{}"), "expected the result of this run, got the result of another run"),
         (
             lambda path: path.write_text(path.read_text().replace('"n": 10', '"n": 11', 1)),
-            "expected the result of this run, it is that of another",
+            "expected the result of this run, got the result of another run",
         ),
     ],
 )

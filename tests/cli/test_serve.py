@@ -68,4 +68,4 @@ def test_a_fault_is_told_with_what_was_not_asked_for() -> None:
 def test_what_names_a_request_is_no_argument_of_one(argument: str) -> None:
     done = call("ctl", "status", argument)
     assert isinstance(done.exception, ConfigError | SystemExit)
-    assert "is no argument of a command" in done.output
+    assert "is not an argument of a command" in done.output

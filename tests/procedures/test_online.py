@@ -318,7 +318,7 @@ def test_a_sign_that_the_gyroscope_has_not_gives_no_result(chosen: OnlineSetting
     assert online_results(chosen, spoilt(Records(), v_vc=np.negative)).scale_factor.value > 0.0
     expected = structs.replace(chosen.station.expected, scale_factor_v_per_deg_s=(-0.013, -0.012))
     told = structs.replace(chosen, station=structs.replace(chosen.station, expected=expected))
-    with pytest.raises(MeasurementError, match=r"of the other sign than -0\.0125 V/\(deg/s\)"):
+    with pytest.raises(MeasurementError, match=r"sign of the scale factor is wrong: expected -0\.0125 V/\(deg/s\)"):
         online_results(told, spoilt(Records(), v_vc=np.negative))
 
 

@@ -137,7 +137,7 @@ def test_a_board_that_is_dead_at_once_is_an_answer() -> None:
     power = Power()
     context: Any = SimpleNamespace(bench=SimpleNamespace(oscilloscope=Scope(), power=power))
     found = ReleaseDrive(1, 1.2, 50_000, 3488.9).perform(context)
-    assert "not seen to decay freely" in found.trouble
+    assert "does not decay freely" in found.trouble
     assert found.describe() == found.trouble
 
 

@@ -88,7 +88,7 @@ def test_stated_uncertainties_are_not_below_the_scatter_of_200_runs(
 def test_noise_of_a_reading_is_pooled_by_degrees_of_freedom() -> None:
     windows = [Point(3, 0.0, 0.0, 0.0, 1e-4, 2), Point(3, 1.0, 0.0, 0.0, 3e-4, 4)]
     assert pooled_std_v(windows) == pytest.approx(math.sqrt((1e-8 + 3 * 9e-8) / 4))
-    with pytest.raises(ConfigError, match="no window of two readings"):
+    with pytest.raises(ConfigError, match="no window has two readings"):
         pooled_std_v([])
 
 

@@ -642,7 +642,7 @@ def test_a_number_of_the_other_sign_than_k_vc_is_refused(sign: float, tmp_path: 
 def test_a_scale_factor_of_the_sign_that_the_gyroscope_has_not_is_refused(procedure: str, tmp_path: Path) -> None:
     expected = structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013))
     own = {"self-calibration": QUICK, "online": {"warm_up_s": 60.0, "duration_s": 10.0}}[procedure]
-    with pytest.raises(MeasurementError, match=r"of the other sign than 0\.0125 V/\(deg/s\)"):
+    with pytest.raises(MeasurementError, match=r"sign of the scale factor is wrong: expected 0\.0125 V/\(deg/s\)"):
         vcfbench.run(
             procedure, structs.replace(LAB, expected=expected), seed=2, settings={**own, "k_vc": "150"}, runs=tmp_path
         )

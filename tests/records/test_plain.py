@@ -71,7 +71,7 @@ def test_numbers_and_arrays_of_numpy_are_numbers_and_lists(value: object, expect
 @pytest.mark.parametrize(
     ("value", "words"),
     [
-        (Loop(float("nan")), "results.width_v: expected a finite number, or None where there is none, got nan"),
+        (Loop(float("nan")), "results.width_v: expected a finite number or None, got nan"),
         (Fit(0.0, (Loop([0.0, np.inf]),)), r"results.loops\[0\].width_v\[1\]: expected a finite number.*got inf"),
         (np.array([1.0, np.nan]), r"results\[1\]: expected a finite number"),
         (Loop(1j), "results.width_v: expected numbers, texts, lists, or a frozen dataclass of them, got a complex"),

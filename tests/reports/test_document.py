@@ -66,14 +66,14 @@ def make_table(*rows: Any, form: str = "") -> Table:
         (lambda: make_table((1, [2])), r"row 1 of a table, b: expected a number, a text or None, got \[2\]"),
         (lambda: make_table((1, Cell([2])), form="g"), "expected a number, a text or None"),  # type: ignore[arg-type]
         (lambda: make_table((1, 0.5), form="d"), "row 1 of a table, b: 0.5 cannot be printed"),
-        (lambda: Table([], []), "at least one Column"),
-        (lambda: Table(["a"], []), "nothing else for columns, got .*'a'"),  # type: ignore[list-item]
+        (lambda: Table([], []), "one Column or more"),
+        (lambda: Table(["a"], []), "one Column or more, got .*'a'"),  # type: ignore[list-item]
         (lambda: Heading("h", 0), "expected a level from 1 to 6, got 0"),
         (lambda: Series("s", [1, 2], [1]), "series 's': 2 x and 1 y"),
         (lambda: Series("s", [1, 2], [1, 2], [0.1]), "series 's': 2 x and 1 u_y"),
-        (lambda: Series("s", [1], [1], [-0.1]), "an uncertainty is not negative"),
-        (lambda: Series("s", [1], [math.nan]), "y holds what is no finite number"),
-        (lambda: Series("s", [math.inf], [1]), "x holds what is no finite number"),
+        (lambda: Series("s", [1], [1], [-0.1]), "uncertainties must not be negative"),
+        (lambda: Series("s", [1], [math.nan]), "y holds a number that is not finite"),
+        (lambda: Series("s", [math.inf], [1]), "x holds a number that is not finite"),
         (lambda: Series("s", [1], [1], kind="pie"), "got 'pie'"),  # type: ignore[arg-type]
         (lambda: Figure("f", RATE, OUTPUT, []), "figure 'f' has no series"),
         (
@@ -113,7 +113,7 @@ def test_a_report_comes_back_as_it_was() -> None:
     "parts", [[{}], [{"part": "song"}], [{"part": "text", "words": "x"}], ["text"], [{"part": []}]]
 )
 def test_what_is_no_report_is_refused(parts: list[dict[str, object]]) -> None:
-    with pytest.raises(ConfigError, match="the report that is kept is none of this program"):
+    with pytest.raises(ConfigError, match="this version cannot read the kept report"):
         report_from(parts)
 
 

@@ -242,7 +242,7 @@ class Provenance(RuleBasedStateMachine):
         made = them[which % len(them)]
         standing = {each.run for of in (True, False) for each in DeviceStore(self.store.root, of).standing(made.ran_as)}
         if made.device != made.ran_as or made.path.name in standing:
-            with pytest.raises(ConfigError, match=r"as it was amended|of its device already"):
+            with pytest.raises(ConfigError, match=r"was amended to device|has already been added"):
                 keep_of_device(made.path, self.runs, self.store.root)
             return
         entry = keep_of_device(made.path, self.runs, self.store.root)

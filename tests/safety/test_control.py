@@ -89,11 +89,11 @@ def test_a_run_that_has_not_begun_is_stopped_as_it_begins(control: RunControl, t
 def test_each_run_needs_a_control_of_its_own(control: RunControl) -> None:
     with (
         control.of_run(StopSignals()),
-        pytest.raises(PlanError, match="each needs one of its own"),
+        pytest.raises(PlanError, match="make a RunControl for each run"),
         control.of_run(StopSignals()),
     ):
         pytest.fail("two are controlled")
-    with pytest.raises(PlanError, match="each needs one of its own"), control.of_run(StopSignals()):
+    with pytest.raises(PlanError, match="make a RunControl for each run"), control.of_run(StopSignals()):
         pytest.fail("one is controlled that is over")
 
 

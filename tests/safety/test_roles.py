@@ -82,6 +82,6 @@ def test_a_table_that_turns_before_anything_was_asked_of_it_is_named() -> None:
         return SimpleNamespace(rate_deg_s=lambda: rate_deg_s, name="rate_table", resource="COM1")
 
     require_still(table(0.05))
-    words = "^rate_table at COM1: it turns at 12 deg/s before anything was asked of it; it is being stopped; find out"
+    words = "^rate_table at COM1: it turns at 12 deg/s before any command was sent; it is being stopped; find out"
     with pytest.raises(InterlockError, match=words):
         require_still(table(12.0))

@@ -61,7 +61,7 @@ def test_benches_of_one_name_do_not_meet() -> None:
 def test_a_resource_that_is_no_visa_name_is_a_mistake_of_the_bench_file() -> None:
     description = parse_bench(PAPER.replace("GPIB0::22::INSTR", "the meter"), "paper")
     bench = SimulatedBench.build(description, 0, VirtualClock())
-    with pytest.raises(ConfigError, match="no VISA resource name"):
+    with pytest.raises(ConfigError, match="not a VISA resource name"):
         bench.registered().__enter__()
     with paper_bench().registered() as handle:
         assert handle == "paper"

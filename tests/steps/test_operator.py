@@ -57,7 +57,7 @@ def test_a_person_is_asked_and_the_answer_is_in_the_journal() -> None:
 def test_where_nobody_is_the_run_ends_and_says_what_was_to_be_done() -> None:
     done = Executor(FakeBench(), MemoryJournal()).execute(plan_of(MOVE))
     assert isinstance(done.error, PlanError)
-    assert "somebody would have to move the leads of the multimeter to the V_Vc input" in str(done.error)
+    assert "a person has to move the leads of the multimeter to the V_Vc input" in str(done.error)
     assert "--yes" in str(done.error)
 
 
@@ -146,9 +146,7 @@ def test_a_run_from_python_asks_who_it_is_told(tmp_path: Path) -> None:
 
 def test_on_a_real_bench_nobody_to_ask_is_found_before_anything_is_opened(tmp_path: Path) -> None:
     real = structs.replace(load_bench(None), simulation=None)
-    said = (
-        r"asking asks a person to move the leads of the multimeter to the V_Vc input, and 1 more, and nobody is there"
-    )
+    said = r"asking asks a person to move the leads of the multimeter to the V_Vc input, and 1 more, but no operator"
     with pytest.raises(PlanError, match=said) as caught:
         vcfbench.run(asking(), real, runs=tmp_path)
     assert caught.value.exit_code == 2

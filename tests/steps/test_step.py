@@ -84,7 +84,7 @@ def test_a_class_of_ones_own_cannot_take_the_name_of_one_that_comes_along(
     base: type[Step | StepResult], name: str
 ) -> None:
     before = {**base.kinds}
-    with pytest.raises(PlanError, match=f"a step or result called {name} comes along"):
+    with pytest.raises(PlanError, match=f"{name} is the name of a built-in step or result"):
         type(name, (base,), {})
     assert base.kinds == before
 

@@ -128,7 +128,7 @@ def test_an_entry_of_a_list_can_be_varied() -> None:
         ({"vary": {Q: {"from": 1.0, "to": 2.0}}}, f"study: vary.{Q}.steps: expected a whole number"),
         ({"vary": {Q: {"from": -1.0, "to": 2.0, "steps": 3, "spacing": "log"}}}, "both ends above 0"),
         ({"vary": {Q: {"values": [900.0], "label": "seed"}}}, "expected a label of its own, got 'seed'"),
-        ({"vary": {"title.x": [900.0]}}, "study: vary.title.x: expected a table for 'x' on the way, got"),
+        ({"vary": {"title.x": [900.0]}}, "study: vary.title.x: expected a table that holds 'x', got"),
         ({"vary": {"settings.samples": {"from": 3, "to": 5, "steps": 4}}}, "study: vary.settings.samples: expected"),
     ],
 )  # fmt: skip

@@ -144,7 +144,7 @@ def test_more_seeds_go_on_and_other_values_are_refused(whole: Path, tmp_path: Pa
     file.write_text(
         STUDY.replace("settle_s = 0.5", "settle_s = 0.6").replace("count = 3", "count = 1"), encoding="utf-8"
     )
-    with pytest.raises(ConfigError, match=r"expected the journal of this study, it is that of another.*--restart"):
+    with pytest.raises(ConfigError, match=r"this is the journal of another study.*--restart"):
         vcfbench.study(file, output=tmp_path / "t.csv", workers=1)
     assert len(vcfbench.study(file, output=tmp_path / "t.csv", workers=1, restart=True).rows) == 2
 

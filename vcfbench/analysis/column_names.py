@@ -146,7 +146,7 @@ def unit_of(written: str) -> Unit | None:
 def known_unit(written: str, where: str) -> Unit:
     """Return a unit that a person named; raises ConfigError for one that is not known."""
     if (unit := unit_of(written)) is None:
-        raise ConfigError(f"{where}: {written!r} is no unit that is known; known are {KNOWN}, s, ms, us, ns, degC")
+        raise ConfigError(f"{where}: expected a unit of {KNOWN}, s, ms, us, ns, degC, got {written!r}")
     return unit
 
 

@@ -199,7 +199,7 @@ def _header(  # noqa: PLR0917
     named = not numbers and below and len({*header}) != len(below) == len(layout.columns)
     unlike = beside or (usual and usual.most_common(1)[0][0] != len(header))
     if not named and unlike and (skipped := _preface(texts, at, separator)) is not None:
-        raise ConfigError(f"{where}: this is no line of names for the numbers below", hint=f"--skip {skipped}")
+        raise ConfigError(f"{where}: expected the names of the columns above the numbers", hint=f"--skip {skipped}")
     if named:  # a name for each column, of which there were none, or doubled ones
         header = list(layout.columns)
     elif not numbers and at + 1 < len(texts) and _alike(texts[at], texts[at + 1]):
@@ -218,7 +218,8 @@ def _header(  # noqa: PLR0917
     for column, title in enumerate(header, 1):
         if title and (title[0] in _FORMULA or not title.isprintable()):
             raise ConfigError(
-                f"{where}, column {column}: {shorten(ascii(title), 40)} is no name: it would act elsewhere"
+                f"{where}, column {column}: {shorten(ascii(title), 40)} is a spreadsheet formula or not printable",
+                hint="rename the column",
             )
     return header, at + 1
 

@@ -61,7 +61,7 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     left = _left(record, carrier_hz, none, np.array([level, begun.real, -begun.imag]))
     first = _line(left, record, carrier_hz, {0.0: min(_NEAR_HZ, 0.5 / record.length_s)})
     if first is None:
-        raise ConfigError(f"nothing decays beside {carrier_hz:.1f} Hz")
+        raise ConfigError(f"no decay was found beside {carrier_hz:.1f} Hz")
     parameters = _fitted(np.array(first), record, carrier_hz)
     left = _left(record, carrier_hz, parameters, _sizes(record, carrier_hz, parameters))
     second = _line(left, record, carrier_hz, {0.0: _NEAR_HZ, float(parameters[0]): _NEAR_HZ})
@@ -218,7 +218,7 @@ def _fitted(start: Floats, samples: _Samples, carrier_hz: float) -> Floats:
         found = found + np.clip(change, -most, most)
         if float(np.abs(change).max()) * length_s < _SETTLED:
             return np.asarray(found)
-    raise ConfigError(f"the decays beside {carrier_hz:.1f} Hz are not those of one or two modes")
+    raise ConfigError(f"the decays beside {carrier_hz:.1f} Hz do not fit one or two modes")
 
 
 def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: float) -> tuple[Floats, Complexes]:
@@ -246,20 +246,20 @@ def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Rin
     times, mixed = _mixed(samples, interval_s, carrier_hz, window_s)
     level = np.abs(mixed)
     if not level[:3].min(initial=math.inf) > 0.0:
-        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz is not seen to decay freely: the record has none")
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz does not decay freely: it has no signal")
     gone = np.flatnonzero(level < 0.5 * level[:3].max())
     # The window before may hold a part of the drop.
     end = int(gone[0]) - 1 if gone.size else level.size
     start = _let_go(np.log(level[:end])) if end > _LEAST_RELEASED else end
     if end - start < _LEAST_RELEASED:
-        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz is not seen to decay freely for 8 windows")
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz does not decay freely for 8 windows")
     t, seen = times[start:end], mixed[start:end]
     weight = np.abs(seen)
     rate, size = np.polyfit(t, np.log(weight), 1, w=weight)
     left = np.log(weight) - (rate * t + size)
     u_rate = math.sqrt(float(left @ left) / (t.size - 2) / float(np.sum((t - t.mean()) ** 2)))
     if -rate < _SEEN * u_rate:
-        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz is not seen to decay freely: it is gone at once")
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz does not decay freely: it is gone at once")
     turn, _ = np.polyfit(t, np.unwrap(np.angle(seen)), 1, w=weight)
     return _decay(carrier_hz + float(turn) / (2.0 * math.pi), -float(rate), math.exp(float(size)))
 

@@ -123,7 +123,7 @@ def fit_noise(
         raise ConfigError(f"{len(curve)} points of an Allan curve do not determine {len(chosen)} terms")
     for point, factor in zip(curve, factors, strict=True):
         if factor < 1 or abs(factor * sampling.interval_s - point.tau_s) > 1e-6 * point.tau_s:
-            raise ConfigError(f"{point.tau_s:g} s is no multiple of the interval of {sampling.interval_s:g} s")
+            raise ConfigError(f"{point.tau_s:g} s is not a multiple of the interval of {sampling.interval_s:g} s")
         if point.deviation <= 0.0:
             raise ConfigError(f"the Allan deviation at {point.tau_s:g} s is 0: the record has no noise to fit")
     places = [list(Term).index(term) for term in chosen]

@@ -208,12 +208,12 @@ def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[f
         )
     if unit.kind is Kind.RATE:
         if scale is not None:
-            raise ConfigError(f"{column}: a scale factor is that of volts or counts, this is a rate in {unit.written}")
+            raise ConfigError(f"{column}: a scale factor is for volts or counts, but this is a rate in {unit.written}")
         return unit.factor, f"a rate in {unit.written}, {unit.factor:.9g} deg/s each"
     if scale is None or not math.isfinite(scale) or scale == 0.0:
-        what = "nobody tells" if scale is None else f"{scale:g} is none"
+        what = "give the scale factor" if scale is None else f"expected a scale factor other than 0, got {scale:g}"
         raise ConfigError(
-            f"{column}: {'volts' if unit.kind is Kind.VOLTAGE else 'counts'} become a rate by a scale factor, {what}",
+            f"{column} is in {'volts' if unit.kind is Kind.VOLTAGE else 'counts'}: {what}",
             hint=f"--scale-factor -12.5e-3, in {unit.kind.value}/(deg/s)",
         )
     each = f"{unit.factor:g} {unit.kind.value} each, over {scale:g} {unit.kind.value}/(deg/s)"

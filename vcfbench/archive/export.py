@@ -79,7 +79,7 @@ def export_run(
     table = ExportTable("readings" if raw else "points", columns, _about(directory), progress)
     path = Path(f"{directory.run}-{table.name}.{written_as}" if file is None else file)
     if path.exists() and not path.is_file():  # replacing it would take a device away
-        raise ConfigError(f"{shown(path)}: expected a file to write, this is none")
+        raise ConfigError(f"{shown(path)}: expected a regular file to replace, got something else")
     draft = path.with_name(f".{path.name}.draft")
     with failing_as(ConfigError, f"{shown(path)}: it cannot be written"):
         try:

@@ -28,21 +28,21 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     record = directory.read()
     evaluation, why_none = evaluation_of(directory, record)
     if record.status is not Status.COMPLETE or why_none is not None:
-        raise ConfigError(f"{directory.run} has no results to be kept: {why_none}")
+        raise ConfigError(f"{directory.run} has no results for the device history: {why_none}")
     if record.footer is None or record.footer.get("error") is not None:
-        raise ConfigError(f"{directory.run} ended with an error: nothing of it is kept")
+        raise ConfigError(f"{directory.run} ended with an error, so its results are not added to the device history")
     chosen = procedure(str(record.header.get("procedure")))
     settings = recorded_settings(chosen, record.header.get("settings"))
     finished = datetime.fromisoformat(record.footer["utc"])
     made = Provenance.of(record.header, directory.run, finished, evaluation.verdict)
     kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
-        raise ConfigError(f"{directory.run} keeps nothing of a device", hint="run it with --dut SERIAL")
+        raise ConfigError(f"{directory.run} has no entry for the device history", hint="run it with --dut SERIAL")
     now = amended(metadata_from(record.header), amendments_of(record.lines)).dut
     if now is not None and now != kept.record.serial:
         raise ConfigError(
-            f"{directory.run} is of {now}, as it was amended, and its results went by {kept.record.serial}: "
-            "nothing of it is kept"
+            f"{directory.run} was amended to device {now}, but used the history of {kept.record.serial}: "
+            "its results are not added to the device history"
         )
     store = DeviceStore(kept.store if devices is None else devices)
     entries = store.entries(kept.record.serial)
@@ -56,5 +56,5 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
             )
     for each in (one for one in entries if one.name not in withdrawn(entries)):
         if each.run == directory.run:
-            raise ConfigError(f"{each.path} is what {directory.run} keeps of its device already")
+            raise ConfigError(f"{directory.run} has already been added to the device history: {each.path}")
     return store.add(kept.record)

@@ -139,7 +139,7 @@ def _stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
         record.header.get("procedure"),
         [each.as_json() for each in points],
     ):
-        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+        raise ConfigError(f"{shown(path)}: expected the result of this run, got the result of another run")
     results = read_only(answer.get("results") or {})
     kept = answer.get("report")
     if isinstance(kept, list):
@@ -181,7 +181,7 @@ def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Seq
     answer = _decoded(path, decoder_of(_Stored))
     of_run = (outline.procedure, outline.points, outline.bench_seconds or 0.0)
     if (answer.procedure, len(answer.points), answer.bench_seconds) != of_run:
-        raise ConfigError(f"{shown(path)}: expected the result of this run, it is that of another")
+        raise ConfigError(f"{shown(path)}: expected the result of this run, got the result of another run")
     if answer.values is not None:
         return _stored_verdict(answer.acceptance), answer.values
     decoded = {name: msgspec.json.decode(raw) for name, raw in answer.results.items()}
@@ -193,7 +193,7 @@ def _decoded(path: Path, decoder: msgspec.json.Decoder[Any]) -> Any:
     try:
         return decoder.decode(read_file(path, "the result of a run", MOST_TABLE))
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigError(f"{shown(path)}: expected the result of a run, it is no JSON object: {error}") from None
+        raise ConfigError(f"{shown(path)}: expected the result of a run, got no JSON object: {error}") from None
 
 
 def _stored_verdict(acceptance: Any) -> Acceptance | None:

@@ -148,7 +148,7 @@ class Run(Struct, frozen=True, eq=False):
                     seen = (reading["t_s"], reading["voltage_v"], table_deg_s, reading.get("v_vc_v"))
                     found.append(RawReading(number, line["step"]["step"], *seen))
         except (AttributeError, KeyError, TypeError) as error:
-            raise ConfigError(f"the readings are not those of this program: {error!r}") from error
+            raise ConfigError(f"this version cannot read the readings: {error!r}") from error
         return tuple(sorted(found, key=lambda each: each.t_s))
 
     def table(self) -> Any:

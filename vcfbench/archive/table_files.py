@@ -44,7 +44,7 @@ def _xlsx(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
         sheets = workbook.load_workbook(raw, read_only=True, data_only=True).worksheets
         tables = [(each.title, list(each.iter_rows(values_only=True))) for each in sheets]
     except Exception as error:  # openpyxl's, zipfile's, those of XML
-        raise ConfigError(f"{name}: this is no workbook: {error}") from error
+        raise ConfigError(f"{name}: expected an xlsx workbook: {error}") from error
     filled = [(title, rows) for title, rows in tables if any(any(cell is not None for cell in row) for row in rows)]
     if len(filled) != 1:
         titles = ", ".join(title for title, _ in filled)
@@ -57,7 +57,7 @@ def _npy(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     try:
         array = np.load(raw, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
-        raise ConfigError(f"{name}: this is no array of numbers: {error}") from error
+        raise ConfigError(f"{name}: expected an array of numbers: {error}") from error
     if array.dtype.names:
         return _of_columns({each: array[each].tolist() for each in array.dtype.names})
     if array.dtype.kind not in "iuf" or array.ndim not in {1, 2}:
@@ -70,7 +70,7 @@ def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     try:
         found = matlab.loadmat(raw)
     except Exception as error:  # SciPy's own, zlib's, and what comes of bytes that are none
-        raise ConfigError(f"{name}: this is no such .mat file: {error}", hint="save it with -v7") from error
+        raise ConfigError(f"{name}: expected a .mat file up to version 7: {error}", hint="save it with -v7") from error
     columns = dict[str, Sequence[Any]]()
     for key, value in found.items():
         array = np.asarray(value)
@@ -91,7 +91,7 @@ def _parquet(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     try:
         columns = parquet.read_table(raw).to_pydict()
     except Exception as error:  # those of Arrow
-        raise ConfigError(f"{name}: this is no table of Parquet: {error}") from error
+        raise ConfigError(f"{name}: expected a Parquet table: {error}") from error
     plain: dict[str, Sequence[Any]] = {
         key: [each.isoformat() if isinstance(each, date) else "" if each is None else each for each in column]
         for key, column in columns.items()

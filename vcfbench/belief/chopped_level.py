@@ -70,9 +70,9 @@ def chopped(settings: LevelSettings, cycles: int, before: Sequence[Point] = ()) 
         known = scale_factor_used(settings)
         if tells_scale_factor(settings) and slope * known.value < 0.0:
             raise MeasurementError(
-                f"the output goes by {slope:+.4g} V/(deg/s), {known.value:+.4g} V/(deg/s) are told ({known.source})",
+                f"the scale factor is {slope:+.4g} V/(deg/s), expected {known.value:+.4g} ({known.source})",
                 instrument="multimeter",
                 step=str(points[-1].step),
-                hint="correct what is told, or look at the leads: vcfbench run polarity tells",
+                hint="correct the expected value, or check the leads: vcfbench run polarity",
             )
     return points

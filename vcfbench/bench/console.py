@@ -63,7 +63,7 @@ class Console:
         if not asks or _ACTING_QUESTION.match(header):
             if self._raw is None:
                 raise LimitError(
-                    "a raw command is compared with no limit of the bench",
+                    "the limits of the bench are not checked for a raw command",
                     instrument=self._instrument.name,
                     resource=self._instrument.resource,
                     command=message,

@@ -207,7 +207,9 @@ def _signal(owner: Owner, number: int) -> None:
     try:
         end(owner.pid, owner.mark, number)
     except OSError as error:
-        raise BenchError(f"{owner} cannot be ended: {error.strerror}", hint="who may end it must do it") from None
+        raise BenchError(
+            f"{owner} cannot be ended: {error.strerror}", hint="a user with the right to do so must end it"
+        ) from None
 
 
 def _made_safe(description: BenchDescription, held: _Held) -> MadeSafe:

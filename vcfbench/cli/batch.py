@@ -52,7 +52,7 @@ def batch(
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
     if not (yes or asked.description.simulated or somebody_there()):
         raise ConfigError(
-            f"batch {asked.name}: somebody has to mount the devices, and there is no terminal to ask on",
+            f"batch {asked.name}: a person has to mount the devices, but there is no terminal to ask at",
             hint="--yes where another program mounts them",
         )
     for serial in asked.devices:

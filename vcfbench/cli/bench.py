@@ -110,7 +110,7 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
     description, operator = load_bench(bench), at_the_terminal(None, None)
     if description.by_hand and operator is None and not description.simulated:
         raise PlanError(
-            f"bench check asks a person about {', '.join(description.by_hand)}, and nobody is there to be asked",
+            f"bench check asks a person about {', '.join(description.by_hand)}, but no operator can be asked",
             hint="run it at a terminal",
         )
     with tracing(trace):

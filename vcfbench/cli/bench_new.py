@@ -86,7 +86,7 @@ def new(
             if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
                 _ask_for(key, words, draft)
     elif LATITUDE not in given:  # 0, the equator, would be a wrong Earth's rate that nobody sees
-        raise ConfigError(f"{LATITUDE}: expected that of the bench", hint=f"--set {LATITUDE}=48.1")
+        raise ConfigError(f"{LATITUDE}: expected the latitude of the bench, got none", hint=f"--set {LATITUDE}=48.1")
     text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
     parse_bench(text, str(file))
     written_anew(file, text)

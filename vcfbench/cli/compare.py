@@ -31,7 +31,7 @@ def compare(
 ) -> None:
     """Compare runs with the first of them: results with E_n, points, settings and equipment that differ."""
     if runs and dut is not None:
-        raise ConfigError("--dut: it chooses the runs, name none")
+        raise ConfigError("--dut chooses the runs: give no names of runs")
     require_comparable(max(2, len(runs or ())))  # before anything is read
     found = () if runs else run_summaries(directory, dut=dut, status=None if dut is None else "complete")
     alike = [each.directory for each in found if dut is None or each.procedure == found[-1].procedure]

@@ -126,7 +126,7 @@ def device(
 def _withdraw(store: DeviceStore, serial: str | None, entry: str, reason: str, by: str | None) -> Path:
     """Withdraw an entry and return the file that says so."""
     if serial is None:
-        raise ConfigError("SERIAL: expected the device of which an entry is to be withdrawn, got none")
+        raise ConfigError("SERIAL: expected the serial number of the device, got none")
     return store.withdraw(serial, entry, reason=reason, by=by or logged_in()).path
 
 

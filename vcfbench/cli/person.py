@@ -52,7 +52,7 @@ def _line(request: Request) -> str:
     with suppress(OSError, ValueError):  # it has no descriptor, or Windows has no select for it
         while sys.stdin.isatty() and not select.select([sys.stdin], [], [], _LOOKS_S)[0]:
             if not request.wanted():
-                raise Aborted(f"nobody waits any more for somebody to {request.words}")
+                raise Aborted(f"the request was withdrawn: {request.words}")
     return sys.stdin.readline()
 
 

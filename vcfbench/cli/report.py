@@ -68,7 +68,7 @@ def report(  # noqa: PLR0917  # options of a command
             typer.echo(f"vcfbench: {error}", err=True)
             without.append(each.run)
     if without:
-        raise ConfigError(f"{len(without)} of {len(chosen)} runs have none: {', '.join(without)}")
+        raise ConfigError(f"{len(without)} of {len(chosen)} runs have no report: {', '.join(without)}")
 
 
 def _write(run: Run, path: Path, words: Mapping[str, str], embed: Path | None, *, dcc: bool) -> None:

@@ -18,9 +18,9 @@ from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.options import flag, option
 from vcfbench.cli.person import agreed
 from vcfbench.cli.set_option import asked_by_command
-from vcfbench.errors import ConfigError, PlanError
+from vcfbench.errors import ConfigError
 from vcfbench.instructions.procedure import AnyProcedure
-from vcfbench.procedures.catalogue import PROCEDURES, is_file, procedure
+from vcfbench.procedures.catalogue import PROCEDURES, is_file, no_procedure, procedure
 from vcfbench.procedures.keys import SettableKey, settable_keys
 from vcfbench.records.metadata import metadata_of
 from vcfbench.runs.request import Prepared, Request
@@ -42,7 +42,7 @@ class Procedures(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Find the command named by the first of `args`."""
         if args and not args[0].startswith("-") and args[0] not in PROCEDURES and not is_file(args[0]):
-            raise PlanError(f"there is no procedure {args[0]!r}; known are {', '.join(PROCEDURES)}")
+            raise no_procedure(args[0])
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:

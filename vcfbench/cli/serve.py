@@ -116,7 +116,7 @@ def ctl(
     if len(placed) > len(names):
         raise ConfigError(f"ctl {name} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
     if reserved := {"do", "id"} & set(named):
-        raise ConfigError(f"ctl {name}: {min(reserved)} is no argument of a command")
+        raise ConfigError(f"ctl {name}: {min(reserved)} is not an argument of a command")
     asked = {key: _value(text) for key, text in [*zip(names, placed, strict=False), *named.items()]}
     try:
         with Control(port) as control:

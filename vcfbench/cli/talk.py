@@ -160,7 +160,7 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
         typer.echo(by_hand.perform(name, rest.split()) or "done")
     elif name in by_hand.names():
         if not rest.strip():
-            raise ConfigError(f"{name}: expected what is to be sent, as in {name} *IDN?")
+            raise ConfigError(f"{name}: expected a command to send, as in {name} *IDN?")
         return _show(by_hand.raw(name, rest.strip()))
     else:
         roles = {word.name: word.role for word in WORDS}
@@ -170,7 +170,7 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
         if role in {*filter(None, roles.values())}:
             raise PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
         close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)
-        raise PlanError(f"there is no word {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
+        raise PlanError(f"there is no command {name!r}{f' ({close[0]!r}?)' if close else ''}; help shows them")
     return None
 
 

@@ -154,7 +154,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         known = self.known_scale_factor
         if known is not None and found * known < 0.0:
             raise MeasurementError(
-                f"the scale factor is of the other sign than {known:.4g} V/(deg/s), which the gyroscope has",
+                f"the sign of the scale factor is wrong: expected {known:.4g} V/(deg/s)",
                 instrument="multimeter",
                 hint="are the leads of a meter or of V_Vc the wrong way round, or is K_Vc of the other sign (--k-vc)? "
                 "vcfbench run polarity tells",
@@ -244,7 +244,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         where = "k_vc_guess_deg_s_per_v or expected.k_vc_deg_s_per_v" if own is None else f"certificate {own.name}"
         raise ConfigError(
             f"--k-vc {given}: expected the sign of {usual:g} (deg/s)/V ({where})",
-            hint="vcfbench run polarity tells the sign of K_Vc",
+            hint="vcfbench run polarity measures the sign of K_Vc",
         )
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2

@@ -78,7 +78,7 @@ class Hands:
             if second == first:
                 return first
             before = f", {first:g} and then {second:g} were typed"
-        raise MeasurementError(f"{what} was never typed twice the same")
+        raise MeasurementError(f"{what} was not typed the same twice")
 
     def _typed(self, words: str, types: str, accepted: Callable[[str], str]) -> str:
         asked = words

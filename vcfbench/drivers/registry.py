@@ -63,7 +63,7 @@ def find_driver(model: str, like: str | None = None) -> Driver:
     if isinstance(driver, Driver):
         return driver
     if not (isinstance(driver, type) and issubclass(driver, ScpiInstrument)):
-        raise ConfigError(f"what is registered as the driver of {row.name!r} is no driver: {driver!r}")
+        raise ConfigError(f"the entry registered as driver of {row.name!r} is not a driver: {driver!r}")
     # Of another model that speaks the same words anybody may be the maker
     return visa_driver(model, driver if model == row.name else driver.of_model(model, makers=("",)))
 

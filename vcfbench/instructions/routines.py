@@ -173,8 +173,7 @@ def take(
     >>> def zero(settings):
     ...     point = yield from vcfbench.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0)
     >>> next(zero(settings)).describe()
-    Traceback (most recent call last):
-    vcfbench.errors.ConfigError: multimeter: nothing tells the resolution of its readings
+    'average 10 readings, one every 1 s: +0 deg/s, V_Vc +0 V'
     """
     acquire = steps.Acquire(step, rate_deg_s, v_vc_v, table_deg_s, **window_of(settings))
     return answer((yield acquire), steps.Window).point

@@ -13,6 +13,7 @@ takes one of them is told in the list.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from os import PathLike
@@ -133,7 +134,13 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
     try:
         return PROCEDURES[name]
     except KeyError:
-        raise PlanError(f"there is no procedure {name!r}; known are {', '.join(PROCEDURES)}") from None
+        raise no_procedure(name) from None
+
+
+def no_procedure(name: str) -> PlanError:
+    """Return the error of a name that no procedure has, with the nearest name."""
+    close = "".join(f" ({each!r}?)" for each in get_close_matches(name, PROCEDURES, n=1))
+    return PlanError(f"there is no procedure {name!r}{close}", hint=f"known are {', '.join(PROCEDURES)}")
 
 
 @cache  # looking through the installed packages takes milliseconds

@@ -85,8 +85,8 @@ def settings_of(
         sheet: VoltmeterSpecification | None = data_sheet_of(meter.like or meter.model)
         if sheet is None:
             raise ConfigError(
-                f"multimeter.model: nothing tells the resolution of a {meter.model}",
-                hint="its row in vcfbench.models names a data sheet (specifications)",
+                f"multimeter.model: the resolution of a {meter.model} is not known",
+                hint="set multimeter.like to a known model, or name a data sheet (specifications) in vcfbench.models",
             )
         try:
             resolution_v = meter.resolution_v or sheet.resolution_v(float(chosen.meter_range_v), float(chosen.nplc))
@@ -103,12 +103,12 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
     try:
         settings = typed(values, procedure.settings)
     except ValidationError as error:
-        raise ConfigError(f"its settings are not those of this version: {error}") from None
+        raise ConfigError(f"its settings do not fit this version: {error}") from None
     written = to_builtins(settings)
     without = {"simulated", "gyro"}  # no result of before goes by them
     of_station = set(written["station"]) - set(values.get("station", ())) - without
     if missing := sorted(set(written) - set(values)) + sorted(of_station):
-        raise ConfigError(f"its settings are not those of this version: {', '.join(missing)} missing")
+        raise ConfigError(f"its settings do not fit this version: {', '.join(missing)} missing")
     return settings
 
 

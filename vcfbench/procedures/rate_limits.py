@@ -192,7 +192,7 @@ def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
             f"the output goes by {line.slope:+.4g} V{goes}: not as {scale.value:+.4g} V/(deg/s) "
             f"({scale.source}){guess} {'have' if guess else 'has'} it",
             instrument="multimeter",
-            hint="give both their signs, or look at the leads: vcfbench run polarity tells",
+            hint="give both with their signs, or check the leads: vcfbench run polarity",
         )
     return line
 

@@ -322,7 +322,7 @@ class DeviceStore(Struct, frozen=True):
         entries = self.entries(serial)
         if not entries:
             raise ConfigError(
-                f"{shown(self.root)}: nothing is known of device {serial!r}",
+                f"{shown(self.root)}: there is no entry of device {serial!r}",
                 hint=f"known devices: {', '.join(self.serials()) or 'none'}",
             )
         return Device(serial, entries)

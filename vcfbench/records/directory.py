@@ -141,7 +141,7 @@ def find_run(runs: Path, name: str) -> RunDirectory:
         newest, started = known[-1], _began(known[-1])
         if started > utc_now() + _CLOCKS_DIFFER:
             raise ConfigError(
-                f"which run is the last cannot be told: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which "
+                f"the last run cannot be determined: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which "
                 "is still to come: the clock was set back",
                 hint="give the run's name; vcfbench runs list shows them",
             )

@@ -66,7 +66,7 @@ def _single(value: object, name: str) -> Any:
             return value
         case float():
             if not math.isfinite(value):
-                raise ConfigError(f"{name}: expected a finite number, or None where there is none, got {value}")
+                raise ConfigError(f"{name}: expected a finite number or None, got {value}")
             return float(value)
         case set() | frozenset():
             return plain(sorted(value), name)

@@ -134,5 +134,5 @@ def pooled_std_v(points: Sequence[Point]) -> float:
     """
     degrees = sum(point.n - 1 for point in points)
     if degrees < 1:
-        raise ConfigError("no window of two readings or more tells the noise")
+        raise ConfigError("the noise is unknown: no window has two readings or more")
     return math.sqrt(math.fsum((point.n - 1) * point.std_v**2 for point in points) / degrees)

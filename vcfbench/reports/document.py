@@ -144,7 +144,7 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
         force_setattr(self, "columns", columns)
         force_setattr(self, "rows", rows)
         if not columns or not all(isinstance(each, Column) for each in columns):
-            raise ValueError(f"a table has at least one Column, and nothing else for columns, got {columns!r}")
+            raise ValueError(f"the columns of a table are one Column or more, got {columns!r}")
         for number, row in enumerate(rows, start=1):
             if len(row) != len(columns):
                 raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
@@ -243,9 +243,9 @@ class Series(Struct, frozen=True):
             if len(numbers) != len(self.x):
                 raise ValueError(f"series {self.label!r}: {len(self.x)} x and {len(numbers)} {name}")
             if not all(map(math.isfinite, numbers)):
-                raise ValueError(f"series {self.label!r}: {name} holds what is no finite number")
+                raise ValueError(f"series {self.label!r}: {name} holds a number that is not finite")
             if name == "u_y" and min(numbers, default=0.0) < 0.0:
-                raise ValueError(f"series {self.label!r}: an uncertainty is not negative")
+                raise ValueError(f"series {self.label!r}: uncertainties must not be negative, got {min(numbers):g}")
             force_setattr(self, name, numbers)
         if self.kind not in ("points", "line", "bars"):
             raise ValueError(f"series {self.label!r}: expected points, line or bars, got {self.kind!r}")
@@ -319,4 +319,4 @@ def report_from(parts: Sequence[Mapping[str, Any]]) -> Report:
     try:
         return Report(typed(parts, list[Heading | Table | Figure | Text | Notice]))
     except ValidationError as error:
-        raise ConfigError(f"the report that is kept is none of this program: {error}") from error
+        raise ConfigError(f"this version cannot read the kept report: {error}") from error

@@ -92,7 +92,7 @@ def require_ambient(metadata: RunMetadata, description: BenchDescription) -> Non
     """Raise ConfigError when the bench lacks the instrument that shall tell the temperature of the room."""
     if metadata.ambient_from is not None and getattr(description, metadata.ambient_from) is None:
         raise ConfigError(
-            f"ambient_from: the {metadata.ambient_from} shall tell the temperature of the room, and bench "
+            f"ambient_from: the {metadata.ambient_from} should read the temperature of the room, but bench "
             f"{description.name} has none",
             hint="--ambient-temperature-c takes degC as well",
         )
@@ -109,6 +109,8 @@ def with_ambient(metadata: RunMetadata, bench: Bench) -> RunMetadata:
     chamber = bench.chamber
     if chamber.flow_enabled():
         raise MeasurementError(
-            "air flows, its temperature is not that of the room", instrument=chamber.name, resource=chamber.resource
+            "air flows, so the chamber does not read the temperature of the room",
+            instrument=chamber.name,
+            resource=chamber.resource,
         )
     return replace(metadata, ambient_temperature_c=chamber.air_temperature_c())

@@ -170,7 +170,7 @@ class Prepared:
         if by_hand and not somebody:
             more = "" if len(by_hand) == 1 else f", and {len(by_hand) - 1} more"
             raise PlanError(
-                f"{self.name} asks a person to {by_hand[0]}{more}, and nobody is there to be asked",
+                f"{self.name} asks a person to {by_hand[0]}{more}, but no operator can be asked",
                 hint="run it at a terminal, or with --yes if all is done as asked; from Python with an operator",
             )
 

@@ -123,7 +123,7 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
     if record.status is Status.COMPLETE:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
     if not record.header:
-        raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so nothing tells what to resume")
+        raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so it cannot be resumed")
     before = record.header.get("resumed_from")
     if isinstance(before, dict) and len(record.steps) < before.get("steps", 0):  # it was cut while it took that over
         earlier = Path(str(before.get("directory")))
@@ -169,7 +169,7 @@ class BrokenOff(Struct, frozen=True):
         try:
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
-            raise ConfigError(f"its bench is not that of this version: {error}") from None
+            raise ConfigError(f"its bench does not fit this version: {error}") from None
         if asked is None and not description.simulated:  # its limits count, whatever the record says of them
             asked = self._file_of_station()
         if asked is not None:
@@ -177,9 +177,9 @@ class BrokenOff(Struct, frozen=True):
             now = decode(encode(to_builtins(description)))  # as a header has it
             differing = list(_differences(header.get("bench"), now))
             if differing:
-                raise ConfigError(f"the bench is not that of {self.directory.run}: {'; '.join(differing)}")
+                raise ConfigError(f"the bench differs from the bench of {self.directory.run}: {'; '.join(differing)}")
         if profile_of(description).get("table_profile") != header.get("table_profile"):
-            raise ConfigError(f"the profile of the rate table is not that of {self.directory.run} any more")
+            raise ConfigError(f"the profile of the rate table has changed since {self.directory.run}")
         return description
 
     def _file_of_station(self) -> Path | None:
@@ -190,7 +190,7 @@ class BrokenOff(Struct, frozen=True):
             return None
         if not Path(given).is_file():
             raise ConfigError(
-                f"{shown(given)}: the bench file of the run is not there, and its limits are what counts",
+                f"{shown(given)}: the bench file of the run is missing, and its limits are needed",
                 hint="name it: vcfbench resume RUN --bench FILE",
             )
         return Path(given)
@@ -298,7 +298,7 @@ class Resumed(Prepared):
         super().take_bench(bench)
         header = self.earlier.record.header
         if bench.seed != header.get("seed"):
-            raise ConfigError(f"the bench has the seed {bench.seed}, that of the record is {header.get('seed')}")
+            raise ConfigError(f"the bench has the seed {bench.seed}, the record has {header.get('seed')}")
         known = header.get("identities", {})
         for role, identity in bench.identities.items():
             now, then = (identity.maker, identity.model, identity.serial), known.get(role)

@@ -100,7 +100,7 @@ class RunControl:
         """
         with self._changed:
             if self._signals is not None or self._state is RunState.OVER:
-                raise PlanError("control: it is that of another run, and each needs one of its own")
+                raise PlanError("control: it belongs to another run; make a RunControl for each run")
             self._signals = signals
             if self.stop_by:
                 signals.stop(self.stop_by)

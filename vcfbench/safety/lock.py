@@ -150,7 +150,7 @@ def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
         try:
             holder, of_file = holder_of(file), os.fstat(file)
         except OSError:
-            raise BenchError(f"who holds {path} cannot be asked of this system", hint=_BY_HAND) from None
+            raise BenchError(f"this system does not report which process holds {path}", hint=_BY_HAND) from None
         finally:
             os.close(file)
         if holder is None:
@@ -253,7 +253,7 @@ def _opened(path: Path) -> int:
     found = os.fstat(file)
     if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
         os.close(file)
-        raise LockUnusable(f"lock file {path} is no plain file; somebody has laid it there")
+        raise LockUnusable(f"lock file {path} is not a regular file; remove it")
     return file
 
 

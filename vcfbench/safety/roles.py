@@ -80,7 +80,7 @@ def require_still(table: RateTable) -> None:
     """Raise InterlockError when the table turns before anything was asked of it."""
     if wrong := _turns(table):
         raise InterlockError(
-            f"{wrong} before anything was asked of it",
+            f"{wrong} before any command was sent",
             instrument=table.name,
             resource=table.resource,
             hint="it is being stopped; find out what turned it",

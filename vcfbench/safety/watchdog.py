@@ -123,7 +123,7 @@ class Watchdog:
         heard.wait(_STARTING_S)
         if ready[:1] != [b"ready\n"]:
             self._process.kill()
-            raise BenchError("the watchdog did not start: nobody would make the bench safe if this program died")
+            raise BenchError("the watchdog did not start, so the bench would not be made safe if this program died")
 
     def keep_in(self, journal: Path) -> None:
         """Name the journal in which it writes down its actions."""

@@ -142,7 +142,7 @@ class SimulatedBench(Struct, frozen=True):
             try:
                 SimVisaLibrary.register(handle, self.visa_devices(), self.clock)
             except ValueError as error:
-                raise ConfigError(f"{self.description.name}: a resource is no VISA resource name: {error}") from None
+                raise ConfigError(f"{self.description.name}: a resource is not a VISA resource name: {error}") from None
             if "rate_table" in self.devices:
                 serial_backend.register(handle, self.table_port(), self.clock)
             if self.description.stream:

@@ -216,7 +216,7 @@ def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
         reply = line.take_line(deadline) if counted is None else counted
         words = reply.decode("latin-1").strip()
         if not words or not (words.isascii() and words.isprintable()):
-            raise ConnectFailed(f"it answers {reply[:20]!r}, which is no text")
+            raise ConnectFailed(f"the reply {reply[:20]!r} is not text")
         return words
     finally:
         line.close()

@@ -208,7 +208,7 @@ def _columns(table: _Table) -> dict[str, _Column]:
             raise _NotUnderstoodError(f"{table.name}, {_name(quantity)}: refType {unknown[0]} is not known here")
         if role := _role(quantity):
             if role in columns:
-                raise _NotUnderstoodError(f"{table.name}: two quantities are its {role}")
+                raise _NotUnderstoodError(f"{table.name}: two quantities are marked as {role}; one is allowed")
             columns[role] = _column(table, quantity)
     return columns
 
@@ -263,9 +263,9 @@ def _levels_and_corrections(
         room = [0.5 * each for each in _each(table, stated.expanded or (0.0,), count)]
         pairs = zip(levels, _each(table, reading.values, count), added, room, strict=True)
         if any(abs(at - read - by) > near + 1e-9 * abs(at) for at, read, by, near in pairs):
-            raise _NotUnderstoodError(f"{table.name}: its {given.name} is not that of reading and reference value")
+            raise _NotUnderstoodError(f"{table.name}: its {given.name} contradicts its reading and reference value")
     elif error is not None and _CORRECTION.search(error.name):
-        raise _NotUnderstoodError(f"{table.name}: refType says error, its name {error.name}: which sign has it?")
+        raise _NotUnderstoodError(f"{table.name}: refType is an error, its name {error.name}; the sign is ambiguous")
     return levels, added, stated
 
 
@@ -392,7 +392,7 @@ def _require_same(found: MeterCertificate, part: MultimeterRole, where: str) -> 
     """See that the certificate is that of the instrument: by its model, and by each number that both tell."""
     models = [_bare(each) for each in (part.model, part.like) if each is not None]
     if found.model and not any(each in _bare(found.model) or _bare(found.model) in each for each in models):
-        raise refusal(f"{where}.calibration_dcc", f"the certificate of a {part.model}", f"that of {found.said()}")
+        raise refusal(f"{where}.calibration_dcc", f"the certificate of a {part.model}", f"one of {found.said()}")
     serial = None if part.serial_number == "0" else part.serial_number
     numbers = {"serial_number": serial, "inventory_number": part.inventory_number}
     stated = {key: each for key, each in numbers.items() if each is not None}
@@ -404,7 +404,7 @@ def _require_same(found: MeterCertificate, part: MultimeterRole, where: str) -> 
     matched = [_bare(each) in known for each in stated.values()]
     if not any(matched) or (serial is not None and by_maker and _bare(serial) not in known):
         said = " and ".join(f"{key} {each}" for key, each in stated.items())
-        raise refusal(f"{where}.calibration_dcc", f"the certificate of {said}", f"that of {found.said()}")
+        raise refusal(f"{where}.calibration_dcc", f"the certificate of {said}", f"one of {found.said()}")
 
 
 def _bare(text: str) -> str:

@@ -255,7 +255,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """
         channel = None if self.oscilloscope is None else self.oscilloscope.channel_of(node)
         if channel is None:
-            raise ConfigError(f"wiring.oscilloscope: expected a channel that sees {node!r}, none does")
+            raise ConfigError(f"wiring.oscilloscope: expected a channel that sees {node!r}, got none")
         return channel
 
 
@@ -362,7 +362,9 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             ConfigError: these settings are those of no multimeter.
         """
         if self.station.meter_resolution_v is None:
-            raise ConfigError("multimeter: nothing tells the resolution of its readings")
+            raise ConfigError(
+                "the resolution of a reading is not known: the settings are of no bench with a multimeter"
+            )
         return self.station.meter_resolution_v
 
     @property

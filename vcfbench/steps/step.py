@@ -155,8 +155,8 @@ def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
         import_module("vcfbench.steps")  # by name, for they import this; all that come along are known then
         if name in _OF_PROCEDURES or (name in kinds and kinds[name].__module__.startswith(_OURS)):
             raise PlanError(
-                f"{kind.__module__}: a step or result called {name} comes along, and records know it by its name",
-                hint="call yours otherwise",
+                f"{kind.__module__}: {name} is the name of a built-in step or result",
+                hint="rename your class: records know it by its name",
             )
     kinds[name] = kind
 
@@ -346,8 +346,7 @@ Routine = Generator[Step, StepResult, _T]
 >>> def zero(settings) -> vcfbench.Routine[vcfbench.Point]:
 ...     return (yield from vcfbench.take(settings, 1, rate_deg_s=0.0, v_vc_v=0.0))
 >>> next(zero(settings)).describe()
-Traceback (most recent call last):
-vcfbench.errors.ConfigError: multimeter: nothing tells the resolution of its readings
+'average 10 readings, one every 1 s: +0 deg/s, V_Vc +0 V'
 """
 
 

@@ -90,7 +90,7 @@ def rows_of(path: Path, expected: Begun | None = None) -> tuple[Begun | None, di
         first = file.readline()
         if not first.endswith(b"\n"):
             if first and not first.startswith(b'{"type":"study"'[: len(first)]):
-                raise ConfigError(f"{shown(path)}: expected the journal of a study, this is something else")
+                raise ConfigError(f"{shown(path)}: not a study journal")
             return None, rows, 0
         try:
             begun = _HEAD.decode(first)
@@ -105,11 +105,11 @@ def rows_of(path: Path, expected: Begun | None = None) -> tuple[Begun | None, di
                 whole += len(line)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             where = f"line {len(rows) + 2}" if whole else "line 1"
-            raise ConfigError(f"{shown(path)}: {where} is none of the journal of a study: {error}") from None
+            raise ConfigError(f"{shown(path)}: {where} is not a line of a study journal: {error}") from None
     if expected is not None and begun.fingerprint != expected.fingerprint:
         raise ConfigError(
-            f"{shown(path)}: expected the journal of this study, it is that of another: procedure, bench, "
-            "settings, what varies, metrics or version have changed",
+            f"{shown(path)}: this is the journal of another study: procedure, bench, "
+            "settings, varied values, metrics or version differ",
             hint="--restart begins anew; or another -o keeps both",
         )
     return begun, rows, whole

@@ -129,5 +129,5 @@ def load_study(path: str | Path) -> StudyResult:
     journal = asked if asked.suffix == ".jsonl" else beside(asked, ".journal.jsonl")
     begun, rows, _ = rows_of(journal)
     if begun is None:
-        raise ConfigError(f"{shown(journal)}: expected the journal of a study, its first line is none")
+        raise ConfigError(f"{shown(journal)}: not a study journal: the first line has no study header")
     return of_rows(begun, rows.values(), None if journal == asked else asked)

@@ -199,8 +199,8 @@ def _put(node: Any, keys: Sequence[str | int], value: Any, where: str) -> Any:
     key, below = keys[0], keys[1:]
     if isinstance(key, int):
         if not isinstance(node, list | tuple) or not key < len(node):
-            raise ConfigError(f"{where}: expected a list with an entry [{key}] on the way, got {words(node)}")
+            raise ConfigError(f"{where}: expected a list with an entry [{key}], got {words(node)}")
         return [_put(each, below, value, where) if place == key else each for place, each in enumerate(node)]
     if not isinstance(node, Mapping):
-        raise ConfigError(f"{where}: expected a table for {key!r} on the way, got {words(node)}")
+        raise ConfigError(f"{where}: expected a table that holds {key!r}, got {words(node)}")
     return {**node, key: _put(node.get(key, {}) if below else None, below, value, where)}

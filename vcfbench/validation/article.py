@@ -106,7 +106,7 @@ def _measured(where: str, what: str, unit: str, printed: tuple[float, float], va
     """Return the mark of a value of a run beside number and U95 of the print; `unit` is mV where its own is V."""
     times = 1e3 if unit.startswith("mV") else 1.0
     if value.value is None:
-        raise MeasurementError(f"{what}: the run states none")
+        raise MeasurementError(f"{what}: the run has no such value")
     return Mark(where, what, unit, *printed, times * value.value, times * (value.u95 or 0.0))
 
 

@@ -294,7 +294,7 @@ class AclDialect(TableDialect):
         while length >= _LONGEST_MESSAGE:
             rest = layout.pack(error, length)
             if rest[:1] not in (b"\r", b"\n"):
-                raise FramingError(f"{length} is no length of a reply")
+                raise FramingError(f"a reply cannot have the length {length}")
             error, length = layout.unpack(rest[1:] + line.take(1, deadline))
         body = line.take(length, deadline).rstrip(b"\r\n\0")
         if error:

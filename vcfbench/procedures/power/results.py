@@ -276,8 +276,9 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     """Yield the effect of each of the rails; the windows came in the order of the plan."""
     windows = [(step, window) for step, window in measured.found(Window) if isinstance(step, Acquire)]
     a_block = _A_STATE * len(CHOPPED)
-    if len(windows) != a_block * settings.cycles * len(settings.rails_varied):
-        raise ConfigError(f"{len(windows)} windows are not {settings.cycles} blocks for each of the rails")
+    expected = a_block * settings.cycles * len(settings.rails_varied)
+    if len(windows) != expected:
+        raise ConfigError(f"expected {expected} windows for {len(settings.rails_varied)} rails, got {len(windows)}")
     blocks = [_moved(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
     biases, taken, seen = map(list, zip(*blocks, strict=True))
     std = math.sqrt(fmean(window.std_v**2 for _, window in windows)) / abs(scale.value)

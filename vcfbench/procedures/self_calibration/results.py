@@ -294,7 +294,7 @@ def _measured(settings: SelfCalibrationSettings, points: Sequence[Point]) -> _Me
     for level_v in levels_v:
         if not curve.v_vc_min_v - margin_v <= level_v <= curve.v_vc_max_v + margin_v:
             raise ConfigError(
-                f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V alone"
+                f"V_Vc of {level_v:g} V: K_Vc is known from {curve.v_vc_min_v:g} to {curve.v_vc_max_v:g} V only"
             )
     noise = null_blocks.noise_of(settings, blocks, points)
     return _Measured(

@@ -219,8 +219,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
 def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _Seen:
     """Return the measured data at one temperature."""
     points = [point for point in part if point.step == _MEASURED]
-    if len(points) != len(CHOPPED) * settings.cycles:
-        raise ConfigError(f"{len(points)} windows at {at.temperature_c:g} degC are not {settings.cycles} blocks")
+    if len(points) != (expected := len(CHOPPED) * settings.cycles):
+        raise ConfigError(f"expected {expected} windows at {at.temperature_c:g} degC, got {len(points)}")
     outputs = [point.output_v for point in points]
     read = part.found(TemperatureReading)
     temperature_c = at.temperature_c

@@ -78,7 +78,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
         v_vc_v = matching.v_vc_equal_v
     if not matching.usable():
         raise MeasurementError(
-            f"the output does not come to that of step 1: {matching.residual_v:+.4g} V left after "
+            f"the output does not reach the output of step 1: {matching.residual_v:+.4g} V left after "
             f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
             instrument="multimeter",
             step="2",
