@@ -69,6 +69,15 @@ def given(folder: Path) -> dict[str, Any]:
     for name, head in (("rest", "gyro_z / (deg/s)"), ("imu", "gx,gy,gz")):
         rates = (",".join([f"{draw(0.0, 0.1):.4f}"] * (1 + head.count(","))) for _ in range(500))
         Path(folder, f"{name}.csv").write_text(f"{head}\n" + "\n".join(rates), "utf-8")
+    turned = [[rate * (axis == each) for each in range(3)] for axis in range(3) for rate in (-100.0, 0.0, 100.0)]
+    axes = [f"{x},{y},{z},{1e-4 * x - 0.0125 * z - 0.04 + draw(0.0, 1e-5):.6f}" for x, y, z in turned]
+    warm = [(at_c, rate) for at_c in (-20.0, 0.0, 25.0, 50.0, 70.0) for rate in (-100.0, 100.0)]
+    over = [f"{rate},{rate * (-0.0125 + 1e-6 * at_c):.6f},{at_c}" for at_c, rate in warm]
+    for name, head, rows in (
+        ("axes", "x_deg_s,y_deg_s,z_deg_s,output_v", axes),
+        ("over-temperature", "rate_deg_s,output_v,temperature_c", over),
+    ):
+        Path(folder, f"{name}.csv").write_text("\n".join([head, *rows]), "utf-8")
     Path(folder, "lab.toml").write_text((ROOT / "vcfbench/station/paper.toml").read_text("utf-8") + LABORATORY, "utf-8")
     DeviceStore(folder / "devices").add(CERTIFICATE)
     heard = Heard()

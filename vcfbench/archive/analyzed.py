@@ -294,8 +294,8 @@ def outputs_of(head: Head, asked: Sequence[str], rates: Sequence[int]) -> list[i
         name, unit = head.names[place].written, head.names[place].unit
         if head.names[place].unknown or (unit and unit.kind not in _OUTPUTS):
             raise ConfigError(
-                f"{head.file}, column {name}: {head.names[place].unknown or (unit and unit.written)} is no "
-                f"unit of an output that is known; known are {KNOWN}",
+                f"{head.file}, column {name}: expected the unit of an output, of {KNOWN}, got "
+                f"{head.names[place].unknown or (unit and unit.written)}",
                 hint=f"--unit {name}=mV says what it is",
             )
     return outputs

@@ -36,7 +36,12 @@ class OutputAxis(Struct, frozen=True):
 
 
 class AxesAnalysis(Struct, frozen=True):
-    """Outputs against the rates about three axes; `orthogonality` says by how much the angle of two is above 90 deg."""
+    """Outputs against the rates about three axes; `orthogonality` says by how much the angle of two is above 90 deg.
+
+    >>> found = vcfbench.analyze_axes("axes.csv", ["x_deg_s", "y_deg_s", "z_deg_s"])
+    >>> [f"{1e3 * each:.2f}" for each in found.outputs[0].sensitivity]
+    ['0.10', '-0.00', '-12.50']
+    """
 
     axes: tuple[str, ...]
     outputs: tuple[OutputAxis, ...]
@@ -77,6 +82,10 @@ def analyze_axes(file: Path | str, axes: Sequence[str], *, layout: Layout | None
     Raises:
         ConfigError: file, line and column of what cannot be read; fewer than six rows, or rates that do not turn about
             all three axes.
+
+    >>> found = vcfbench.analyze_axes("axes.csv", ["x_deg_s", "y_deg_s", "z_deg_s"])
+    >>> f"{found.outputs[0].stated[0].value:.4f} {found.outputs[0].stated[0].unit}"
+    '-0.0125 V/(deg/s)'
     """
     layout = layout or Layout()
     with opened_table(file) as raw:

@@ -57,7 +57,12 @@ class OverTemperature(Struct, frozen=True):
 
 
 class TemperatureAnalysis(Struct, frozen=True):
-    """Scale factors and biases over temperature, stated at `reference_c`."""
+    """Scale factors and biases over temperature, stated at `reference_c`.
+
+    >>> found = vcfbench.analyze_temperature("over-temperature.csv", "temperature_c")
+    >>> [each.name for each in found.found]
+    ['scale factor of output_v', 'bias of output_v']
+    """
 
     reference_c: float
     found: tuple[OverTemperature, ...]
@@ -107,6 +112,10 @@ def analyze_temperature(
     Raises:
         ConfigError: file, line and column of what cannot be read; fewer than five temperatures; of a table one with
             fewer than two rates.
+
+    >>> found = vcfbench.analyze_temperature("over-temperature.csv", "temperature_c")
+    >>> f"{found.reference_c:g} degC", found.found[0].temperature_c
+    ('25 degC', (-20.0, 0.0, 25.0, 50.0, 70.0))
     """
     path, layout, notes = Path(file), layout or Layout(), list[str]()
     with opened_table(path) as raw:
