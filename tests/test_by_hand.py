@@ -353,7 +353,7 @@ def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Pa
     assert "NOT SAFE" not in done.stderr
 
 
-def test_a_meter_on_a_bus_stands_in_the_place_of_the_one_by_hand(bench: Path) -> None:
+def test_bus_meter_replaces_meter_by_hand(bench: Path) -> None:
     page = (Path(__file__).parents[1] / "docs" / "howto" / "by-hand.md").read_text(encoding="utf-8")
     by_hand, on_a_bus = re.findall(r"\[multimeter\].*?\n(?=\n|```)", page, re.DOTALL)
     shown = re.search(r'title="hand.toml"\n(.*?)```', page, re.DOTALL)

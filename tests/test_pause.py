@@ -141,7 +141,7 @@ def test_an_output_that_moved_too_far_ends_the_run(tmp_path: Path, moved: list[f
 
 
 @pytest.mark.exhaustive
-def test_a_sine_after_a_level_is_off_in_a_pause_and_on_after_it(tmp_path: Path) -> None:
+def test_sine_is_off_in_pause_and_on_again_after_it(tmp_path: Path) -> None:
     """To select a level switches no output: `online` goes from sine to 0 V and back with the output on."""
     presser = Presser(68)
     run = presser.run("online", settings={"k_vc": "150"}, runs=tmp_path)

@@ -354,9 +354,7 @@ def _what_could_not_be_kept_is_kept_later(run: Run, devices: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_store_that_takes_nothing_at_the_end_is_said_with_what_to_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unwritable_store_at_end_is_reported_with_cure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise ConfigError("devices/G-1: no entry can be kept there: No space left on device")
 
@@ -398,9 +396,7 @@ def test_two_signals_amid_a_line_leave_a_record_that_is_resumed(
     assert [point.rate_deg_s for point in resumed.points] == [point.rate_deg_s for point in whole.points]
 
 
-def test_a_disk_that_was_full_for_a_moment_leaves_a_record_that_is_resumed(
-    whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_record_after_full_disk_is_resumed(whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The failure cannot be written when it comes, the way to rest can: the steps follow each other all the same."""
     write, refused = os.write, []
 

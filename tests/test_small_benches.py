@@ -246,7 +246,7 @@ LEVELS = Procedure(
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to a child alone")
-def test_a_file_of_ones_own_is_run_stopped_and_left_safe_at_the_command(tmp_path: Path) -> None:
+def test_custom_file_is_run_stopped_and_made_safe(tmp_path: Path) -> None:
     own, bench = tmp_path / "levels.py", tmp_path / "served.toml"
     own.write_text(OWN_FILE, encoding="utf-8")
     with serve_simulated(SMALL, seed=3, speed=1.0) as lab:

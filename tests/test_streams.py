@@ -212,9 +212,7 @@ MINIMAL = {"sample_rate_hz": 100.0, "header": "A5", "length": 8, "value": {"at":
     ],
     ids=lambda each: next(iter(each)) if isinstance(each, dict) else "",
 )
-def test_a_mistake_in_the_description_names_the_key_what_came_and_what_is_expected(
-    change: dict[str, Any], said: str
-) -> None:
+def test_invalid_description_names_key_value_and_expectation(change: dict[str, Any], said: str) -> None:
     stated = {key: value for key, value in {**MINIMAL, **change}.items() if value is not None}
     with pytest.raises(ConfigError, match=said):
         stream_bench(stated)
@@ -226,7 +224,7 @@ def test_a_meter_beside_a_stream_is_refused() -> None:
         checked_bench(values, "stream.toml")
 
 
-def test_a_profile_beside_the_bench_file_is_read_and_the_bench_file_goes_before_it(tmp_path: Path) -> None:
+def test_profile_is_read_beside_bench_file_that_overrides_it(tmp_path: Path) -> None:
     (tmp_path / "imu.toml").write_text('sample_rate_hz = 50.0\nheader = "A5"\nlength = 8\nvalue = { at = 2 }\n')
     text = bench_text(stream_bench("vn100")).partition("[gyro.stream]")[0]
     own = '[gyro.stream]\nprofile = "imu.toml"\nresource = "COM3"\nsample_rate_hz = 20.0\n'

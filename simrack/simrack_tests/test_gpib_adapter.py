@@ -92,7 +92,7 @@ def test_an_unknown_word_is_told(host: Host, word: str) -> None:
     assert host.ask(f"{word}\r\n") == "Unrecognized command\r\n"
 
 
-def test_a_read_is_given_up_so_long_after_the_last_character_and_goes_on_later(host: Host) -> None:
+def test_read_times_out_after_last_character_and_resumes_later(host: Host) -> None:
     before = host.clock.now()
     assert host.ask(f"++addr 22\n{SLOW}++read_tmo_ms 50\n++read eoi\n") == ""
     assert host.clock.now() - before == pytest.approx(0.05)
@@ -100,7 +100,7 @@ def test_a_read_is_given_up_so_long_after_the_last_character_and_goes_on_later(h
     assert 0.4 < host.clock.now() - before < 0.5
 
 
-def test_a_read_without_eoi_lasts_until_nothing_more_comes_and_one_to_a_character_leaves_the_rest(host: Host) -> None:
+def test_read_without_eoi_ends_by_silence_or_at_its_character(host: Host) -> None:
     host.ask("++addr 22\n++read_tmo_ms 100\n")
     before = host.clock.now()
     assert host.ask("*IDN?\n++read\n") == IDENTITIES[22]
@@ -116,7 +116,7 @@ def test_the_end_of_an_answer_is_marked_by_a_character_of_ones_own(host: Host) -
     assert host.ask("++ver\n").startswith("Prologix GPIB")
 
 
-def test_after_each_message_an_answer_is_read_if_it_is_to_be_and_a_command_has_none(host: Host) -> None:
+def test_each_query_is_read_back_and_each_command_is_not(host: Host) -> None:
     assert host.ask("++addr 22\n++read_tmo_ms 20\n++auto 1\n*IDN?\n") == IDENTITIES[22]
     assert host.ask("*CLS\n++auto 0\n") == ""
     assert host.errors() == '-420,"Query UNTERMINATED"'
@@ -147,7 +147,7 @@ def test_clear_and_trigger_reach_the_instrument(host: Host) -> None:
     assert host.ask("++rst\n") + host.ask("++read_tmo_ms\n") == "1200\r\n"
 
 
-def test_what_is_waited_for_keeps_what_is_said_meanwhile_and_clearing_forgets_it(host: Host) -> None:
+def test_replies_queue_behind_waiting_read_until_clear(host: Host) -> None:
     host.adapter.write(f"++addr 22\n{SLOW}++read eoi\n++addr 5\n*IDN?\n++read eoi\n".encode())
     assert host.adapter.read(99) == (b"", False)
     assert host.ask("") == f"+0.00000000E+00\n{IDENTITIES[5]}"

@@ -132,7 +132,7 @@ def test_limits_that_are_none_are_refused_at_once(limits: dict[str, float]) -> N
 
 
 @pytest.mark.parametrize(("header", "count"), [("A", 0), ("A<1-4>:B", 1), ("A<2-2>:B", 2)])
-def test_a_method_that_does_not_take_what_its_header_says_is_refused_at_once(header: str, count: int) -> None:
+def test_method_that_contradicts_its_header_is_refused(header: str, count: int) -> None:
     parameters = [Number()] * count
     with pytest.raises(TypeError, match=rf"is called with \d arguments by '{header}'"):
         command(header, *parameters)(lambda _self, _one, _two, _three: None)
@@ -199,7 +199,7 @@ BOXES = {
 
 
 @pytest.mark.parametrize("name", BOXES)
-def test_a_box_of_ones_own_speaks_as_it_is_written_whatever_cuts_its_bytes(name: str) -> None:
+def test_custom_box_replies_for_any_split_of_bytes(name: str) -> None:
     rack = Rack.build(VirtualClock(), plan_of([str(RACK / "examples" / f"{name}.py")]))
     box, clock = rack.devices[name.title()], rack.world.clock
     for said, answer in BOXES[name]:

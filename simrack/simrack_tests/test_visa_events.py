@@ -34,7 +34,7 @@ def test_one_request_is_one_event_until_the_status_byte_is_read(meter: Any) -> N
     assert not meter.wait_on_event(SRQ, 5_000).timed_out
 
 
-def test_what_is_queued_can_be_discarded_and_nothing_is_where_it_is_not_enabled(meter: Any) -> None:
+def test_queued_events_can_be_discarded_and_need_enabling(meter: Any) -> None:
     with pytest.raises(pyvisa.VisaIOError) as caught:
         meter.wait_on_event(SRQ, 0)
     assert caught.value.error_code == StatusCode.error_not_enabled

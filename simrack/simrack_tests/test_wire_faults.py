@@ -122,7 +122,7 @@ def test_an_endless_answer_goes_on_until_the_fault_ends() -> None:
         wire.end()
 
 
-def test_what_was_told_before_a_connection_is_dropped_arrives_and_a_new_one_works() -> None:
+def test_command_before_dropped_connection_arrives_and_new_one_works() -> None:
     with instrument() as (resource, heard), faulty_wire(resource) as wire:
         wire.begin(WireFault("disconnect", count=1))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):

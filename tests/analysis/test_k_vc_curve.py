@@ -111,7 +111,7 @@ def test_stated_uncertainties_are_what_repetition_shows() -> None:
 
 
 @pytest.mark.exhaustive
-def test_what_a_meter_has_in_common_goes_into_k_vc_as_a_whole() -> None:
+def test_common_meter_error_goes_whole_into_k_vc() -> None:
     """30 ppm of gain: 1000 meters; the z of k1 and of a rate at another V_Vc, and no sign of it in the lack of fit."""
     rng, scores, tails = np.random.default_rng(4), [], []
     for _ in range(1000):

@@ -43,7 +43,7 @@ def exact(variances: Floats, factors: list[int]) -> list[AllanPoint]:
 
 
 @pytest.mark.parametrize("size", [9, 16, 31])
-def test_points_of_white_readings_vary_together_as_the_sums_of_their_second_differences_do(size: int) -> None:
+def test_white_allan_points_covary_as_second_differences(size: int) -> None:
     """Each is a quadratic form of the readings, with n + 1 - 2 m second differences of their integral."""
     factors = [1, 2, 4]
     forms = []

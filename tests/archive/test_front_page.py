@@ -51,7 +51,7 @@ def shown(run: Run, **words: str) -> tuple[dict[str, str], list[tuple[str, ...]]
     return facts, [row for table in tables if table.has_heads for row in table.printed()], text_of(Report(parts))
 
 
-def test_what_nobody_told_is_a_blank_line_and_what_is_told_stands_there(judged: Run) -> None:
+def test_unset_fields_are_blank_lines_and_set_fields_printed(judged: Run) -> None:
     facts, _, _ = shown(judged)
     asked = ("laboratory", "customer", "model", "serial number", "operator", "checked by", "issued on")
     asked += ("received on", "deviations from it", "place", "name, function, signature")
@@ -113,7 +113,7 @@ def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
 
 
 @pytest.mark.parametrize("procedure", ["kvc", "self-calibration", pytest.param("online", marks=pytest.mark.exhaustive)])
-def test_what_goes_by_k_vc_says_on_its_first_page_what_u95_lacks(procedure: str, tmp_path: Path) -> None:
+def test_first_page_of_k_vc_procedures_names_missing_u95(procedure: str, tmp_path: Path) -> None:
     settings = {"k_vc": "150", **QUICK} if procedure == "self-calibration" else {"k_vc": "150"}
     if procedure == "kvc":
         settings = {"match_rates_deg_s": [20.0, 100.0, 200.0], "cycles": 1, "samples": 3, "health": False}

@@ -70,7 +70,7 @@ def test_faults_beyond_u95_are_listed_above_refused(turntable: Tried, kind: str)
             assert line["told"], line
 
 
-def test_what_a_fault_does_is_what_it_does_to_an_evaluation_with_it(turntable: Tried) -> None:
+def test_effect_of_fault_equals_effect_on_evaluation(turntable: Tried) -> None:
     row = next(each for each in turntable.rows if each.kind == "step")
     assert row.size is not None
     moved = [turntable.with_fault("step", 0.5 * row.size, each, 1.0) for each in turntable.gaps]

@@ -62,7 +62,7 @@ def changed(record: Path, change: Callable[[dict[str, Any]], object], *, with_po
     journal.write_bytes(sealed(b"".join(json.dumps(line).encode() + b"\n" for line in lines)))
 
 
-def test_what_was_written_passes_and_so_does_what_was_killed_resumed_and_amended(record: Path) -> None:
+def test_written_killed_resumed_and_amended_records_pass(record: Path) -> None:
     assert verify_run(record).verdict == "PASS"
     amend_run(record, {"operator": "B. Person"}, reason="another shift")
     found = verify_run(record)
@@ -107,13 +107,13 @@ def test_a_key_that_was_changed_is_named_by_its_line(record: Path) -> None:
     assert "its seal is another" in (found.wrong or "")
 
 
-def test_a_footer_that_was_cut_off_is_missed_by_the_files_made_with_it(record: Path) -> None:
+def test_cut_footer_is_noticed_by_derived_files(record: Path) -> None:
     data = (record / "journal.jsonl").read_bytes()
     (record / "journal.jsonl").write_bytes(data[: data.rindex(b"\n", 0, -1) + 1])
     assert verify_run(record).wrong == "points.csv is made when the last line is, which is missing"
 
 
-def test_what_was_cut_from_the_record_before_is_seen_in_the_resumed_one(record: Path) -> None:
+def test_cut_of_earlier_record_is_seen_in_resumed_one(record: Path) -> None:
     cut(record, 25)
     resumed = vcfbench.resume(record).directory
     assert resumed is not None
@@ -251,7 +251,7 @@ def test_a_verdict_by_earlier_rules_and_results_without_newer_keys_are_no_fault(
         ("u", 0.3, "none", "computed again with other versions (evaluation of before, here"),
     ],
 )
-def test_a_record_is_held_to_what_is_printed_or_to_the_evaluation_that_it_names(
+def test_record_is_verified_by_printed_digits_or_named_evaluation(
     of: str, by: float, evaluation: str | None, words: str, tmp_path: Path
 ) -> None:
     run = vcfbench.run("turntable", "paper", seed=1, settings=QUICK, runs=tmp_path)

@@ -128,7 +128,7 @@ def test_the_figures_of_a_markdown_report_lie_beside_it(quick: Run, tmp_path: Pa
 
 
 @pytest.mark.exhaustive
-def test_a_pdf_has_the_name_of_the_run_and_the_number_on_every_page(quick: Run, tmp_path: Path) -> None:
+def test_pdf_has_run_name_and_page_number_everywhere(quick: Run, tmp_path: Path) -> None:
     pypdf = pytest.importorskip("pypdf")
     try:
         pytest.importorskip("weasyprint")

@@ -90,7 +90,7 @@ def test_curvature_and_noise_are_no_fault() -> None:
     require_steady_slope(sweep()[:1])
 
 
-def test_v_vc_with_an_offset_moves_the_zero_as_the_generator_comes_on() -> None:
+def test_v_vc_offset_moves_zero_when_generator_comes_on() -> None:
     zero, turning = point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K)
     for bias_v in (BIAS_V, -3.0):
         both = point(1, 0.0, bias_v), point(2, 0.0, bias_v + 0.0517)

@@ -141,7 +141,7 @@ def test_many_windows_are_looked_at_in_little_memory() -> None:
         tracemalloc.stop()
 
 
-def test_more_windows_than_memory_bears_are_not_looked_at_and_the_list_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_windows_are_skipped_and_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     rates = np.random.default_rng(1).choice(np.array(RATES), 60)
     walk = walked(np.zeros(60), rates)
     assert {each.size is None for each in moved(all_watched(walk)) if each.kind == "step"} == {False}
@@ -196,7 +196,7 @@ def test_the_words_say_when_and_how_large() -> None:
 
 
 @pytest.mark.parametrize("since", [5, 13, 15])
-def test_windows_that_disagree_are_told_with_the_two_that_the_step_lies_between(since: int) -> None:
+def test_disagreeing_windows_name_the_two_around_step(since: int) -> None:
     places = " and ".join(f"{RATES[at]:+g} deg/s" for at in (since - 1, since))
     with pytest.raises(MeasurementError, match=r"apart, at most") as caught:
         walked(np.where(np.arange(len(RATES)) >= since, 5e-3, 0.0))

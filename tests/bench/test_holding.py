@@ -118,7 +118,7 @@ def test_a_bench_without_with_is_closed_once_and_has_a_short_name() -> None:
     assert bench.safe_reports == reports
 
 
-def test_a_bench_that_nothing_refers_to_is_made_safe_also_where_warnings_are_errors(
+def test_unreferenced_bench_is_made_safe_with_warnings_as_errors(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     bench = open_bench(load_bench(None))

@@ -105,7 +105,7 @@ def test_the_drive_need_be_wired_to_an_oscilloscope_only() -> None:
 
 
 @pytest.mark.parametrize("role", ["rate_table", "oscilloscope", "vibration_source"])
-def test_whoever_asks_for_a_missing_instrument_is_told_what_the_bench_file_needs(role: str) -> None:
+def test_missing_instrument_error_names_table_of_bench_file(role: str) -> None:
     said = rf"{role}: bench paper has none; its bench file needs a table \[{role}\]"
     with open_bench(SMALL) as bench, pytest.raises(ConfigError, match=said) as caught:
         getattr(bench, role)

@@ -58,7 +58,7 @@ def summaries(folder: Path) -> tuple[Any, ...]:
     return vcfbench.run_summaries(folder / "runs")
 
 
-def test_each_device_gets_a_record_with_its_serial_number_the_tag_and_the_operator(folder: Path) -> None:
+def test_each_device_gets_record_with_serial_tag_and_operator(folder: Path) -> None:
     done = batch(folder, "--json", "--sheet", "sheet.md")
     assert done.returncode == 0, done.stderr
     assert [(each.dut, each.tags, each.operator) for each in summaries(folder)] == [

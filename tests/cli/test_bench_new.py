@@ -70,7 +70,7 @@ def test_a_table_that_does_not_answer_may_be_turned_by_hand(tmp_path: Path) -> N
     assert max(bench.procedure.rates_deg_s) < 40.0
 
 
-def test_who_is_named_as_by_hand_is_not_looked_for_on_the_bus(tmp_path: Path) -> None:
+def test_instrument_by_hand_is_not_searched_on_bus(tmp_path: Path) -> None:
     given = ("--set", "power.by=hand", "--set", "power.model=PL330T")
     done = new("--yes", *given, *LATITUDE)
     assert done.exit_code == 0, done.stderr

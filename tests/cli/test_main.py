@@ -79,7 +79,7 @@ def test_an_error_is_one_sentence_and_its_exit_code(error: BenchError, code: int
     assert (done.exit_code, done.stdout, done.stderr) == (code, "", f"vcfbench: {error}\n")
 
 
-def test_an_abort_that_was_not_followed_by_something_unsafe_says_that_all_is_safe() -> None:
+def test_abort_without_unsafe_instrument_reports_safe() -> None:
     done = CliRunner().invoke(failing(Aborted("stopped by SIGINT")), ["fail"])
     assert done.exit_code == 4
     assert done.stderr == "vcfbench: stopped by SIGINT; the bench was made safe\n"

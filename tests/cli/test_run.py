@@ -208,9 +208,7 @@ def test_a_bench_that_opened_into_something_unsafe_has_a_record_of_that(station:
     assert footer["safe"] == [structs.asdict(unsafe)]
 
 
-def test_what_breaks_while_a_run_is_closed_does_not_hide_what_is_not_safe(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_error_at_close_does_not_hide_unsafe_instrument(station: Station, monkeypatch: pytest.MonkeyPatch) -> None:
     """With no file descriptor left a run on a bench that stayed live ended with code 3 and no word of it."""
 
     def no_more_files(*_: object) -> None:

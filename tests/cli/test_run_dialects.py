@@ -45,7 +45,7 @@ def test_the_result_is_the_gyroscope_s_whatever_the_table_speaks(dialect: str, t
     assert scale_factor == pytest.approx(-0.012542052, rel=max(1e-9, quantum / 2 / max(RATES)))
 
 
-def test_all_of_the_paper_s_rates_over_a_table_that_must_stop_in_between(tmp_path: Path) -> None:
+def test_paper_rates_run_on_table_that_stops_in_between(tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text(embedded_text("ideal").replace('dialect = "acl"', 'dialect = "ruya"'), encoding="utf-8")
     assert run(file, tmp_path)["results"]["scale_factor"]["value"] == pytest.approx(-0.012542052, rel=1e-9)

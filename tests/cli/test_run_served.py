@@ -174,7 +174,7 @@ def test_after_a_reset_the_bench_gives_the_same_bytes_again(short: Path, tmp_pat
 
 
 @pytest.mark.exhaustive  # at real time
-def test_without_its_key_a_served_bench_is_a_real_bench_on_a_wall_clock(short: Path, tmp_path: Path) -> None:
+def test_served_bench_without_key_runs_on_wall_clock(short: Path, tmp_path: Path) -> None:
     """At 20 times real time a program's waits are that much longer for the bench; the physics is the same.
 
     A reading may begin half an interval late: long intervals, since the machine may be busy.

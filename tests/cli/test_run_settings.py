@@ -110,7 +110,7 @@ def test_options_may_be_called_otherwise_than_their_keys() -> None:
     assert refusal("--kvc", "two").startswith("--kvc: expected 'one-point' or 'plus-minus' or 'curve'")
 
 
-def test_what_a_bench_file_says_to_the_zero_record_is_no_setting_of_others(tmp_path: Path) -> None:
+def test_zero_table_of_bench_file_sets_no_other_procedure(tmp_path: Path) -> None:
     bench = tmp_path / "lab.toml"
     text = Path(__file__).parents[2].joinpath("examples", "ideal-bench.toml").read_text("utf-8")
     own = "[procedure.zero]\nduration_s = 600.0\n[procedure.turntable]\nzeros = 'ends'\n[procedure.drive]"

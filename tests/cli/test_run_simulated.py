@@ -126,7 +126,7 @@ def overloads_the_meter(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> N
         (overloads_the_meter, "multimeter at GPIB0::22::INSTR: overload"),
     ],
 )
-def test_what_breaks_in_full_swing_is_named_and_what_was_measured_is_kept(
+def test_failure_in_full_swing_is_named_and_points_kept(
     misfortune: Callable[[SimulatedBench, pytest.MonkeyPatch], None],
     words: str,
     tmp_path: Path,

@@ -146,7 +146,7 @@ def test_the_process_that_has_the_bench_is_ended_on_request(
     assert what_is_on(lab) == []
 
 
-def test_what_is_free_is_made_safe_and_what_another_has_is_left_to_it(lab: ServedLab, tmp_path: Path) -> None:
+def test_free_instruments_are_made_safe_and_locked_ones_left(lab: ServedLab, tmp_path: Path) -> None:
     path = bench_file(lab, tmp_path)
     power = load_bench(path).power
     assert power is not None  # it is a bench with a supply

@@ -110,9 +110,7 @@ def test_a_program_that_is_silent_hangs_and_is_ended(ended: list[str], monkeypat
     assert ended == ["{} ended"]
 
 
-def test_a_step_that_takes_longer_than_it_may_hangs_however_lively_the_program_is(
-    ended: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_step_beyond_its_time_counts_as_hung(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     beats = [b"beat "] * 50
     why, turns = watched(monkeypatch, BENCH, b'step inf "wait"', *beats, b'step 0.2 "ramp"', *beats)
     assert why == "its step took longer than it may and was ended"
@@ -202,7 +200,7 @@ def test_program_that_leaves_at_once_is_not_dead() -> None:
         (b"bench {}\noverdue power: sending\nbeat \n", {b"bench": b"{}", b"overdue": b"power: sending"}),
     ],
 )
-def test_whole_lines_are_heard_until_the_program_leaves_or_a_call_is_overdue(
+def test_whole_lines_are_heard_until_exit_or_overdue_call(
     came: bytes, heard: dict[bytes, bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     turns = Turns()

@@ -207,7 +207,7 @@ def test_the_size_of_a_split_goes_with_temperature_on_either_side(split_hz: floa
         assert (warm.split_hz is None) == (each.split_hz is None)
 
 
-def test_a_sweep_keeps_the_size_and_the_sign_is_that_of_a_ring_down() -> None:
+def test_split_has_size_of_sweep_and_sign_of_ring_down() -> None:
     swept = Characteristics(split_size_hz=Measured(value=24.8, u=1e-3))
     rang = Characteristics(split_hz=Measured(value=-24.7, u=1e-2))
     assert together([swept]).split_hz is None

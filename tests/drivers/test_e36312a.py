@@ -23,7 +23,7 @@ NEGATIVE: list[Exchange] = [
 ]
 
 
-def test_a_negative_rail_is_output_3_the_other_way_round_with_its_limit_first() -> None:
+def test_negative_rail_is_reversed_output_3_with_limit_first() -> None:
     with expected_exchange(OPEN, [*OPENING, *NEGATIVE, ("MEAS:VOLT? (@3)", "+9.998")]) as supply:
         supply.configure_output("N25V", -10.0, 0.1)
         assert supply.measure_voltage_v("N25V") == -9.998

@@ -39,7 +39,7 @@ def test_each_can_do_what_its_role_is_asked_for(kind: type, protocol: type) -> N
     assert lacking(kind, protocol) == ()
 
 
-def test_what_is_no_number_out_of_range_or_too_short_is_asked_for_again() -> None:
+def test_typed_value_that_cannot_be_is_asked_for_again() -> None:
     hands, asked = typing("done", "nan", "12.5", "-0,04", "\N{MINUS SIGN}0,042")
     assert hands.number("it", "V", 12.0, 3) == -0.042
     assert asked[0] == "type it (V, at most 12, 3 decimals)"

@@ -143,7 +143,7 @@ def test_reading_time_is_two_integrations(nplc: float, mains_hz: float, expected
         assert expected_s < meter.reading_time_s < expected_s + 0.1
 
 
-def test_a_reading_is_waited_for_as_long_as_it_takes_and_the_time_out() -> None:
+def test_reading_is_awaited_for_its_duration_plus_timeout() -> None:
     with expected_exchange(OPEN, [*OPENING, *CONFIGURED, *reading(None)[:2]]) as meter:
         meter.configure_dc_voltage(10.0, 10.0)
         begin_s = meter.clock.now()

@@ -16,7 +16,7 @@ from vcfbench.testing import open_simulated
 
 @pytest.mark.parametrize("model", ["E3631A", "E36312A"])
 @given(output=st.sampled_from(["P6V", "P25V", "N25V"]), reverse_v=st.floats(-1.5, 1.5))
-def test_an_output_that_is_off_may_be_reverse_by_less_than_0_7_v(model: str, output: str, reverse_v: float) -> None:
+def test_switched_off_output_may_be_reversed_below_0_7_v(model: str, output: str, reverse_v: float) -> None:
     paper = load_bench("paper")
     with ExitStack() as stack:
         lab = stack.enter_context(open_simulated(replace(paper, power=replace(paper.power, model=model)), seed=1))

@@ -527,7 +527,7 @@ def test_what_follows_a_block_is_nobody_s_answer(end: bytes, *, brought_into_ste
         assert session.query("A?") == "5"
 
 
-def test_refusals_of_an_instrument_without_an_error_queue_are_read_from_its_event_status() -> None:
+def test_refusals_without_error_queue_are_read_from_event_status() -> None:
     """Bits 2 to 5 of it (IEEE 488.2, 11.5.1): power on and operation complete are no refusals."""
     with expected_exchange(OPEN, [("*ESR?", "+48"), ("*ESR?", "0"), ("*ESR?", "+129")]) as session:
         session.use_event_status()

@@ -84,7 +84,7 @@ def test_that_of_another_device_is_refused(store: DeviceStore, known: Callable[.
 
 
 @pytest.mark.exhaustive
-def test_a_static_record_is_kept_and_goes_into_the_budget_of_the_next_run(tmp_path: Path) -> None:
+def test_static_record_is_kept_for_budget_of_next_run(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
     settings = {"devices": str(devices)}
     named = {"runs": tmp_path, "metadata": {"dut": "G-1"}}

@@ -119,9 +119,7 @@ def test_zeros_stand_where_they_are_wanted(rates: list[float], zeros: Zeros, rep
 
 
 @given(st.lists(st.floats(0.1, 100.0), min_size=3, max_size=12), st.floats(-1.0, 1.0, allow_subnormal=False), st.data())
-def test_a_linear_drift_of_the_zero_is_taken_off_and_the_bias_is_not(
-    steps_s: list[float], drift: float, data: st.DataObject
-) -> None:
+def test_linear_zero_drift_is_removed_and_bias_kept(steps_s: list[float], drift: float, data: st.DataObject) -> None:
     times = np.cumsum(steps_s)
     is_zero = np.array(
         [True, *data.draw(st.lists(st.booleans(), min_size=times.size - 2, max_size=times.size - 2)), True]
@@ -148,7 +146,7 @@ def test_zeros_take_a_linear_drift_off_the_paper_s_order(zeros: Zeros, tolerance
     assert slope + 0.0125 == pytest.approx(1e-4 * float(rates @ (middle - middle.mean())) / 106_060.0)
 
 
-def test_1_mv_a_window_reads_as_scale_factor_by_the_factors_of_the_orders() -> None:
+def test_drift_of_1_mv_reads_by_factors_of_orders() -> None:
     """In windows equally far apart: falling 0.42 %, alternate an eleventh or so of that, abba nothing."""
     read = {}
     for order in (Order.PAPER, Order.ALTERNATE, Order.ABBA):

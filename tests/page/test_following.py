@@ -92,7 +92,7 @@ def test_who_comes_late_is_told_everything_then_only_news(watched: Watching) -> 
     assert "about" not in later
 
 
-def test_who_comes_before_the_run_begins_is_told_which_it_is_when_it_does() -> None:
+def test_early_listener_gets_name_of_run_at_its_begin() -> None:
     view, seen = View(), BrowserPosition()
     before = view.news(seen)
     assert before is not None

@@ -130,14 +130,14 @@ def test_a_dry_run_goes_closely_about_the_expected_split() -> None:
     assert sum("sample the output" in each for each in words) == 35
 
 
-def test_what_the_leads_pick_up_of_the_mains_is_taken_for_no_response() -> None:
+def test_mains_pick_up_is_not_taken_for_response() -> None:
     asked = {"frequencies_hz": [4.0, 9.0, 16.0, 49.5, 50.0, 51.5], "around_split": [1.0, 2.01]}
     steps = vcfbench.dry_run("bandwidth", settings=asked).steps
     sines = [each.step.frequency_hz for each in steps if isinstance(each.step, SetSine)]
     assert sines == pytest.approx([4.0, 9.0, 16.0, 51.5, 24.8], rel=0.01)
 
 
-def test_a_sine_beyond_the_limit_of_v_vc_is_refused_before_anything_is_opened() -> None:
+def test_sine_beyond_v_vc_limit_is_refused_before_opening() -> None:
     paper = vcfbench.load_bench()
     assert paper.limits is not None
     tight = structs.replace(paper, limits=structs.replace(paper.limits, max_v_vc_v=2.0))

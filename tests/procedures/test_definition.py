@@ -59,7 +59,7 @@ def test_a_choice_that_moves_a_value_is_in_its_definition(
     assert said.startswith(unlike) if unlike else said == ""
 
 
-def test_settings_of_ones_own_define_all_values_and_a_definition_of_ones_own_stays() -> None:
+def test_custom_settings_define_all_values_and_custom_definition_stays() -> None:
     class Own(ProcedureSettings, frozen=True):
         loops: Annotated[int, Meta(ge=1, le=100, description="times up and down")] = 1
 

@@ -70,7 +70,7 @@ def test_gravity_is_that_of_wgs_84(latitude_deg: float | None, expected: float) 
     assert (u > 0.01) == (latitude_deg is None)
 
 
-def test_what_nobody_knows_of_the_earth_and_the_warm_up_is_in_the_budget() -> None:
+def test_unknown_earth_rate_and_warm_up_are_in_budget() -> None:
     def parts(warm_up_s: float) -> list[dict[str, float]]:
         settings = {**QUICK, "warm_up_s": warm_up_s}
         found = vcfbench.run("g-sensitivity", "lab", seed=1, settings=settings, runs=None).results
@@ -90,7 +90,7 @@ def test_without_a_latitude_the_vertical_rate_is_of_either_sign() -> None:
     assert parts["the Earth's vertical rate, no latitude known"] == pytest.approx(15.041067 / 3600.0 / math.sqrt(3.0))
 
 
-def test_each_position_is_asked_for_once_there_and_back_and_the_case_ends_upright() -> None:
+def test_each_position_is_requested_once_each_way_ending_upright() -> None:
     steps = [each.step for each in vcfbench.dry_run("g-sensitivity", "lab", settings={"cycles": 1}).steps]
     asked = [each for each in steps if isinstance(each, AskOperator)]
     ups = [dict(each.adjustments)["up_axis"] for each in asked]

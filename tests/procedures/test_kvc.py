@@ -231,7 +231,7 @@ def test_the_age_of_a_calibration_is_told_in_one_place(tmp_path: Path) -> None:
         vcfbench.dry_run("kvc", bench)
 
 
-def test_the_certificate_says_what_k_vc_depends_on_and_how_long_it_is_good(tmp_path: Path) -> None:
+def test_certificate_names_k_vc_dependences_and_validity(tmp_path: Path) -> None:
     """By what earlier runs found of the device, brought to the temperature of the day; what nobody found is assumed."""
     store = DeviceStore(tmp_path / "devices")
     seen = Characteristics(
@@ -284,7 +284,7 @@ CONDITIONS = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10
 
 
 @pytest.mark.exhaustive
-def test_what_k_vc_depends_on_is_kept_of_the_device_by_who_finds_it(tmp_path: Path) -> None:
+def test_each_procedure_keeps_its_k_vc_characteristics_of_device(tmp_path: Path) -> None:
     """`phase` and `bandwidth` with --dut; the next certificate takes it from there."""
     store = DeviceStore(tmp_path / "devices")
     kept: dict[str, Any] = {"dut": "G-1", "devices": str(store.root), "warm_up_s": 1800.0}

@@ -212,6 +212,6 @@ def test_sines_of_several_channels_are_captured_together() -> None:
     assert "3: 0.03 V +92.90 deg" in found.describe()
 
 
-def test_a_rate_that_the_station_does_not_bear_is_a_setting_that_cannot_be() -> None:
+def test_rate_beyond_station_is_refused_setting() -> None:
     with pytest.raises(ConfigError, match="rate_deg_s: expected a rate of at most 300 deg/s either way"):
         vcfbench.dry_run("phase", settings={"rate_deg_s": 1000.0})

@@ -206,7 +206,7 @@ def test_every_window_comes_two_seconds_after_the_last_change(name: str) -> None
             settled_s = 0.0
 
 
-def test_a_lead_that_came_off_ends_a_sweep_at_the_first_pair_of_rates_that_shows_it() -> None:
+def test_loose_lead_ends_sweep_at_first_pair_of_rates() -> None:
     gyro, taken = LinearGyro(K_VC), list[float]()
     earlier = [Point(1, rate, 0.0, gyro.scale_factor * rate, 1e-5, 10) for rate in (0.0, 10.0)]
 

@@ -83,7 +83,7 @@ def test_no_rate_is_beyond_the_limits_of_the_bench() -> None:
     assert max(abs(each.v_vc_v) for each in points) > 4.5
 
 
-def test_v_vc_as_set_may_lack_as_much_as_it_may_be_off() -> None:
+def test_v_vc_error_is_no_limit_of_gyroscope() -> None:
     """Ranges of the generator that are 2 % and 4 mV off are no limit of the gyroscope."""
     found = run("paper").results
     assert found.short_share == pytest.approx(2.0 * math.hypot(0.02, 0.02, 4e-3 * 150.0 / 50.0), rel=1e-6)

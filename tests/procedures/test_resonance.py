@@ -101,7 +101,7 @@ def test_a_drive_that_is_not_seen_to_ring_down_has_no_q(run: vcfbench.Run) -> No
     assert found.sense_q_ring_down.u == pytest.approx(1.0 / 3**0.5, rel=1e-5)
 
 
-def test_the_mode_that_measures_is_the_one_near_the_drive_whichever_noise_makes_the_stronger(run: vcfbench.Run) -> None:
+def test_measuring_mode_is_nearest_to_drive_despite_noise(run: vcfbench.Run) -> None:
     near, far = (RingingMode(3463.0, 1100.0, 1.0), RingingMode(3338.0, 900.0, 0.2))
     weak = (structs.replace(far, amplitude_v=1.2, q=901.0), near)
     decays = [SenseDecay(3485.0, modes) for modes in ((near, far), weak, (near, far))]

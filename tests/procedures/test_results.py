@@ -102,7 +102,7 @@ def test_windows_taken_again_tell_what_readings_within_one_do_not() -> None:
     assert u_output_v(again[::2], 0.0) == pytest.approx(1e-6 / math.sqrt(READINGS))
 
 
-def test_the_accuracy_of_the_generator_is_the_one_that_its_specimens_are_drawn_within() -> None:
+def test_generator_specimens_are_drawn_within_stated_accuracy() -> None:
     random = np.random.default_rng(1)
     drawn = [GeneratorErrors.drawn(random).ranges for _ in range(400)]
     assert 0.98 < max(abs(each.gain_error) for ranges in drawn for each in ranges) / AGILENT_33220A.setting <= 1.0

@@ -108,7 +108,7 @@ def test_without_noise_and_errors_the_scale_factor_comes_out(quiet: tuple[Path, 
 
 
 @pytest.mark.exhaustive
-def test_a_cold_one_is_off_by_what_its_warm_up_is_stated_to_leave(tmp_path: Path) -> None:
+def test_cold_gyroscope_errs_by_stated_warm_up(tmp_path: Path) -> None:
     """The drift of the gyroscope while it warms up: 104 ppm a kelvin, 0.3 K exp(-t / 300 s), mean of the run."""
     cold = calibrated(tmp_path, still(LAB))
     found = run(tmp_path, still(LAB), cold)
@@ -563,7 +563,7 @@ def test_what_nobody_sees_widens_u95_with_the_time_since_the_certificate(quiet: 
     assert of_drift.u == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
 
 
-def test_what_happened_on_the_way_counts_from_the_first_day_and_holds_what_did(tmp_path: Path) -> None:
+def test_shift_on_the_way_is_in_u95_from_first_day(tmp_path: Path) -> None:
     """A shift within the key's limit, any as likely: a pick-off by 0.2 % was 8 to 11 U95."""
     settings = calibrated(tmp_path, still(LAB), **WARM)
     bench = structs.replace(LAB, uncertainty=structs.replace(LAB.uncertainty, k_vc_on_the_way_ppm=300.0))

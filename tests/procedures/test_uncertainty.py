@@ -86,7 +86,7 @@ def test_meter_gain_and_offset_enter_scale_factor_and_bias() -> None:
     assert stated.value("bias").u == pytest.approx(math.hypot(50e-6 / 4, BIAS * 35e-6 / 4))
 
 
-def test_a_table_known_by_a_limit_is_rectangular_and_has_the_factor_of_that() -> None:
+def test_table_known_by_limit_has_rectangular_factor() -> None:
     stated = turntable_statement(settings(Sources(table_rate=1e-5)), table_points(std_v=0.0))
     slope = stated.value("scale_factor")
     assert slope.u == pytest.approx(abs(K) * 1e-5 / math.sqrt(3))

@@ -63,7 +63,7 @@ def store(tmp_path: Path) -> DeviceStore:
     return DeviceStore(tmp_path / "devices")
 
 
-def test_entries_come_back_as_they_were_in_the_order_in_which_they_were_made(store: DeviceStore) -> None:
+def test_entries_come_back_unchanged_and_in_order(store: DeviceStore) -> None:
     assert store.serials() == ()
     assert store.entries("G-0042") == ()
     added = [store.add(record) for record in (CERTIFICATE, SELF, SELF)]
@@ -248,7 +248,7 @@ def test_any_number_instant_and_words_come_back(
     assert store.add(record).record == store.entries("G-0042")[0].record == record
 
 
-def test_the_last_value_of_each_counts_and_two_slopes_make_that_of_k_vc() -> None:
+def test_last_values_count_and_two_slopes_give_k_vc_slope() -> None:
     def measured(value: float, u: float = 3.0) -> Measured:
         return Measured(value=value, u=u)
 

@@ -48,7 +48,7 @@ def test_a_place_where_nothing_can_be_kept_is_one_sentence(tmp_path: Path) -> No
         create_run(tmp_path / "file", "turntable")
 
 
-def test_runs_that_began_in_one_second_are_listed_in_the_order_of_their_end(tmp_path: Path) -> None:
+def test_runs_of_one_second_are_listed_by_their_end(tmp_path: Path) -> None:
     names = [f"20260821T142530Z-turntable-{digits}" for digits in ("ffffff", "000000", "888888")]
     for number, name in enumerate(names):
         (tmp_path / name).mkdir()
@@ -75,7 +75,7 @@ def test_runs_are_listed_by_their_headers_whatever_they_are_called(tmp_path: Pat
     assert find_run(tmp_path, "last").run.endswith("renamed")
 
 
-def test_which_run_is_the_last_is_not_guessed_after_the_clock_was_set_back(tmp_path: Path) -> None:
+def test_last_run_is_refused_after_clock_was_set_back(tmp_path: Path) -> None:
     begun(tmp_path, "before", "2999-01-01T00:00:00+00:00")
     begun(tmp_path, "after", "2024-01-01T00:00:00+00:00")
     with pytest.raises(ConfigError, match="before began at 2999-01-01 00:00:00 UTC, which is still to come"):
@@ -89,9 +89,7 @@ def test_no_name_is_no_run(tmp_path: Path) -> None:
         find_run(tmp_path, "")
 
 
-def test_a_disk_that_takes_no_file_is_found_at_once_and_nothing_is_left(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unwritable_disk_is_found_at_once_and_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 

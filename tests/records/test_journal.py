@@ -70,7 +70,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @settings(max_examples=60)
 @given(cut=st.floats(0.0, 1.0, exclude_max=True))
-def test_a_journal_cut_at_any_byte_keeps_its_whole_lines_and_is_never_complete(
+def test_cut_journal_keeps_whole_lines_and_is_incomplete(
     whole: bytes, tmp_path_factory: pytest.TempPathFactory, cut: float
 ) -> None:
     kept = whole[: int(cut * len(whole))]
@@ -402,7 +402,7 @@ def test_a_line_that_cannot_be_added_leaves_the_record_as_it_was(
     assert path.read_bytes() == whole
 
 
-def test_a_line_is_added_to_a_copy_with_the_line_ends_of_another_system(tmp_path: Path) -> None:
+def test_line_is_added_with_foreign_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "j"
     killed = write(path).splitlines()[:-1]
     path.write_bytes(b"".join(line + b"\r\n" for line in killed))

@@ -25,7 +25,7 @@ class Own:
     table: tuple[tuple[float, ...], ...] = ((1.0, 2.0),)
 
 
-def test_values_are_found_in_fields_mappings_and_tuples_with_names_by_where_they_are() -> None:
+def test_values_are_found_in_fields_mappings_and_tuples_by_place() -> None:
     per_axis = {"x": measurand(0.01, "V", [UncertaintyPart("readings", 1e-3, 9.0)]), "y": Value("", 1.0, "V", 0.1)}
     several = (Value("drift", 3.0, "ppm", u=1.0, dof=3.0), 7.0)
     found = values_of(Own(Value("gain", np.float64(2.0), "V", u95=0.1), per_axis, several, 0.25))

@@ -82,7 +82,7 @@ def test_numbers_keep_all_their_digits_in_the_document() -> None:
     assert table.rows[0] == ("width", Cell(0.123456789, ".6g"), Cell(0.001234, ".2g"), "deg/s")
 
 
-def test_what_looks_like_a_quantity_and_is_none_is_shown_by_its_names() -> None:
+def test_lookalike_of_quantity_is_shown_by_names() -> None:
     (table,) = results_table({"a": {"value": [1, 2], "unit": "V"}, "b": {"value": 1.0, "u": None}, "c": {"value": 2}})
     assert [row[0] for row in table.rows] == ["a.value", "a.unit", "b.value", "b.u", "c"]
 

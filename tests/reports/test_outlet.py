@@ -20,7 +20,7 @@ def test_everything_is_written_in_order() -> None:
     assert written(io.StringIO(), *texts) == "".join(texts)
 
 
-def test_a_file_gets_its_encoding_and_what_it_cannot_hold_is_a_question_mark() -> None:
+def test_unencodable_characters_become_question_marks() -> None:
     reading, writing = os.pipe()
     with open(reading, encoding="ascii") as there, open(writing, "w", encoding="ascii") as stream:  # noqa: PTH123
         outlet = Outlet(stream)

@@ -107,9 +107,7 @@ def test_a_record_that_was_amended_is_of_the_device_that_it_says_now(tmp_path: P
 
 
 @pytest.mark.parametrize("name", list(PROCEDURES))
-def test_a_run_of_the_batch_is_what_its_plan_asks_for_whatever_the_procedure(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_batch_run_follows_plan_for_any_procedure(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a certificate, from which some look up what the plan leaves open."""
     curve = KvcCurve(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 1e-6)), v_vc_min_v=-3.0, v_vc_max_v=3.0)
     here = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)

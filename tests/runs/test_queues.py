@@ -10,7 +10,7 @@ from vcfbench.errors import InstrumentError
 from vcfbench.records.schema import Status
 
 
-def test_what_stands_in_a_queue_at_the_end_is_said_and_costs_no_results(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_queue_at_end_is_reported_and_keeps_results(monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(instrument: ScpiInstrument) -> None:
         if instrument.name == "multimeter":
             where = {"instrument": instrument.name, "resource": instrument.resource}

@@ -65,7 +65,7 @@ def test_who_no_longer_wants_it_to_pause_is_not_waited_for(control: RunControl, 
     assert [state for state, _ in told] == ["running", "pausing", "running", "over"]
 
 
-def test_a_run_that_has_not_begun_is_paused_and_goes_on_to_its_beginning(control: RunControl) -> None:
+def test_run_not_begun_is_paused_and_continues_to_begin(control: RunControl) -> None:
     control.pause("Ann")
     assert (control.state, control.pause_by) == ("pausing", "Ann")
     control.go_on("Ann")

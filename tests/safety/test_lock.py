@@ -139,7 +139,7 @@ def test_nobody_is_ended_on_the_word_of_a_text(holder: subprocess.Popen[str], fo
         victim.kill()
 
 
-def test_the_end_of_an_owner_is_waited_for_and_of_one_elsewhere_never_known(
+def test_end_of_local_owner_is_awaited_and_remote_one_unknown(
     holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (owner,) = owners_of([METER]).values()
@@ -381,7 +381,7 @@ def test_a_lock_file_full_of_nonsense_locks_nobody_out(folder: Path) -> None:
         pass
 
 
-def test_two_roles_at_one_resource_are_one_lock_and_both_are_told_who_died_with_it() -> None:
+def test_two_roles_at_one_resource_share_one_lock() -> None:
     behind = {"multimeter": METER, "power": "GPIB::22"}
     with instrument_locks("lab-1", behind) as left:
         assert left == {}
@@ -462,7 +462,7 @@ def test_shared_place_lets_all_make_files(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert lock_directory() == Path(tempfile.gettempdir())
 
 
-def test_a_station_locks_its_instruments_whatever_it_is_called_and_a_console_its_own() -> None:
+def test_station_locks_by_instrument_and_console_its_own() -> None:
     real = parse_bench(template(), "template")
     other = structs.replace(real, name="another-name")
     with station(real, None, None), pytest.raises(InUse), station(other, None, None):

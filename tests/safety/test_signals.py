@@ -51,7 +51,7 @@ def test_where_no_signal_is_watched_each_wait_looks_for_it() -> None:
 
 
 @pytest.mark.parametrize("simulated", [False, True])
-def test_what_is_attended_is_stopped_at_once_also_after_a_wait_in_it(*, simulated: bool) -> None:
+def test_command_stops_at_once_after_wait_in_it(*, simulated: bool) -> None:
     """A person's command waits and asks in turn; a stop shall not wait for an answer that does not come."""
     went_on: list[str] = []
     clock = AttendedClock(VirtualClock() if simulated else WallClock())
@@ -299,7 +299,7 @@ def test_signal_breaks_off_only_what_may_break() -> None:
         signals.break_off_from_now(possible=True)
 
 
-def test_what_a_simulated_instrument_waits_for_in_an_exchange_is_not_broken_off() -> None:
+def test_wait_of_simulated_instrument_is_not_interrupted() -> None:
     clock = AttendedClock(VirtualClock())
     with StopSignals() as signals:
         clock.asleep = signals.asleep

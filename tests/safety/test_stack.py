@@ -285,9 +285,7 @@ def test_one_whose_words_raise_keeps_nothing_from_the_others(log: list[str]) -> 
     assert not dumb.energised
 
 
-def test_one_that_is_slow_to_hear_is_waited_for_while_the_next_are_told(
-    log: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_slow_instrument_is_awaited_while_others_are_commanded(log: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     class Slow(FakeInstrument):
         def command_safe(self) -> UnprovedCommand:
             sleep(WallClock(), 0.05)
@@ -301,7 +299,7 @@ def test_one_that_is_slow_to_hear_is_waited_for_while_the_next_are_told(
     assert wall.now() < PLENTY_S
 
 
-def test_what_a_driver_knew_itself_is_kept_where_it_cannot_be_told_again(log: list[str]) -> None:
+def test_own_knowledge_of_driver_survives_silence(log: list[str]) -> None:
     words = UnprovedCommand("to stop", sent=True)
 
     class Careless(FakeInstrument):

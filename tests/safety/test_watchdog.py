@@ -419,7 +419,7 @@ def test_neither_signals_nor_forks_of_the_program_reach_it(listener: Callable[..
 
 
 @pytest.mark.exhaustive
-def test_what_has_the_number_of_its_pipe_later_is_kept_from_no_fork(
+def test_later_file_with_pipe_number_is_inherited_by_forks(
     listener: Callable[..., tuple[Watchdog, Process]], tmp_path: Path
 ) -> None:
     dog, process = listener()

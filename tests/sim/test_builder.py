@@ -58,7 +58,7 @@ def test_benches_of_one_name_do_not_meet() -> None:
         assert again == "paper"
 
 
-def test_a_resource_that_is_no_visa_name_is_a_mistake_of_the_bench_file() -> None:
+def test_invalid_visa_resource_is_bench_file_error() -> None:
     description = parse_bench(PAPER.replace("GPIB0::22::INSTR", "the meter"), "paper")
     bench = SimulatedBench.build(description, 0, VirtualClock())
     with pytest.raises(ConfigError, match="not a VISA resource name"):
@@ -133,7 +133,7 @@ def test_errors_are_drawn_as_large_as_told() -> None:
 
 
 @pytest.mark.parametrize("role", ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"])
-def test_no_part_of_what_is_drawn_is_ideal_and_all_of_it_as_published(role: str) -> None:
+def test_drawn_share_0_is_ideal_and_share_1_published(role: str) -> None:
     none, all_of_it, ideal, published = (
         instrument_errors(part_drawn(role, errors), 3)[role]
         for errors in ("{ drawn = 0.0 }", "{ drawn = 1.0 }", '"none"', '"drawn"')

@@ -79,7 +79,7 @@ def turning(rate_deg_s: float) -> tuple[VirtualClock, TableMotion]:
     return clock, motion
 
 
-def test_the_true_rate_is_the_derivative_of_the_true_angle_and_both_have_it() -> None:
+def test_true_rate_is_derivative_of_true_angle() -> None:
     clock, motion = turning(100.0)
     segment, step = motion.segment(clock.now()), 1e-6
     times = 3.0 + 1e-3 * np.arange(2000)

@@ -163,7 +163,7 @@ def test_a_ramp_within_a_jerk_is_the_loops_answer_to_it(change: float, most: flo
         assert jerked(np.linspace(0.0, 0.12, 1001), change, most, jerk)[-1] == pytest.approx(0.72, rel=1e-3)
 
 
-def test_a_demand_amid_a_ramp_within_a_jerk_leaves_no_jump_of_the_acceleration() -> None:
+def test_demand_amid_ramp_leaves_acceleration_continuous() -> None:
     clock, motion = table()
     motion.demand_rate(100.0, 50.0, 100.0)
     clock.sleep_until(1.0)

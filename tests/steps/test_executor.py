@@ -286,7 +286,7 @@ class StopAfter:
             raise KeyboardInterrupt
 
 
-def test_a_persons_stop_keeps_the_points_and_leaves_the_rest_to_the_safety_stack() -> None:
+def test_stop_keeps_points_and_leaves_rest_to_safety_stack() -> None:
     bench, journal = FakeBench(), MemoryJournal()
     executor = Executor(bench, journal, [StopAfter(35)])
     execution = executor.execute(PROCEDURES["turntable"].plan(make_settings()))

@@ -54,7 +54,7 @@ def test_a_person_is_asked_and_the_answer_is_in_the_journal() -> None:
     assert result_of(line).describe() == "done, J. Smith"
 
 
-def test_where_nobody_is_the_run_ends_and_says_what_was_to_be_done() -> None:
+def test_run_without_operator_ends_and_names_request() -> None:
     done = Executor(FakeBench(), MemoryJournal()).execute(plan_of(MOVE))
     assert isinstance(done.error, PlanError)
     assert "a person has to move the leads of the multimeter to the V_Vc input" in str(done.error)

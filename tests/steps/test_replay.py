@@ -162,7 +162,7 @@ def calls_of(ended: Ended) -> list[tuple[str, str]]:
     return [(instrument, call) for _, instrument, call in ended.bench.calls]
 
 
-def test_rails_are_set_before_they_are_switched_on_and_v_vc_after_its_output() -> None:
+def test_rails_are_set_before_and_v_vc_after_switching_on() -> None:
     asked, whole = settings_of("virtual-coriolis"), unbroken("virtual-coriolis")
     number = max(place for place, line in enumerate(whole.steps, 1) if "point" in line)
     calls = calls_of(resumed(PROCEDURES["virtual-coriolis"].plan(asked), asked, whole.steps[:number]))
@@ -204,7 +204,7 @@ def test_start_up_warm_up_and_checks_are_done_again() -> None:
     assert restored[0]["t_s"] == pytest.approx(lines[first - 1]["end_s"] + 1000.0)
 
 
-def test_a_check_of_the_drive_that_was_not_done_is_done_from_its_beginning() -> None:
+def test_unfinished_drive_check_is_repeated_from_begin() -> None:
     asked, whole = settings_of("turntable"), unbroken("turntable")
     looked = [line["step_kind"] for line in whole.steps].index("FindDrive") + 1
     taken = taken_over(record_of(whole.steps[:looked]), BEFORE)
@@ -213,7 +213,7 @@ def test_a_check_of_the_drive_that_was_not_done_is_done_from_its_beginning() -> 
     assert asked.drive
 
 
-def test_a_failed_step_is_done_again_and_what_followed_it_is_not_taken_over() -> None:
+def test_failed_step_is_repeated_and_later_ones_not_copied() -> None:
     asked, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
     bench, journal = FakeBench(), MemoryJournal()
     bench.multimeter.overload_at = 7

@@ -80,9 +80,7 @@ def test_a_step_of_ones_own_needs_nothing_but_itself() -> None:
 
 
 @pytest.mark.parametrize(("base", "name"), [(Step, "Settle"), (StepResult, "Window"), (StepResult, "SwitchedOn")])
-def test_a_class_of_ones_own_cannot_take_the_name_of_one_that_comes_along(
-    base: type[Step | StepResult], name: str
-) -> None:
+def test_custom_class_with_built_in_name_is_refused(base: type[Step | StepResult], name: str) -> None:
     before = {**base.kinds}
     with pytest.raises(PlanError, match=f"{name} is the name of a built-in step or result"):
         type(name, (base,), {})

@@ -190,7 +190,7 @@ def test_a_line_of_such_a_table_that_is_not_whole_is_refused() -> None:
 METER = '\n[v_vc_meter]\nmodel = "34401A"\nresource = "GPIB0::23::INSTR"\n'
 
 
-def test_on_the_simulated_bench_the_measured_v_vc_tells_what_the_setting_does_not() -> None:
+def test_measured_v_vc_shows_generator_error_that_setting_hides() -> None:
     """The paper's generator is off by several millivolt and reads its setting back; the meter finds what there is."""
     text = bench_text(load_bench(None)).replace('v_vc_meter = "drawn"', 'v_vc_meter = "none"')
     built: list[SimulatedBench] = []

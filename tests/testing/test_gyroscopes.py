@@ -99,7 +99,7 @@ def test_largest_v_vc_does_not_clip_the_output(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", few(range(0, 400, 10), 40, 310))
-def test_the_bias_moves_by_no_more_than_the_bench_file_has_for_a_kelvin(seed: int) -> None:
+def test_bias_moves_at_most_by_stated_coefficient(seed: int) -> None:
     """What quadrature leaks moves with the temperature as well, up to three times as much as all else."""
     text, sheet = drawn_bench(seed, noise=False), drawn_sheet(seed)
     known = tomllib.loads(text)["uncertainty"]

@@ -53,7 +53,7 @@ def test_another_model_is_not_taken_for_ours(instro: Path) -> None:
         opened(resource)
 
 
-def test_what_it_has_not_is_an_error_and_what_it_has_is_read(instro: Path) -> None:
+def test_missing_command_is_error_and_known_one_is_read(instro: Path) -> None:
     identity = "HEWLETT-PACKARD,34401A,0,10-5-2"
     with served_meter(instro, identity) as resource:
         meter = opened(resource)

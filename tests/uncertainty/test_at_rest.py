@@ -118,7 +118,7 @@ TOLD = Sources(bias_instability_deg_h=5.0, bias_instability_from="told")
         (Sources(bias_instability_deg_h=5.0, assumed={"bias_instability_deg_h": "the worst"}), 4.0, 4.0, True),
     ],
 )
-def test_a_record_s_own_flicker_counts_where_it_is_known_well_or_is_more(
+def test_own_flicker_counts_if_well_known_or_larger(
     known: Sources,
     square: float,
     u_square: float,

@@ -35,7 +35,7 @@ KNOWN = Sources(
 )
 
 
-def test_at_its_limit_a_phase_has_its_largest_effect_that_of_the_cosine_included() -> None:
+def test_phase_at_limit_has_largest_effect_with_cosine() -> None:
     phases = PhaseErrors.of(KNOWN)
     carrier = -(2.0 * 300e-6 + 1.0 - math.cos(math.radians(2.0)))
     demodulator = 150e-6 + 1.0 - math.cos(math.radians(1.0))
@@ -117,7 +117,7 @@ def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> N
     assert around.applied(one, q)["bias"] == pytest.approx(-0.042 + drifted * 0.0125)
 
 
-def test_what_changes_no_volt_of_v_vc_leaves_the_difference_of_the_zeros() -> None:
+def test_misalignment_leaves_difference_of_zeros_unchanged() -> None:
     tilted = circumstances(Sources(misalignment_deg=2.0))
     assert zeros_apart(tilted, VALUES, {MISALIGNMENT: 1e-3}) == {}
     assert circumstances(Sources()).applied(VALUES, {}) is VALUES

@@ -102,7 +102,7 @@ def test_the_covariance_of_levels_is_that_of_the_budget() -> None:
             assert weights @ known.covariance_v2(volts) @ weights == pytest.approx(square)
 
 
-def test_where_no_range_is_known_a_level_shares_its_errors_with_its_opposite_alone() -> None:
+def test_level_on_unknown_range_shares_errors_with_opposite_only() -> None:
     covariance = of().covariance_v2(np.array([1.0, -1.0, 1.01]))
     assert covariance[0, 0] == covariance[1, 1] > covariance[0, 1] != 0.0
     assert covariance[0, 2] == covariance[1, 2] == 0.0

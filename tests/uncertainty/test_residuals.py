@@ -51,7 +51,7 @@ def largest_ppm(outputs: np.ndarray, rates: np.ndarray | None = None) -> np.ndar
     return np.asarray(1e6 * np.abs(outputs - found @ design.T).max(axis=-1) / np.abs(found[..., 0] * np.ptp(rate)))
 
 
-def test_the_value_is_the_definition_s_and_its_u_is_the_scatter_of_it() -> None:
+def test_value_follows_definition_and_u_its_scatter() -> None:
     true = curved(5e-3, 1e-3)
     stated = turntable_statement(settings(Sources()), points_of(true)).value("nonlinearity")
     assert stated.value == pytest.approx(nonlinearity_ppm(RATES, true, fit_line(RATES, true))["max_span"], rel=1e-9)
@@ -76,7 +76,7 @@ def test_derivatives_of_the_residuals_are_those_of_differences() -> None:
         assert found == pytest.approx(of_outputs.of_outputs[:, place], rel=1e-4, abs=1.0)
 
 
-def test_where_two_residuals_are_equal_the_largest_that_is_found_lies_too_high() -> None:
+def test_largest_of_equal_residuals_is_biased_high() -> None:
     """Odd curvature: +100 and -100 deg/s."""
     true = curved(0.0, 3e-3)
     drawn = true + U_V * np.random.default_rng(2).standard_normal((1000, true.size))
@@ -88,7 +88,7 @@ def test_where_two_residuals_are_equal_the_largest_that_is_found_lies_too_high()
     assert np.shape(whole.correlation) == (len(whole.values), len(whole.values))
 
 
-def test_what_does_not_stand_above_its_u95_is_no_value_but_a_bound() -> None:
+def test_value_below_its_u95_is_bound() -> None:
     rng = np.random.default_rng(3)
     outputs = curved(0.0, 0.0) + 0.3 * U_V * rng.standard_normal(len(RATES))
     stated = turntable_statement(settings(Sources()), points_of(outputs))
@@ -203,7 +203,7 @@ def of_virtual_line(sources: Sources, outputs: np.ndarray, v_vc_std_v: float | N
     return stated.value("virtual.nonlinearity")
 
 
-def test_the_non_linearity_of_the_virtual_line_scatters_as_stated_when_generators_are_drawn() -> None:
+def test_virtual_non_linearity_scatters_as_stated_for_drawn_generators() -> None:
     """Range jumps of 0.3 % make another residual the largest: NumPy's scatter of 4000 sets of ranges."""
     rng, level = np.random.default_rng(5), np.array(RATES) / K_VC
     own = np.searchsorted([0.32, 1.0, 3.2], np.abs(level))
@@ -263,7 +263,7 @@ def held(true: ResidualSpread, count: int) -> tuple[float, float]:
 
 
 @pytest.mark.exhaustive
-def test_u95_of_what_is_found_holds_the_truth_when_ranges_of_generators_are_drawn() -> None:
+def test_u95_covers_truth_for_drawn_generator_ranges() -> None:
     """A share of 2000 scatters by 0.005, their standard deviation by 0.016."""
     share, sd = held(of_generators(), 2000)
     assert 0.93 <= share <= 0.97

@@ -65,7 +65,7 @@ def test_u_is_the_scatter_that_noise_of_all_windows_leaves_zeros_among_them(orde
     assert statement.value("bias").u == pytest.approx(biases.std(), rel=0.07)
 
 
-def test_a_hysteresis_that_is_put_in_is_found_with_its_size_rate_and_sign() -> None:
+def test_simulated_hysteresis_is_found_with_size_rate_and_sign() -> None:
     settings = make_settings(order=Order.LOOP, zeros=Zeros.BRACKET, station=WHITE, samples=READINGS)
     points = blank(settings)
     width = 5e-4 * abs(K) * 200.0  # 0.05 % of full scale at rest, nothing at both ends
@@ -95,7 +95,7 @@ def test_a_hysteresis_without_a_known_flicker_can_be_written(zeros: Zeros) -> No
 
 
 @pytest.mark.exhaustive
-def test_without_hysteresis_noise_is_said_to_be_noise_in_95_of_100_runs() -> None:
+def test_noise_without_hysteresis_is_recognized_in_95_percent() -> None:
     settings = make_settings(order=Order.LOOP, station=WHITE, samples=READINGS)
     points, rng = blank(settings), np.random.default_rng(8)
     noisy = (moved(points, rng.normal(0.0, NOISE / math.sqrt(READINGS), len(points))) for _ in range(60))
@@ -237,7 +237,7 @@ def off_ppm(drifting: dict[str, Any], name: str) -> float:
 
 
 @pytest.mark.exhaustive
-def test_a_drifting_bench_reads_wrong_in_the_paper_s_order_by_what_theory_says(drifting: dict[str, Any]) -> None:
+def test_drift_in_paper_order_errs_as_in_theory(drifting: dict[str, Any]) -> None:
     rates = np.array(QUICK["rates_deg_s"])
     times = np.array([0.0, *np.cumsum(np.abs(np.diff(rates)) / 100.0 + 5.0)])
     expected = 1e-3 * float(rates @ (times - times.mean())) / float(rates @ rates)

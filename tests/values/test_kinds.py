@@ -30,6 +30,6 @@ def test_results_are_named_with_the_unit_that_people_read() -> None:
     assert named("nonlinearity_ppm.max_span")[:4] == ("nonlinearity: max span", "", 1.0, "ppm")
 
 
-def test_e_n_of_the_fits_alone_is_not_named_as_that_of_the_budget() -> None:
+def test_e_n_of_fits_has_own_name() -> None:
     assert named("comparison.e_n").words == "comparison: E_n of the fits' scatter alone, no verdict"
     assert (named("e_n").words, named("drift.e_n").words) == ("E_n", "drift: E_n")

@@ -100,7 +100,7 @@ def test_an_exchange_takes_the_characters_of_both_ways(name: str, message: bytes
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_time_stops_at_ends_of_messages_alone_and_the_last_character_comes_as_before(times: int) -> None:
+def test_time_stops_only_at_message_ends(times: int) -> None:
     reply = times * b"0.0000\r\n>\r\n"
     by_character, by_message = (Desk("atl", by_message=each).instants(times * b"PPO\r") for each in (False, True))
     ends = [place for place, byte in enumerate(reply) if byte < 32]

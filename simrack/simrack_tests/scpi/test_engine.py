@@ -279,7 +279,7 @@ def test_one_full_buffer_is_no_deadlock(message: str) -> None:
     assert talk.errors() == []
 
 
-def test_a_message_that_fits_into_the_input_buffer_of_most_models_is_no_deadlock() -> None:
+def test_message_of_usual_buffer_size_makes_no_deadlock() -> None:
     lamp = Lamp(GPIB)
     lamp.write(b"VOLT?;" * 2000 + b"VOLT?\n")  # 32 kB of answers, 12 kB of questions
     assert lamp.read(1 << 16)[0].count(b"+1.00000000E+00") == 2001

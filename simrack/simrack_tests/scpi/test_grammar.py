@@ -119,7 +119,7 @@ def test_the_path_ends_with_the_message_and_at_a_colon() -> None:
     assert conversation.refusals("SOUR:VOLT 3;:FREQ 1") == []
 
 
-def test_what_stands_before_a_command_error_is_done_and_what_follows_is_not() -> None:
+def test_commands_before_error_are_done_and_later_ones_skipped() -> None:
     conversation = talk()
     assert conversation.refusals("VOLT 2;FOO;VOLT 3") == [-113]
     assert conversation.ask("VOLT?") == "+2.00000000E+00"

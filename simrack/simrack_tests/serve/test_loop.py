@@ -174,7 +174,7 @@ def fill(connection: socket.socket) -> None:
             connection.sendall(b"LEV 1\n" * 1000)
 
 
-def test_a_client_that_asks_faster_than_is_answered_is_not_heard_for_a_while(served: Served) -> None:
+def test_client_faster_than_replies_is_paused(served: Served) -> None:
     served.clock.speed = 1e-6
     with wires(served, 2) as (hasty, other):
         hasty.send(b"READ?\n")

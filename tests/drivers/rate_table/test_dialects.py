@@ -282,7 +282,7 @@ def test_what_is_beyond_the_limits_does_not_reach_the_table(name: str, rate: flo
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_a_table_turns_on_when_the_host_is_gone_and_can_be_stopped_anew(name: str) -> None:
+def test_table_turns_on_without_host_and_can_be_stopped(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(20.0)
@@ -358,7 +358,7 @@ def test_aaaa_says_its_end_of_travel_in_the_sign_of_the_bench() -> None:
 
 
 @pytest.mark.parametrize(("rate_deg_s", "sign"), [(200.0, 1), (-200.0, 1), (200.0, -1)])
-def test_aaaa_is_wound_back_when_it_is_enabled_near_an_end_of_its_travel(rate_deg_s: float, sign: int) -> None:
+def test_aaaa_enabled_near_end_of_travel_is_wound_back(rate_deg_s: float, sign: int) -> None:
     bench = Bench("aaaa", axis_sign=sign)
     bench.driver.enable()
     bench.reach(rate_deg_s)
@@ -411,7 +411,7 @@ def test_atl_without_the_prompt_after_jog(prompting: bool) -> None:  # noqa: FBT
 
 @pytest.mark.usefixtures("unhurried")
 @pytest.mark.parametrize("name", DIALECTS)
-def test_a_table_that_hears_but_is_not_heard_is_stopped_and_not_called_safe(name: str) -> None:
+def test_table_without_replies_is_stopped_and_reported_unsafe(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(50.0)

@@ -132,7 +132,7 @@ def test_an_answer_belongs_to_its_question_however_its_bytes_come(name: str) -> 
     assert not bench.world.table.servo_closed
 
 
-def test_a_line_feed_belongs_to_the_carriage_return_before_it_however_late_it_comes() -> None:
+def test_late_line_feed_belongs_to_carriage_return() -> None:
     clock = VirtualClock()
     wire = Answering(clock, b"12.5\r")
     line = TableLine(wire, name="t", resource="x", clock=clock, timeout_s=1.0)

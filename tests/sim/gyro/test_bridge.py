@@ -110,7 +110,7 @@ def test_noise_within_a_step_has_the_covariance_of_noise_that_nobody_cut() -> No
 
 
 @pytest.mark.exhaustive
-def test_a_stretch_that_is_halved_before_it_is_looked_at_has_the_same_noise() -> None:
+def test_halved_stretch_has_same_noise() -> None:
     """40 s, looked at where two of its parts meet and far from them: variance, and covariance over 10 ms."""
     chain, white = NoisyChain(locked_chain(PAPER), FlickerNoise(np.array([1.0] * COUNT), 0.0), WHITE), white_only()
     instants = np.array([0.3, 0.31, 19.995, 20.005, 33.0, 33.01])
@@ -168,7 +168,7 @@ def captured(clock: VirtualClock, world: World, seconds: float, rate_hz: float) 
 
 
 @pytest.mark.parametrize(("seconds", "records"), few([(0.02, 40), (0.2, 40), (2.0, 10), (10.0, 4)], (0.2, 40)))
-def test_noise_is_as_large_at_the_end_of_a_record_as_at_its_start(seconds: float, records: int) -> None:
+def test_noise_at_end_of_record_equals_noise_at_start(seconds: float, records: int) -> None:
     """Rms in tenths of a record about the true mean against the closed form; each tenth within four of its errors."""
     quiet = powered(replace(STILL, noise=replace(STILL.noise, angle_random_walk_deg_sqrt_s=0.0)), 0)
     level = mean_v(*quiet, 0.1)
@@ -260,7 +260,7 @@ def test_the_noise_on_sense_is_the_noise_that_the_demodulator_brings_down() -> N
 
 
 @pytest.mark.parametrize("drive_hz", [3490.0, 24_490.0, 50_000.0])
-def test_noise_on_sense_is_where_its_modes_are_whatever_their_beat_with_the_drive(drive_hz: float) -> None:
+def test_sense_noise_is_at_its_modes_for_any_beat(drive_hz: float) -> None:
     """The in-phase mode is 4 % below the drive, 2.1 kHz of 50: nothing of it is folded back onto the other side."""
     sheet = replace(drawn_sheet(1), drive_hz=drive_hz, split_hz=25.0, q_sense=0.2 * drive_hz, q_drive=1000.0)
     chain = NoisyChain(

@@ -114,7 +114,7 @@ def test_peak_of_the_single_mode_is_8_8_at_24_76_hz() -> None:
     assert grid[int(np.argmax(gains))] == pytest.approx(24.76, abs=0.03)
 
 
-def test_the_response_at_0_54_times_the_split_is_a_rise_of_3_db() -> None:
+def test_response_rises_3_db_at_0_54_of_split() -> None:
     """|H| = df^2/(df^2 - f^2) for a single mode of high quality: +3 dB at 0.5412 df, as the paper's bandwidth."""
     assert 20 * math.log10(response_gain(locked_chain(SINGLE), 0.5412 * 24.8)) == pytest.approx(3.0, abs=0.1)
 

@@ -50,7 +50,7 @@ def test_the_output_is_that_of_what_lies_beyond(rate_deg_s: float, volts: float 
     assert warm_output(BANDED, 0.0)(rate_deg_s, volts) == pytest.approx(expected, abs=1e-7)
 
 
-def test_a_step_out_of_it_passes_modes_and_filter_as_a_smaller_one_does() -> None:
+def test_step_out_of_dead_band_equals_smaller_step() -> None:
     seen = []
     for bench, volts in ((BANDED, 2.0 / K_VC), (IDEAL, 1.5 / K_VC)):
         clock, world = powered(bench)

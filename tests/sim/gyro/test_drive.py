@@ -142,7 +142,7 @@ def test_brown_out_comes_at_the_instant_at_which_the_falling_rail_says_so() -> N
     assert gone / (MODE.natural_rad_s / 2 / MODE.quality) == pytest.approx(0.0, abs=60e-6)  # 0.5e-4 of the amplitude
 
 
-def test_the_locked_drive_follows_a_rail_that_moves_within_half_of_0_01_percent() -> None:
+def test_locked_drive_follows_moving_rail_within_0_005_percent() -> None:
     clock, world = powered(PAPER)
     start, tau = clock.now(), 0.08
     world.move_rail("positive", Approach(7.5, start, ((2.5, tau),)))
@@ -166,7 +166,7 @@ def test_start_up_ends_locked_at_resonance_with_x_as_minus_cosine() -> None:
     assert starting[-1].stop_s < 1.2
 
 
-def test_ring_down_gives_back_frequency_and_quality_of_the_drive_within_0_1_percent() -> None:
+def test_ring_down_gives_frequency_and_q_within_0_1_percent() -> None:
     """Seen on the oscilloscope: rails pulled below brown-out while the pick-off still works."""
     clock, world = powered(PAPER)
     world.set_rail("positive", 6.0)

@@ -45,7 +45,7 @@ def settled(bench: BenchParameters, volts: float) -> tuple[float, np.ndarray, np
 
 
 @pytest.mark.parametrize("volts", [0.0, 0.7, -1.3])
-def test_it_is_in_v_s_and_the_demodulator_brings_its_part_in_phase_down(volts: float) -> None:
+def test_feed_through_is_in_v_s_and_demodulated_in_phase(volts: float) -> None:
     """(k_c V_dac + k_v V_Vc) sin(th + phi_c) in V_s, hence half of it times cos(phi_c - phi) at the filter."""
     (with_it, sense, carrier), (without, still, _) = settled(LEAKING, volts), settled(SEALED, volts)
     sense_path, path = LEAKING.sense_path, LEAKING.virtual_path
@@ -56,7 +56,7 @@ def test_it_is_in_v_s_and_the_demodulator_brings_its_part_in_phase_down(volts: f
     assert with_it - without == pytest.approx(LEAKING.output_stage.gain * down, abs=1e-6 * abs(down) + 1e-7)
 
 
-def test_a_step_of_it_passes_the_filter_as_an_integration_at_carrier_level_says() -> None:
+def test_step_passes_filter_as_integration_at_carrier_level() -> None:
     """V_Vc steps to 0.5 V with nothing else on the modes: the filtered signal over 12 ms, against solve_ivp."""
     bench = replace(
         LEAKING,

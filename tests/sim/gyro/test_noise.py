@@ -249,7 +249,7 @@ def test_flicker_alone_has_its_floor_at_3_7_deg_per_hour() -> None:
 
 
 @pytest.mark.exhaustive
-def test_minimum_of_the_allan_deviation_is_3_7_deg_per_hour_within_its_spread(record_deg_h: np.ndarray) -> None:
+def test_allan_minimum_is_3_7_deg_per_hour_within_spread(record_deg_h: np.ndarray) -> None:
     """Monte Carlo of one-hour records: minimum 3.53 deg/h on average, sd 0.47, 95 % between 2.58 and 4.37.
 
     Five hours: their mean within three of its standard deviations, at most two hours outside the 95 % (1 in 1000).

@@ -359,7 +359,7 @@ def test_a_control_port_that_is_not_there() -> None:
         Control(port)
 
 
-def test_the_reply_to_a_request_that_was_broken_off_is_not_taken_for_another() -> None:
+def test_reply_to_aborted_request_is_not_taken_for_next() -> None:
     with served_lamp() as served, controls(served) as control:
         control._socket.sendall(b'{"do": "status", "id": 0}\n')
         assert isinstance(control.request("now"), float)

@@ -115,7 +115,7 @@ def test_any_message_is_answered_in_order_up_to_its_error(role: str, lab: Served
 
 @pytest.mark.parametrize("clear", CLEARS)
 @pytest.mark.parametrize(("role", "message"), WAITING)
-def test_what_keeps_an_instrument_behind_a_converter_is_ended_by_its_device_clear(
+def test_device_clear_ends_busy_state_behind_converter(
     role: str, message: str, clear: str, slow_lab: ServedLab
 ) -> None:
     with wire_to(slow_lab, role) as wire:
@@ -140,7 +140,7 @@ def test_a_client_frees_the_meter_for_the_others(clear: str, slow_lab: ServedLab
         assert waiting.ask("TRIG:SOUR?") == "BUS"  # what waited in the input buffer is gone with it
 
 
-def test_a_socket_of_an_instrument_with_a_clear_of_its_own_takes_every_byte(lab: ServedLab) -> None:
+def test_socket_with_device_clear_takes_every_byte(lab: ServedLab) -> None:
     with wire_to(lab, "rate_source") as wire:
         wire.connection.sendall(b"DATA:DAC VOLATILE, #216" + bytes([0, 3]) * 8 + b"\n")
         assert wire.error() == 0

@@ -403,7 +403,7 @@ def test_range_hold_keeps_the_larger_range() -> None:
 
 
 @given(st.floats(-10.0, 10.0))
-def test_the_converter_is_within_half_a_step_and_the_setting_within_half_a_digit(volts: float) -> None:
+def test_converter_rounds_to_half_step_and_setting_to_half_digit(volts: float) -> None:
     box = Socket(replace(GeneratorErrors.none(), dac_bits=14, setting_digits=4))
     box.send(f"OUTP:LOAD INF;:FUNC DC;:VOLT:OFFS {volts!r};:OUTP ON")
     setting = float(box.ask("VOLT:OFFS?"))

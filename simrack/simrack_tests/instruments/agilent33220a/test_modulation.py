@@ -309,7 +309,7 @@ def test_a_triggered_burst_runs_its_cycles_and_wai_waits_for_it(box: Socket, pol
     assert box.volts(start + np.array([0.4925, 0.5025])) == pytest.approx([sign, 0.0], abs=1e-6)
 
 
-def test_a_burst_starts_after_the_trigger_delay_and_a_trigger_in_it_changes_nothing(box: Socket) -> None:
+def test_burst_starts_after_delay_and_ignores_triggers_within(box: Socket) -> None:
     box.send("FREQ 100;:BURS:NCYC 10;:TRIG:SOUR BUS;DEL 0.2;:BURS:STAT ON")
     start = box.clock.now()
     box.send("*TRG")

@@ -184,7 +184,7 @@ def test_gaussians_have_their_moments_and_do_not_know_each_other() -> None:
     assert np.all(np.isfinite(gaussian(2**63, 9, np.array([-(2**60), 0, 2**60]))))
 
 
-def test_what_a_piece_is_made_of_is_the_mean_of_what_is_seen() -> None:
+def test_mean_of_piece_is_mean_of_its_readings() -> None:
     noise, whole = NoiseSource(0.2, 0.5, 11), 512 * TICK_S
     for number in (0, 7, 123_456):
         ticks = (512 * number + np.arange(512, dtype=np.float64) + 0.5) * TICK_S
@@ -196,7 +196,7 @@ def test_what_a_piece_is_made_of_is_the_mean_of_what_is_seen() -> None:
         assert piece.stop_s == pytest.approx((number + 2048) * whole)
 
 
-def test_noise_is_as_loud_at_any_place_between_ticks_and_flat_to_9_mhz() -> None:
+def test_noise_is_equal_between_ticks_and_flat_to_9_mhz() -> None:
     """By the transform of a record: 3 dB down at 9 MHz, and no line of nulls at the rate of the ticks."""
     noise, places = NoiseSource(0.0, 1.0, 3), np.arange(0.0, 1.0, 0.125)
     loudness = [float(noise.at((np.arange(100_000) + place) * TICK_S).std()) for place in places]

@@ -569,9 +569,7 @@ def test_installed_measurements_give_results(bench: Bench) -> None:
         ("POL POS;QUAL LESS;LESS 0.31E-3", 1.0, -1.0),
     ],
 )
-def test_a_glitch_trigger_is_at_the_end_of_a_pulse_of_the_wanted_width(
-    setup: str, before_v: float, after_v: float
-) -> None:
+def test_glitch_trigger_is_at_end_of_matching_pulse(setup: str, before_v: float, after_v: float) -> None:
     bench = Bench()
     bench.send(f":CHAN4:SCAL 1;:TRIG:MODE GLIT;SWE NORM;:TRIG:GLIT:SOUR CHAN4;LEV 0;{setup}")
     bench.send(":TIM:RANG 4E-3;:WAV:SOUR CHAN4;:DIG CHAN4")

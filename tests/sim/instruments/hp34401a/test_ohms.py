@@ -175,7 +175,7 @@ def test_ratio_of_two_inputs() -> None:
     assert made.duration_s("READ?") == pytest.approx(0.02 + 0.0015 + 4 * 0.2)
 
 
-def test_both_inputs_of_a_ratio_are_read_with_their_zero_though_autozero_is_off() -> None:
+def test_ratio_reads_zero_of_both_inputs_without_autozero() -> None:
     made = bench(MeterErrors(unzeroed_offset_v=0.5), sense="output")
     made.world.offset_v = 2.5
     made.talk.write("CONF:VOLT:DC:RAT 10;:ZERO:AUTO OFF")

@@ -40,7 +40,7 @@ def reading(errors: MeterErrors, range_v: float, volts: float, setting: str = ""
 
 
 @pytest.mark.parametrize("range_v", ONE_YEAR)
-def test_a_specimen_at_its_limit_on_one_range_is_at_its_limit_on_all(range_v: float) -> None:
+def test_specimen_at_limit_is_at_limit_on_all_ranges(range_v: float) -> None:
     """Gain and offset of the 10 V range at the end of its limits."""
     of_reading, of_range = ONE_YEAR[range_v]
     full = 0.9 * range_v

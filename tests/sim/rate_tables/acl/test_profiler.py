@@ -136,7 +136,7 @@ def test_a_jerk_within_a_frame_of_the_controller_is_a_step(attended: AttendedHos
     assert attended.world.table.profile_rate_deg_s() == pytest.approx(470.0 - 4200.0 * (0.05 - 0.5 * 4.2e-3))
 
 
-def test_the_abort_profile_obeys_its_own_jerk_limit_and_a_loss_of_power_none(attended: AttendedHost) -> None:
+def test_abort_obeys_own_jerk_limit_and_power_loss_none(attended: AttendedHost) -> None:
     attended.ask(":Limit:Acceleration Abort,1,100;Jerk Abort,1,100")
     attended.servo("Rate")
     attended.ask(":Demand:Rate 1,100")
