@@ -2,7 +2,8 @@
 
 A gyroscope whose noise is slow, as by a narrow mode, gives readings that are not independent of each other: their
 scatter over the root of their number is too little for a mean. Of readings that remember the last one by the share
-`rho` the variance of a mean is (1 + rho) / (1 - rho) as large (Bartlett 1946, J. R. Stat. Soc. B 8, 27).
+`rho` the variance of a mean is (1 + rho) / (1 - rho) as large (Bartlett 1946, J. R. Stat. Soc. B 8, 27). Flicker that
+outweighs the white noise within a window counts as such a memory too, beside its own part of a budget.
 """
 
 import math
