@@ -307,9 +307,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     best, *others = sorted(sides, key=lambda each: (each[0].parameters[3] < 0.0, each[0].chi_square))
     either = any(o.parameters[3] > 0.0 and o.chi_square < best[0].chi_square + _TELLS for o, _ in others)
     dof = sum(tone.noise_dof for tone in ordered)
-    sizes_hz = [abs(float(each.parameters[0])) for each, _ in sides]
-    apart_hz = max(sizes_hz) - min(sizes_hz)
-    return _band(best[0], known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either, apart_hz=apart_hz)
+    return _band(best[0], known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
 
 
 def _shape(parameters: Floats) -> Floats:
@@ -360,18 +358,8 @@ def _passed(f: Floats, shape: Floats, known: Known) -> Floats:
 
 
 def _band(
-    fit: ModelFit,
-    drive_hz: float,
-    f: Floats,
-    gain: Floats,
-    u: Floats,
-    *,
-    noise_dof: float,
-    either_side: bool,
-    apart_hz: float,
+    fit: ModelFit, drive_hz: float, f: Floats, gain: Floats, u: Floats, *, noise_dof: float, either_side: bool
 ) -> RateBand:
-    """Return what a fit tells; `apart_hz` is by how much that of the other side has another split."""
-
     def points(parameters: Floats) -> Floats:
         return _points(drive_hz, parameters)
 
@@ -379,7 +367,8 @@ def _band(
     split, q, _, in_phase, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     if either_side or in_phase[0] < _SEEN * in_phase[1]:
         q = q[0], math.hypot(q[1], 2.0 * abs(split[0]) / drive_hz * q[0] / math.sqrt(3.0))
-        split = split[0], math.hypot(split[1], apart_hz / math.sqrt(3.0))
+        # A peak is f / (4 Q^2) beside its mode, of one side above and of the other below
+        split = split[0], math.hypot(split[1], 0.5 * drive_hz / q[0] ** 2 / math.sqrt(3.0))
     found = zip(points(fit.parameters).tolist(), propagated(points, fit).tolist(), strict=True)
     plus_3_db, peak, peak_gain, minus_3_db, share = found
     return RateBand(
