@@ -184,7 +184,10 @@ def test_run_without_a_table_lists_what_k_vc_may_be(tmp_path: Path) -> None:
     assert row.effects["scale_factor"] == pytest.approx(1e-3 * abs(run.results.scale_factor.value), rel=0.01)
 
 
-@pytest.mark.parametrize(("on_v_vc", "size", "effect"), [(False, None, 1e-3), (True, 0.1, 0.1)])
+@pytest.mark.parametrize(
+    ("on_v_vc", "size", "effect"),
+    [(False, None, 1e-3), pytest.param(True, 0.1, 0.1, marks=pytest.mark.exhaustive)],
+)
 def test_v_vc_that_nobody_measures_may_arrive_otherwise(
     tmp_path: Path, *, on_v_vc: bool, size: float | None, effect: float
 ) -> None:
