@@ -112,6 +112,17 @@ def test_mean_of_neighbours_leaves_n_exactly(length: int) -> None:
     assert found.fit.coefficients.squares()[0] == pytest.approx(-(length**2 - 1) / (6.0 * length), rel=1e-3)
 
 
+def test_short_record_behind_a_slow_filter_is_not_fitted_within_its_memory() -> None:
+    """A time constant of three readings: N was 35 % low at a u of 9 %, its start being within the filter's memory."""
+    pole, off = math.exp(-0.1 * math.pi), []
+    for seed in range(8):
+        white = np.random.default_rng(7000 + seed).standard_normal(1300)
+        impulse = (1.0 - pole) * pole ** np.arange(100)
+        walk = model_of(np.convolve(white, impulse, "valid")[-1200:]).fit.terms[Term.ANGLE_RANDOM_WALK]
+        off += [abs(walk.value - 1.0) / walk.u] if walk.u else []
+    assert sum(each < 2.0 for each in off) >= len(off) - 1
+
+
 def test_points_that_are_too_low_are_seen() -> None:
     factors = averaging_factors(SIZE, 2)
     tau = np.array(factors, dtype=np.float64)

@@ -26,6 +26,12 @@ _P_START: Final = 0.1
 _NEXT: Final = 4
 """Points that must agree with a start: two octaves."""
 _MARGIN: Final = 2
+_TAKEN: Final = 0.5
+"""Part of the white noise that a filter may take from the shortest averages that are fitted.
+
+More is within its memory, where the variance is no sum of powers yet: a mean of M takes 1/2 at M, where it ends; a
+filter of the first order takes 1/2 at three time constants. A short record does not see that its fit is wrong there.
+"""
 _LEAST: Final = 8
 _SHORTER: Final = 2
 """Points by which a curve is shortened that powers of the time describe from no start on."""
@@ -230,9 +236,18 @@ def _start(points: _Curve, size: int, columns: list[int], margin: int) -> int | 
         fitted = points.fit(start, size, columns)
         beyond = points.chi_square(start + _NEXT, size, columns, fitted.of_points[_NEXT:, _NEXT:])
         more = points.chi_square(start, size, columns, fitted.of_points) - beyond
-        if _beyond(max(0.0, more), _NEXT) >= _P_START:
-            return start + margin
+        begin = start + margin
+        if _beyond(max(0.0, more), _NEXT) >= _P_START and _taken(points, begin, size, columns) <= _TAKEN:
+            return begin
     return None
+
+
+def _taken(points: _Curve, begin: int, size: int, columns: list[int]) -> float:
+    """Return the part of the white noise that a filter takes from the first point of a fit."""
+    if columns[0] != _Q:
+        return 0.0
+    added = points.design[begin] * points.fit(begin, size, columns).bounded
+    return -float(added[_Q] / added[_N]) if added[_N] > 0.0 else math.inf if added[_Q] < 0.0 else 0.0
 
 
 def _beyond(chi_square: float, dof: int) -> float:
