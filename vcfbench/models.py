@@ -313,7 +313,10 @@ def rail_terminals(name: str, like: str | None, positive: str, negative: str) ->
     rows = [row for each in (name, like) if each and (row := find_model(each)) is not None and row.terminals]
     if not rows:
         return f"the terminals of a {name} are not known here: measure both rails at the plug before the PCB is on it"
-    (plus, one), (minus, other) = (rows[0].terminals[each] for each in (positive, negative))
+    plus, one = rows[0].terminals[positive]
+    if negative == "none":
+        return f"{rows[0].name}: the one rail to {plus}, ground to {one}"
+    minus, other = rows[0].terminals[negative]
     ground = " and ".join(dict.fromkeys((one, other)))
     return f"{rows[0].name}: positive rail to {plus}, negative rail to {minus}, ground to {ground}"
 

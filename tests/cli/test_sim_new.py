@@ -68,7 +68,7 @@ def test_with_the_papers_imperfections_comes_the_papers_noise(tmp_path: Path) ->
         (("--q-sense", "-1224"), "q_sense: expected 100 to 100000, got -1224"),
         (("--q-drive", "inf"), "q_drive: expected 100 to 100000, got inf"),
         (("--k-vc", "nan"), "k_vc_deg_s_per_v: expected a size from 0.1 to 10000, either sign, got nan"),
-        (("--rail", "-10"), "rail_v: expected 5 to 15, got -10"),
+        (("--rail", "-10"), "rail_v: expected 3 to 15, got -10"),
         (("--bandwidth", "20"), "bandwidth_hz: expected a quarter to half the split, else no peak is seen, got 20"),
         (("--name", "paper"), "--name paper: a bench of that name comes with the package"),
         (("--name", "my own"), "name: expected"),

@@ -180,7 +180,8 @@ _OF_RAILS = ("positive_rail_v", "negative_rail_v", "rail_current_limit_a", "rail
 def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
     of_run = header.get("settings", {})
     supplied = "power" in of_run.get("station", {}).get("instruments", {"power": None})  # else no rail is there
-    without = {"station", "dut", *(() if supplied else _OF_RAILS)}
+    single = of_run.get("station", {}).get("rails", {}).get("negative") == "none"
+    without = {"station", "dut", *(() if supplied else _OF_RAILS), *(("negative_rail_v",) if single else ())}
     settings = {key: value for key, value in of_run.items() if key not in without}
     rows = []
     for table in results_table(settings, shown=None):

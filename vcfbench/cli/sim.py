@@ -33,6 +33,7 @@ _FIGURES: Final = {
     "bandwidth_hz": ("bandwidth", "Bandwidth (-3 dB), Hz, a quarter to half the split", None),
     "k_vc_deg_s_per_v": ("k_vc", "K_Vc, (deg/s)/V, signed: rate that one volt of V_Vc stands for", None),
     "rail_v": ("rail", "Rails, V, either polarity", 10.0),
+    "rails": ("rails", "Rails: 2, or 1 of a gyroscope with one supply, whose output rests in its middle", 2.0),
 }
 """Keys of a data sheet: the option, its help, and the figure without it."""
 _MILLI = 1e-3

@@ -57,7 +57,8 @@ class ElectricalSettings(ProcedureSettings, frozen=True, kw_only=True):
     @property
     def windows(self) -> Mapping[str, tuple[float, float]]:
         """Limits of the lines that are measured, by setting."""
-        return {key: window for key in _LINES if (window := getattr(self, key)) is not None}
+        lacking = {"negative_rail_ohm"} if self.station.rails.single else set()
+        return {key: window for key in _LINES if (window := getattr(self, key)) is not None and key not in lacking}
 
     @property
     def leads_ohm(self) -> float:

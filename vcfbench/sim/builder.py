@@ -76,7 +76,7 @@ class SimulatedBench(Struct, frozen=True):
         if description.power is None:  # the device feeds itself, and is on
             own = description.procedure
             world.set_rail("positive", own.positive_rail_v)
-            world.set_rail("negative", own.negative_rail_v)
+            world.set_rail("negative", own.negative_rail_v)  # of one supply nobody looks at it
         errors = instrument_errors(description, seed)
         # The World as the instruments see it that have leads, or an input of their own
         wiring, caught = description.wiring, world.mains
@@ -171,7 +171,7 @@ def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[s
         header = "u32le2" if part.reply_header == "auto" else part.reply_header
         return {"axis": part.axis, "header": header, "microsteps_per_deg": part.steps_per_deg, "noise_seed": noise_seed}
     return {
-        "rails": {wiring.rails.positive: "positive", wiring.rails.negative: "negative"},
+        "rails": {wiring.rails.positive: "positive"} | wiring.rails.below_ground,
         "node": _DRIVES.get(role, "input"),
         "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
         "mains_hz": float(description.site.mains_hz),

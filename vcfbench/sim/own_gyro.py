@@ -9,7 +9,6 @@ from msgspec import structs, to_builtins
 from vcfbench.errors import ConfigError
 from vcfbench.sim.gyro.data_sheet import (
     FLICKER_MINIMUM,
-    OUTPUT_SHARE,
     DataSheet,
     change_per_k,
     in_phase_share,
@@ -73,7 +72,8 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
     errors = (
         {} if imperfections else dict.fromkeys((role for role in station if isinstance(station[role], dict)), "none")
     )
-    errors.pop("limits", None)
+    for each in ("limits", "wiring"):
+        errors.pop(each, None)
     own = own_gyro(sheet, imperfections=imperfections, latitude_deg=latitude_deg)
     tables = {
         **station,
@@ -107,7 +107,7 @@ def _least_match_deg_s(sheet: DataSheet) -> float:
 
 def _most_match_deg_s(sheet: DataSheet) -> float:
     """Return the largest rate that V_Vc is matched with: with its offset, its bend and 5 % too much no clipping."""
-    free_v = OUTPUT_SHARE * sheet.rail_v / abs(sheet.scale_factor_v_per_deg_s)
+    free_v = sheet.swing_v / abs(sheet.scale_factor_v_per_deg_s)
     offset_deg_s = abs(sheet.bias_deg_s) + _OFFSET_V * abs(sheet.k_vc_deg_s_per_v)
     return min(sheet.range_deg_s, 0.9 * free_v - offset_deg_s)
 
@@ -136,6 +136,7 @@ def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
             "max_temperature_c": 85.0,
             "max_ramp_k_min": 60.0,
         },
+        **({"wiring": {"rails": {"negative": "none"}}} if sheet.rest_v else {}),
     }
 
 
@@ -144,13 +145,13 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
     return {
         "positive_rail_v": sheet.rail_v,
-        "negative_rail_v": -sheet.rail_v,
+        **({} if sheet.rest_v else {"negative_rail_v": -sheet.rail_v}),
         "rates_deg_s": [_round(rate * wider) for rate in PAPER_RATES_DEG_S],
         "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,
         "settle_s": _round(max(2.0, settling_s(sheet)[1])),
         "sample_interval_s": _interval_s(sheet),
-        "meter_range_v": 100 if OUTPUT_SHARE * sheet.rail_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
+        "meter_range_v": 100 if sheet.rest_v + sheet.swing_v > 11.5 else 10,  # a 34401A goes a fifth beyond its range
         "drive": {
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
             "amplitude_v": [0.8, 1.2],

@@ -204,12 +204,20 @@ class Supply(_Group, frozen=True):
     start_v: Annotated[float, "V", "weaker rail at which the drive loop starts", POSITIVE] = 8.0
     brown_out_v: Annotated[float, "V", "weaker rail below which the drive loop stops", POSITIVE] = 7.0
     dead_v: Annotated[float, "V", "weaker rail below which every node is 0 V", NOT_NEGATIVE] = 4.0
+    rails: Annotated[float, "1", "2, or 1: of one supply, whose other side is ground", _Range(least=1.0, most=2.0)] = (
+        2.0
+    )
     input_ohm: Annotated[float, "ohm", "of each rail's input without power", POSITIVE, UNVERIFIED] = 1000.0
     quiescent_a: Annotated[float, "A", "current of each rail while running", NOT_NEGATIVE] = 0.028
     start_up_a: Annotated[float, "A", "additional current while the drive starts", NOT_NEGATIVE] = 0.012
     ripple_feedthrough: Annotated[
         float, "V/V", "part of each rail's ripple that comes through to the output", NOT_NEGATIVE
     ] = 0.0
+
+    @property
+    def single(self) -> bool:
+        """True of one supply."""
+        return self.rails < 2.0
 
 
 class NoiseSources(_Group, frozen=True):

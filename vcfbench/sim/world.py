@@ -91,6 +91,9 @@ class World(Loaded):
         self._require(rail, RAILS)
         self.advance()
         self._rails[rail] = approach
+        if self.parameters.supply.single:  # its circuit goes by the one rail as others by the weaker of two
+            terms = tuple((-size, tau_s) for size, tau_s in approach.terms)
+            self._rails["negative"] = Approach(-approach.goal_v, approach.origin_s, terms)
         self._gyro.set_rails(self._rails["positive"], self._rails["negative"])
 
     def set_ripple(self, rail: str, ripple: Ripple | None) -> None:

@@ -38,8 +38,15 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
             yield InvalidValue(f"limits.{low_key}", f"less than limits.{high_key} = {high:g} {unit}", low)
     if wiring.rails.positive == "N25V":
         yield InvalidValue("wiring.rails.positive", "'P6V' or 'P25V', outputs above ground", wiring.rails.positive)
-    if wiring.rails.negative != "N25V":
-        yield InvalidValue("wiring.rails.negative", "'N25V', the output below ground", wiring.rails.negative)
+    if wiring.rails.negative not in {"N25V", "none"}:
+        expected = "'N25V', the output below ground, or 'none' of a device with one supply"
+        yield InvalidValue("wiring.rails.negative", expected, wiring.rails.negative)
+    if description.gyro.ratiometric is True:
+        expected = (
+            "no output that goes with the supply: the rail is known to 1500 ppm by the read-back of an E3631A, and so "
+            "would the scale factor be; feed the device from a reference, or measure output over supply by other means"
+        )
+        yield InvalidValue("gyro.ratiometric", expected, description.gyro.ratiometric)
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if wiring.oscilloscope.channel_of(node) is None:
             yield InvalidValue("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)

@@ -52,7 +52,7 @@ class LimitChecks(Struct, frozen=True):
         """Check the level of a supply output: 0 V is always allowed, outputs that feed no rail only that."""
         if voltage_v == 0.0:
             return
-        polarity = {self.rails.positive: 1.0, self.rails.negative: -1.0}
+        polarity = {self.rails.positive: 1.0, self.rails.negative: -1.0}  # "none" is no output
         if output not in polarity:
             raise LimitError(f"{output} {voltage_v:g} V: the output feeds no rail of the bench")
         low, high = self.limits.of("min_rail_v"), self.limits.of("max_rail_v")

@@ -42,10 +42,20 @@ class CalibrationPoint(BenchFileTable, frozen=True, kw_only=True):
 
 
 class RailWiring(BenchFileTable, frozen=True, kw_only=True):
-    """Supply output of each rail of the PCB."""
+    """Supply output of each rail of the PCB; one with a single supply has no negative rail, "none"."""
 
     positive: SupplyOutput = "P25V"
-    negative: SupplyOutput = "N25V"
+    negative: SupplyOutput | Literal["none"] = "N25V"
+
+    @property
+    def single(self) -> bool:
+        """True of a PCB with one supply, whose other side is ground."""
+        return self.negative == "none"
+
+    @property
+    def below_ground(self) -> dict[str, str]:
+        """Output of the negative rail, where there is one, with the rail's name."""
+        return {} if self.single else {self.negative: "negative"}
 
 
 class RailSettings(Struct, frozen=True):
@@ -100,13 +110,16 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 
 
 class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
-    """Declaration of this gyroscope by its maker or user: its input range, and the stream that it speaks, if any."""
+    """Declaration of this gyroscope by its maker or user: its input range, its stream, whether it is ratiometric."""
 
     range_deg_s: bounds.RateLimit | None = None
     """Input range either way: the scale factor of that range is stated beside that of the rates of a run."""
 
     stream: Stream | UnsetType = UNSET
     """Its output, where that is no voltage; where it is one, records say nothing of it."""
+
+    ratiometric: bool | UnsetType = UNSET
+    """Whether its output goes with the supply, which is refused."""
 
 
 class Expected(BenchFileTable, frozen=True, kw_only=True):

@@ -335,12 +335,15 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
             return ()
         wiring, limit_a = self.station.rails, self.rail_current_limit_a
         positive = parts.RailSettings("positive", wiring.positive, self.positive_rail_v, limit_a)
+        if wiring.single:
+            return (positive,)
         return positive, parts.RailSettings("negative", wiring.negative, self.negative_rail_v, limit_a)
 
     @property
     def rails_v(self) -> tuple[float, float] | None:
-        """Levels of the positive and the negative rail, V; None where the bench has no supply."""
-        return (self.positive_rail_v, self.negative_rail_v) if self.rails else None
+        """Levels of the positive and the negative rail, V, 0 of one that is not there; None without a supply."""
+        negative_v = 0.0 if self.station.rails.single else self.negative_rail_v
+        return (self.positive_rail_v, negative_v) if self.rails else None
 
     @property
     def expected(self) -> parts.Expected:
@@ -445,7 +448,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         if low_v is None or high_v is None:
             return
         window = f"a rail of {low_v:g} to {high_v:g} V either sign (limits)"
-        for key, voltage_v in (("positive_rail_v", self.positive_rail_v), ("negative_rail_v", self.negative_rail_v)):
+        for key, voltage_v in ((f"{rail.rail}_rail_v", rail.voltage_v) for rail in self.rails):
             if not low_v <= abs(voltage_v) <= high_v:
                 yield InvalidValue(key, window, voltage_v)
 

@@ -48,7 +48,7 @@ def channels_of(settings: ProcedureSettings, second: Node, third: Node) -> tuple
 
 def amplitudes(settings: ProcedureSettings, *channels: int, points: int = _SCREEN_POINTS) -> Routine[tuple[float, ...]]:
     """Look how large the signals on some channels are, V, at first on a screen for the rails, which no node exceeds."""
-    largest_v = max(settings.positive_rail_v, -settings.negative_rail_v)
+    largest_v = max(map(abs, settings.rails_v or (settings.positive_rail_v, settings.negative_rail_v)))
     return answer((yield steps.FindAmplitudes(channels, largest_v, 1.0, points)), steps.Amplitudes).amplitudes_v
 
 

@@ -417,7 +417,7 @@ def _with_scale_factor(own: ProcedureSettings, found: Mapping[str, PartResult]) 
 
 def report(settings: CharacterizeSettings, _measured: Measured, found: CharacterizeResult) -> Report:
     """Report the data sheet."""
-    rails = f"rails {settings.positive_rail_v:+g} V and {settings.negative_rail_v:+g} V"
+    rails = "rails " + " and ".join(f"{rail.voltage_v:+g} V" for rail in settings.rails)
     return data_sheet_report(found.data_sheet, [(each.name, each.reason) for each in found.not_measured], rails)
 
 

@@ -136,7 +136,7 @@ def plan(settings: PowerSettings) -> steps.Plan:
 
 def _moved(settings: PowerSettings) -> Routine[None]:
     """Take the output at rest and at the rate of both signs, on rails moved either way; the rails as they were then."""
-    for which in settings.rails_varied:
+    for which in settings.varied:
         for cycle in range(settings.cycles):
             yield steps.Note(f"Rails moved: {which}, {settings.rail_step_v:g} V either way, cycle {cycle + 1}")
             for sign in CHOPPED:
@@ -156,7 +156,7 @@ def _set_rails(settings: PowerSettings) -> Routine[None]:
 def power_characteristics(settings: PowerSettings, found: PowerResult) -> Characteristics | None:
     """Return the effect of both rails on the slope; their effect on K_Vc takes a run by the table and one by V_Vc."""
     for effect in found.effects:
-        if effect.rails == "both":
+        if effect.rails == "both" or settings.station.rails.single:
             slope = as_kept(effect.scale_factor)
             if settings.by is ScaleFactorBy.TABLE:
                 return Characteristics(table_slope_ppm_v=slope)

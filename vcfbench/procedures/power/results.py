@@ -46,6 +46,11 @@ class PowerSettings(LevelSettings, frozen=True, kw_only=True):
     rail_step_v: Annotated[float, ranged(0.05, 5.0, "how far a rail is moved either way, within the limits")] = 0.2
     cycles: Annotated[int, ranged(1, 100, "times that each rail is moved up and down")] = 2
 
+    @property
+    def varied(self) -> tuple[Varied, ...]:
+        """Rails that are moved: of one supply the one that there is."""
+        return ("positive",) if self.station.rails.single else self.rails_varied
+
     def moved(self, which: Varied, step_v: float) -> Self:
         """Return these settings with the rails `which` so much larger, V."""
         positive = step_v if which in {"positive", "both"} else 0.0
@@ -59,7 +64,7 @@ class PowerSettings(LevelSettings, frozen=True, kw_only=True):
         limits = self.station.limits
         low_v, high_v = limits.min_rail_v, limits.max_rail_v
         if low_v is not None and high_v is not None:
-            for rail_v in (self.positive_rail_v, -self.negative_rail_v):
+            for rail_v in (abs(rail.voltage_v) for rail in self.rails):
                 if not low_v <= rail_v - self.rail_step_v <= rail_v + self.rail_step_v <= high_v:
                     most_v = min(rail_v - low_v, high_v - rail_v)
                     yield InvalidValue(
@@ -276,9 +281,9 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     """Yield the effect of each of the rails; the windows came in the order of the plan."""
     windows = [(step, window) for step, window in measured.found(Window) if isinstance(step, Acquire)]
     a_block = _A_STATE * len(CHOPPED)
-    expected = a_block * settings.cycles * len(settings.rails_varied)
+    expected = a_block * settings.cycles * len(settings.varied)
     if len(windows) != expected:
-        raise ConfigError(f"expected {expected} windows for {len(settings.rails_varied)} rails, got {len(windows)}")
+        raise ConfigError(f"expected {expected} windows for {len(settings.varied)} rails, got {len(windows)}")
     blocks = [_moved(windows[at : at + a_block], scale.value) for at in range(0, len(windows), a_block)]
     biases, taken, seen = map(list, zip(*blocks, strict=True))
     std = math.sqrt(fmean(window.std_v**2 for _, window in windows)) / abs(scale.value)
@@ -290,7 +295,7 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
     slope_std = std / (math.sqrt(2.0) * settings.level_deg_s * abs(size))
     slopes = [Block(tuple(each / size for each in block.outputs_v)) for block in taken]
     slope_noise = block_noise(slopes, slope_std, settings.samples, window_s, slot_s)
-    for number, rails in enumerate(settings.rails_varied):
+    for number, rails in enumerate(settings.varied):
         of = slice(number * settings.cycles, (number + 1) * settings.cycles)
         step = _step_v(settings, rails, seen[of])
         beside = _imbalance_v(settings, rails, seen[of])
@@ -336,7 +341,7 @@ def _step_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[float, li
 
 def _imbalance_v(settings: PowerSettings, rails: str, seen: _Seen) -> tuple[float, float]:
     """Return by how much the rail that is moved is the larger one, V, as read back, and the standard uncertainty."""
-    if rails == "both":
+    if rails == "both" or settings.station.rails.single:
         return 0.0, 0.0
     of = {each.rail: each.output for each in settings.rails}
     own, other = of[rails], of["negative" if rails == "positive" else "positive"]

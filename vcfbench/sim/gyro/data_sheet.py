@@ -45,7 +45,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         q_drive, q_sense: quality factors. quadrature_deg_s: as the rate that moves the sense mode as much.
         angle_random_walk_deg_sqrt_h: white noise. bias_instability_deg_h: lowest point of the Allan curve.
         bandwidth_hz: where the output is 3 dB down, a quarter to half the split; None: the filter is at four splits.
-        k_vc_deg_s_per_v: rate that one volt of V_Vc stands for, signed. rail_v: supply, either polarity.
+        k_vc_deg_s_per_v: rate that one volt of V_Vc stands for, signed. rail_v: supply, of as many `rails`, 2 or 1.
 
     Raises:
         ConfigError: a figure that no such gyroscope has; its name comes first.
@@ -63,7 +63,18 @@ class DataSheet(Struct, frozen=True, kw_only=True):
     bias_instability_deg_h: Annotated[float, 0.0, 10_000.0] = 0.0
     bandwidth_hz: Annotated[float | None, 0.5, 40.0] = None
     k_vc_deg_s_per_v: Annotated[float, 0.1, 10_000.0, _EITHER_SIGN] = 150.0
-    rail_v: Annotated[float, 5.0, 15.0] = PERFECT.supply.nominal_v
+    rail_v: Annotated[float, 3.0, 15.0] = PERFECT.supply.nominal_v
+    rails: Annotated[float, 1.0, 2.0] = 2.0
+
+    @property
+    def rest_v(self) -> float:
+        """Output at rest, V: in the middle of the supply where it is one."""
+        return 0.5 * self.rail_v if self.rails < 2.0 else 0.0
+
+    @property
+    def swing_v(self) -> float:
+        """Largest distance of the output from there, V."""
+        return OUTPUT_SHARE * (self.rail_v - self.rest_v)
 
     def __post_init__(self) -> None:
         for name, annotated in self.__annotations__.items():
@@ -89,7 +100,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{drive_s:.3g} s", drive_s <= _DRIVE_STARTS_S
         settled = sense_s <= _OUTPUT_SETTLES_S
         yield "q_sense", f"an output that settles within {_OUTPUT_SETTLES_S:g} s", f"{sense_s:.3g} s", settled
-        least_v, most_v = _LEAST_OUTPUT_V, OUTPUT_SHARE * self.rail_v
+        least_v, most_v = _LEAST_OUTPUT_V, self.swing_v
         largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
         yield "range_deg_s", f"outputs within {most_v:g} V", f"{largest_v:.3g} V", largest_v <= most_v
         whole_v = abs(self.scale_factor_v_per_deg_s) * self.range_deg_s
@@ -151,10 +162,11 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
             amplifier_gain=path.amplifier_gain * min(1.0, _SENSE_SHARE * sheet.rail_v / _sense_v(bench, sheet)),
             low_pass_hz=sheet.low_pass_hz,
         ),
-        output_stage=replace(base.output_stage, headroom_v=(1.0 - OUTPUT_SHARE) * sheet.rail_v),
+        output_stage=replace(base.output_stage, headroom_v=sheet.rail_v - sheet.rest_v - sheet.swing_v),
         supply=replace(
             supply,
             nominal_v=sheet.rail_v,
+            rails=sheet.rails,
             start_v=supply.start_v * higher,
             brown_out_v=supply.brown_out_v * higher,
             dead_v=supply.dead_v * higher,
@@ -170,7 +182,7 @@ def own_gyro(sheet: DataSheet, *, imperfections: bool, latitude_deg: float) -> B
     larger, wider = slope / shape.scale_factor_v_s_deg, 200.0 / sheet.range_deg_s
     targets = replace(
         shape,
-        bias_v=slope * sheet.bias_deg_s,
+        bias_v=sheet.rest_v + slope * sheet.bias_deg_s,
         scale_factor_v_s_deg=slope,
         second_order=shape.second_order * larger * wider,
         third_order=shape.third_order * larger * wider**2,

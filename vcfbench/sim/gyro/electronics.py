@@ -203,6 +203,8 @@ class OutputLimits(Struct, frozen=True):
     stage: OutputStage
     positive: Oscillation
     negative: Oscillation
+    single: bool = False
+    """True of a PCB with one supply, whose output ends at ground."""
 
     @property
     def moving(self) -> bool:
@@ -212,14 +214,17 @@ class OutputLimits(Struct, frozen=True):
     def at(self, elapsed_s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return lowest and highest voltage at times."""
         headroom = self.stage.headroom_v
-        low = np.minimum(self.negative.at(elapsed_s) + headroom, 0.0)
-        return np.asarray(low), np.asarray(np.maximum(self.positive.at(elapsed_s) - headroom, 0.0))
+        high = np.maximum(self.positive.at(elapsed_s) - headroom, 0.0)
+        if self.single:
+            return np.minimum(high, headroom), high
+        return np.minimum(self.negative.at(elapsed_s) + headroom, 0.0), high
 
     def tightest(self, duration_s: float) -> tuple[float, float]:
         """Return limits that hold over all of a time."""
         positive = self.positive.constant_v + _bound(self.positive, duration_s, min)
         negative = self.negative.constant_v + _bound(self.negative, duration_s, max)
-        return min(negative + self.stage.headroom_v, 0.0), max(positive - self.stage.headroom_v, 0.0)
+        high_v = max(positive - self.stage.headroom_v, 0.0)
+        return (self.stage.headroom_v if self.single else min(negative + self.stage.headroom_v, 0.0)), high_v
 
     def cuts_s(self, duration_s: float) -> set[float]:
         """Return times between which the limits are smooth, by the exponentials' time constants."""

@@ -96,8 +96,8 @@ class Stretch(Struct, frozen=True):
     def _limits(self) -> OutputLimits:
         """Return where the output saturates."""
         positive, negative = self.acting.pins
-        stage = self.acting.bench.output_stage
-        return OutputLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s))
+        stage, single = self.acting.bench.output_stage, self.acting.bench.supply.single
+        return OutputLimits(stage, positive.smooth(self.start_s), negative.smooth(self.start_s), single)
 
     def _swinging(self, node: str) -> tuple[complex, float]:
         """Return the envelope of carrier or locked drive, and the volts that one of its unit is."""

@@ -22,7 +22,10 @@ def warm_output(
     """
     thermal, virtual, stage = bench.thermal, bench.virtual_path, bench.output_stage
     positive_v, negative_v = rails_v or (bench.supply.nominal_v, -bench.supply.nominal_v)
+    if bench.supply.single:
+        negative_v = -positive_v
     low_v, high_v = min(negative_v + stage.headroom_v, 0.0), max(positive_v - stage.headroom_v, 0.0)
+    low_v = stage.headroom_v if bench.supply.single else low_v
     rise_k = thermal.ambient_c + thermal.self_heating_k - thermal.reference_c
     seen = _demodulated(bench, min(positive_v, -negative_v))
     steady_deg_s = earth_rate_deg_s(bench) + thermal.bias_coefficient_deg_s_k * rise_k + g_rate_deg_s(bench)

@@ -1,0 +1,126 @@
+"""A gyroscope with one supply, whose output rests in its middle: calibrated by every procedure, on one rail."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from simrack.oscillation import Oscillation
+
+import vcfbench
+from tests.cells import few
+from vcfbench.errors import ConfigError, LimitError
+from vcfbench.instructions.titles import BUILT_IN
+from vcfbench.models import rail_terminals
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
+from vcfbench.sim.gyro.electronics import OutputLimits
+from vcfbench.sim.own_gyro import own_gyro_bench
+from vcfbench.sim.simulation import true_output
+from vcfbench.station.file import parse_bench
+from vcfbench.station.limits import LimitChecks
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SHEET = DataSheet(
+    scale_factor_v_per_deg_s=0.008,
+    range_deg_s=150.0,
+    drive_hz=4000.0,
+    split_hz=30.0,
+    q_drive=5000.0,
+    q_sense=1200.0,
+    angle_random_walk_deg_sqrt_h=0.1,
+    k_vc_deg_s_per_v=112.5,
+    rail_v=5.0,
+    rails=1.0,
+)
+LONG = {
+    "characterize",
+    "online",
+    "threshold",
+    "repeatability",
+    "resonance",
+    "bandwidth",
+    "temperature",
+    "zero",
+    "warmup",
+}
+
+
+@pytest.fixture
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "one.toml"
+    file.write_text(own_gyro_bench(SHEET, "one"), "utf-8")
+    return file
+
+
+def test_four_steps_find_the_data_sheet(bench: Path) -> None:
+    found = vcfbench.run("virtual-coriolis", bench, seed=3, runs=None)
+    for name, truth in (("k_vc", 112.5), ("turntable.scale_factor", 0.008), ("turntable.bias", 2.5)):
+        value = found.values[name]
+        assert abs(value.value - truth) < 1.5 * value.u95, name
+    assert found.values["turntable.bias"].conditions.rails_v == (5.0, 0.0)
+
+
+def test_only_the_one_rail_is_set_and_reported(bench: Path, tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", bench, seed=3, runs=tmp_path / "runs")
+    journal = (run.directory / "journal.jsonl").read_text("utf-8")
+    assert '"output":"P25V"' in journal
+    assert '"output":"N25V"' not in journal
+    report = vcfbench.write_report(run, tmp_path / "report.md")[0].read_text("utf-8")
+    assert "positive_rail_v" in report
+    assert "negative_rail_v" not in report
+
+
+@pytest.mark.parametrize("procedure", few(sorted(set(BUILT_IN) - LONG - {"self-calibration"}), "electrical", "power"))
+def test_a_procedure_ends_with_results(procedure: str, bench: Path) -> None:
+    settings: dict[str, Any] = {"dut": "G-1"} if procedure == "kvc" else {}
+    assert vcfbench.run(procedure, bench, seed=2, settings=settings, runs=None).status == "complete"
+
+
+@pytest.mark.exhaustive
+def test_a_change_of_the_rail_is_kept_as_that_of_the_supply(bench: Path) -> None:
+    effect = vcfbench.run("power", bench, seed=2, runs=None, settings={"dut": "G-1"}).results.effects[0]
+    assert effect.rails == "positive"
+
+
+def test_output_ends_above_ground_and_below_the_rail() -> None:
+    stage = own_gyro(SHEET, imperfections=False, latitude_deg=0.0).output_stage
+    rail = Oscillation(5.0, [])
+    low_v, high_v = OutputLimits(stage, rail, Oscillation(-5.0, []), single=True).at(np.zeros(1))
+    assert (float(low_v[0]), float(high_v[0])) == pytest.approx((2.5 - 2.125, 2.5 + 2.125))
+    off = OutputLimits(stage, Oscillation(0.0, []), Oscillation(0.0, []), single=True).at(np.zeros(1))
+    assert [float(each[0]) for each in off] == [0.0, 0.0]
+
+
+def test_closed_form_ends_where_the_simulation_does(bench: Path) -> None:
+    output = true_output(load_bench(bench))
+    assert (output(0.0, None), output(1e3, None), output(-1e3, None)) == pytest.approx((2.5, 4.625, 0.375))
+
+
+def test_wiring_names_the_one_rail() -> None:
+    assert (
+        rail_terminals("E36312A", None, "P25V", "none")
+        == "E36312A: the one rail to + of output 2, ground to - of output 2"
+    )
+
+
+def test_the_other_output_is_refused_by_the_limits(bench: Path) -> None:
+    checks = LimitChecks.of(load_bench(bench))
+    checks.rail("P25V", 5.0)
+    with pytest.raises(LimitError, match="N25V -5 V: the output feeds no rail"):
+        checks.rail("N25V", -5.0)
+
+
+def test_an_output_beyond_half_the_supply_is_refused_by_its_key() -> None:
+    with pytest.raises(ConfigError, match=r"range_deg_s: expected outputs within 2\.125 V, got 2\.4 V"):
+        DataSheet(scale_factor_v_per_deg_s=0.016, range_deg_s=150.0, rail_v=5.0, rails=1.0, k_vc_deg_s_per_v=112.5)
+
+
+def test_a_ratiometric_output_is_refused_with_its_reason(bench: Path) -> None:
+    text = bench.read_text("utf-8") + "\n[gyro]\nratiometric = true\n"
+    with pytest.raises(ConfigError, match=r"gyro\.ratiometric: expected no output .* 1500 ppm .*, got true"):
+        parse_bench(text, "one")
