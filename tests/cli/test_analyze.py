@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,6 +17,7 @@ from vcfbench.analysis.csv_table import Layout
 from vcfbench.archive.analyzed import read_table
 from vcfbench.cli.analyze import analyze
 from vcfbench.errors import ConfigError
+from vcfbench.reports.document import Figure
 from vcfbench.reports.text import text_of
 
 if TYPE_CHECKING:
@@ -79,6 +81,17 @@ def test_a_table_has_a_report_too(written: Callable[[bytes], Path], tmp_path: Pa
     said = (tmp_path / "out.md").read_text("utf-8")
     assert "| scale factor, mV/(deg/s) | 990.000000 |" in said
     assert len(list(tmp_path.glob("*.svg"))) == 1
+
+
+def test_figure_of_very_many_points_has_their_extremes(tmp_path: Path) -> None:
+    rates = np.linspace(-100.0, 100.0, 20_001)
+    outputs = 0.01 * rates + 1e-5 * np.random.default_rng(1).standard_normal(rates.size)
+    outputs[777] += 1e-3
+    np.savetxt(tmp_path / "t.csv", np.column_stack([rates, outputs]), "%.9g", ",", header="rate_dps,a_v", comments="")
+    (figure,) = [each for each in vcfbench.analyze(tmp_path / "t.csv").report().parts if isinstance(each, Figure)]
+    (series,) = figure.series
+    assert len(series.y) == 2000
+    assert max(series.y) == pytest.approx(500.0, rel=0.05)  # ppm of the span
 
 
 def test_a_column_of_times_tells_the_rate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

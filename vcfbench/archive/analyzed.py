@@ -21,6 +21,8 @@ from vcfbench.reports.document import Axis, Cell, Column, Figure, Notice, Report
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
+_DRAWN = 2000
+"""Most points of a series in a figure: a page of 2e5 had 25 MB."""
 _APPLIED = {
     *("rate", "applied", "reference", "ref", "table", "turntable", "stage", "commanded", "command", "setpoint"),
     *("input", "true", "stimulus"),
@@ -95,7 +97,7 @@ class TableAnalysis(Struct, frozen=True):
         ]
         ppm = [1e6 / abs(each.line.scale_factor) / float(np.ptp(each.rate_deg_s)) for each in found]
         drawn = [
-            Series(name, each.rate_deg_s.tolist(), (of_span * each.line.residuals_v).tolist())
+            Series(name, *_drawn(each.rate_deg_s, of_span * each.line.residuals_v))
             for of_span, (name, each) in zip(ppm, self.series.items(), strict=True)
         ]
         residual = Axis("residual of the span", "ppm")
@@ -126,6 +128,15 @@ class TableAnalysis(Struct, frozen=True):
             (f"bias difference, {unit}", Cell((1e3 if volts else 1.0) * found.bias_difference_v, ".3f")),
         ]
         yield Table([*texts(""), Column("")], rows, f"{self.compared[1]} against {self.compared[0]}")
+
+
+def _drawn(rates: Floats, residuals: Floats) -> tuple[list[float], list[float]]:
+    """Return the points that a figure has: of very many the least and the largest of each thousandth."""
+    rows = np.arange(rates.size)
+    if rates.size > _DRAWN:
+        pieces = np.array_split(np.argsort(rates, kind="stable"), _DRAWN // 2)
+        rows = np.array([each[at(residuals[each])] for each in pieces for at in (np.argmin, np.argmax)])
+    return rates[rows].tolist(), residuals[rows].tolist()
 
 
 def _in_unit(column: dict[str, Any], unit: str) -> dict[str, Any]:
