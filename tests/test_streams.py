@@ -11,6 +11,7 @@ from msgspec import structs
 from simrack_tests.cells import few
 
 import vcfbench
+from tests.test_resume import cut
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.bench import open_bench
 from vcfbench.errors import BenchError, ConfigError
@@ -24,6 +25,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.stream_profiles import stream_profiles
 from vcfbench.station.writing import bench_text
 from vcfbench.steps.stream import StreamSeen
+from vcfbench.testing import serve_simulated
 from vcfbench.values.printing import in_unit
 
 if TYPE_CHECKING:
@@ -153,7 +155,7 @@ def test_a_fault_is_told_or_refused_and_never_a_wrong_number(
     ("errors", "said"),
     [
         ({"silent": 1.0}, "silent"),
-        ({"stuck": 1.0}, "is stuck"),
+        ({"stuck": 1.0}, "is stuck, or quiet"),
         ({"frozen": 1.0}, "stands still"),
         ({"saturated": 1.0}, "saturated"),
         ({"status": 1.0}, "status"),
@@ -239,3 +241,21 @@ def test_words_about_the_output_have_its_unit() -> None:
     said = "rate +5 deg/s, V_Vc +0 V: +0.3 V off, 2e-05 V of V_Vc"
     assert in_unit(said, "V") == said
     assert in_unit(said, "LSB") == "rate +5 deg/s: +0.3 LSB off, 2e-05 LSB of V_Vc"
+
+
+def test_a_run_that_was_broken_off_goes_on_with_its_stream(tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", stream_bench("adis16495"), seed=1, settings=QUICK, runs=tmp_path / "whole")
+    again = vcfbench.resume(cut(run, tmp_path, 2), runs=tmp_path)
+    assert again.status is Status.COMPLETE
+    k, k_again = (each.values["scale_factor"] for each in (run, again))
+    assert abs((k.value or 0.0) - (k_again.value or 0.0)) < (k.u95 or 0.0) + (k_again.u95 or 0.0)
+
+
+@pytest.mark.exhaustive
+def test_a_served_stream_gives_the_same_scale_factor(tmp_path: Path) -> None:
+    bench = stream_bench("vn100")
+    here = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+    with serve_simulated(bench, seed=1) as lab:
+        there = vcfbench.run("turntable", lab.on_wires(), settings=QUICK, runs=tmp_path)
+    k, k_here = (each.values["scale_factor"] for each in (there, here))
+    assert abs((k.value or 0.0) - (k_here.value or 0.0)) < (k.u95 or 0.0)

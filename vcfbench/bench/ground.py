@@ -116,7 +116,8 @@ def table_port(description: BenchDescription) -> str | None:
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
     from vcfbench.sim.served import lockstep_bench  # noqa: PLC0415
 
-    with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description)) as lockstep:
+    stream = description.stream.resource if description.stream else None
+    with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description), stream) as lockstep:
         yield UnopenedBench(
             lockstep.clock,
             description.visa_library,
@@ -124,6 +125,7 @@ def _served(description: BenchDescription, served: Served, roles: Collection[str
             lockstep.seed,
             adjust=lockstep.adjust,
             left_by=left_by,
+            stream=lockstep.stream,
         )
 
 

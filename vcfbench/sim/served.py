@@ -7,7 +7,7 @@ the same run on a bench simulated in this process, to the last digit.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from msgspec import Struct, structs
@@ -57,11 +57,13 @@ class Lockstep(Struct, frozen=True):
     """The port of its table, for pyserial; None when it has none."""
     adjust: Callable[[str, Any], None]
     """Changes something of its world, as ``vcfbench sim ctl set`` does."""
+    stream: str | None = None
+    """The port of its gyroscope, where that speaks numbers."""
 
 
 @contextmanager
-def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]:
-    """Lead the time of a served bench whose table is at the resource `rate_table`; None when it has none.
+def lockstep_bench(served: Served, rate_table: str | None, stream: str | None = None) -> Iterator[Lockstep]:
+    """Lead the time of a served bench whose table is at the resource `rate_table`, its `stream` at another; None: none.
 
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
@@ -74,9 +76,15 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
     with control:
         try:
             status = control.request("status")
-            wires = status["instruments"].get("rate_table", {})
-            known = rate_table if rate_table in {wires.get("tcp"), wires.get("pty")} else None
-            remote, seed = RemoteClock(control, awaits=known == rate_table), status["seed"]
+            wanted = {"rate_table": rate_table, "multimeter": stream}
+            wires = {role: status["instruments"].get(role, {}) for role in wanted}
+            known = {
+                role: where
+                for role, where in wanted.items()
+                if where is not None and where in {wires[role].get("tcp"), wires[role].get("pty")}
+            }
+            awaits = all(known.get(role) == where for role, where in wanted.items())
+            remote, seed = RemoteClock(control, awaits=awaits), status["seed"]
         except ControlError as error:
             raise ConnectFailed(str(error), instrument=_CONTROL, resource=served.control) from error
         clock = LockstepClock(remote, served.control)
@@ -87,15 +95,16 @@ def lockstep_bench(served: Served, rate_table: str | None) -> Iterator[Lockstep]
             except ControlError as error:
                 raise ConfigError(f"{name}: {error}", instrument=_CONTROL, resource=served.control) from error
 
-        with nullcontext(rate_table) if known is None else _led_port(control, clock, known) as url:
-            yield Lockstep(clock, seed, url, adjust)
+        with ExitStack() as stack:
+            url = {role: stack.enter_context(_led_port(control, clock, role, at)) for role, at in known.items()}
+            yield Lockstep(clock, seed, url.get("rate_table", rate_table), adjust, url.get("multimeter"))
 
 
 @contextmanager
-def _led_port(control: Control, clock: LockstepClock, resource: str) -> Iterator[str]:
+def _led_port(control: Control, clock: LockstepClock, role: str, resource: str) -> Iterator[str]:
     """Yield the URL of a port at `resource` that tells the server when it is waited on."""
     handle = resource.removeprefix("socket://")
-    serial_backend.register_port(handle, LockstepPort(control, clock, "rate_table", resource))
+    serial_backend.register_port(handle, LockstepPort(control, clock, role, resource))
     try:
         yield f"sim://{handle}"
     finally:
@@ -152,6 +161,15 @@ def on_wires(description: BenchDescription, resources: Mapping[str, str], contro
     for role, where in resources.items():  # a simulated serial line needs no pauses, and they would shift the readings
         if where.startswith("ASRL"):
             roles[role] = structs.replace(roles[role], serial_pause_s=0.0)
+    gyro = description.gyro
+    if description.stream and "multimeter" in resources:
+        stream = structs.replace(description.stream, resource=resources["multimeter"])
+        gyro = structs.replace(gyro, stream=stream)
     return structs.replace(
-        description, **roles, title=f"{description.title}, served", simulation=None, served=Served(control=control)
+        description,
+        **roles,
+        gyro=gyro,
+        title=f"{description.title}, served",
+        simulation=None,
+        served=Served(control=control),
     )
