@@ -9,18 +9,9 @@ from typing import Final, Literal
 
 from msgspec import Struct
 
-ChecksumName = Literal[
-    "none",
-    "sum8",
-    "sum16",
-    "xor8",
-    "crc16-ccitt-false",
-    "crc16-xmodem",
-    "crc16-kermit",
-    "crc16-modbus",
-    "crc32",
-    "crc32-mpeg2",
-]
+_Sum = Literal["none", "sum8", "sum16", "xor8"]
+_Crc = Literal["crc16-ccitt-false", "crc16-xmodem", "crc16-kermit", "crc16-modbus", "crc32", "crc32-mpeg2"]
+ChecksumName = Literal[_Sum, _Crc]
 
 
 class Checksum(Struct, frozen=True):

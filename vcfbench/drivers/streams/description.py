@@ -10,18 +10,9 @@ from msgspec import Meta, Struct, field
 from vcfbench.drivers.streams.checksums import CHECKSUMS, ChecksumName
 
 Place = Annotated[int, Meta(ge=0, le=4095)]
-NumberType = Literal[
-    "int8",
-    "uint8",
-    "int16",
-    "uint16",
-    "int24",
-    "uint24",
-    "int32",
-    "uint32",
-    "float32",
-    "float64",
-]
+_Signed = Literal["int8", "int16", "int24", "int32"]
+_Unsigned = Literal["uint8", "uint16", "uint24", "uint32"]
+NumberType = Literal[_Signed, _Unsigned, "float32", "float64"]
 _Size = Annotated[float, Meta(ge=1e-12, le=1e12)]
 _TO_DEG = {"deg/s": 1.0, "rad/s": math.degrees(1.0), "deg": 1.0, "rad": math.degrees(1.0), "LSB": 1.0}
 _UNITS = {"rate": ("deg/s", "rad/s", "LSB"), "increment": ("deg", "rad", "LSB"), "angle": ("deg", "rad", "LSB")}

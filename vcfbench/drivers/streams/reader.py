@@ -27,7 +27,7 @@ _MOST_LOST = 0.2
 _LATE_S = 0.02
 """By how much the arrival of a frame is uncertain: USB adapters hold bytes for up to 16 ms."""
 _ALIKE = 20
-"""Frames of a reading that say the same number, from which a device counts as stuck."""
+"""Frames in a row, a whole reading at least, that say the same number of a device that is stuck."""
 _POLL_S = 0.01
 _BYTES = 65_536
 
@@ -100,12 +100,9 @@ class StreamReader:
         self._decoder = Decoder(stream)
         self._frames = self._dropped = self._repeated = 0
         self._temperature_c: float | None = None
+        self._alike, self._value = 0, math.nan
         self._first: tuple[float, int] | None = None
         self._last: tuple[float, int] | None = None
-
-    @property
-    def _where(self) -> dict[str, Any]:
-        return {"instrument": self.name, "resource": self.resource}
 
     def identify(self) -> Identity:
         """Wait for a frame; a stream says nothing of itself, so the profile is its model.
@@ -217,29 +214,26 @@ class StreamReader:
         """Yield the frames that come, with the bench time at which each was there."""
         deadline, heard = Deadline.after(self._clock, within_s), 0
         while True:
-            # none for so long is silence, though bytes may come
-            if deadline.expired():
-                self._silent(heard)
             with self._located():
                 try:
                     data = self._wire.receive(deadline.within(self.stream.timeout_s))[0]
-                except errors.DeadlineExceeded:
-                    self._silent(heard)
+                except errors.DeadlineExceeded as error:
+                    if not heard:
+                        error.what, error.hint = "the stream is silent", "is the device on and sending?"
+                        raise
+                    what = f"{heard} bytes came, and no whole frames for long enough"
+                    hint = (
+                        "baud_rate, header, length, checksum, sample_rate_hz of [gyro.stream]: one is not the device's"
+                    )
+                    raise errors.MeasurementError(what, hint=hint) from None
             heard += len(data)
             now_s = self._clock.now()
             for sample in self._decoder.feed(data):
                 yield sample, now_s
 
-    def _silent(self, heard: int) -> None:
-        if not heard:
-            raise errors.DeadlineExceeded("the stream is silent", **self._where, hint="is the device on and sending?")
-        what = f"{heard} bytes came, and no whole frames for long enough"
-        hint = "baud_rate, header, length, checksum and sample_rate_hz of [gyro.stream]: one is not the device's"
-        raise errors.MeasurementError(what, **self._where, hint=hint)
-
     def _require(self, well: bool, what: str) -> None:  # noqa: FBT001
         if not well:
-            raise errors.MeasurementError(what, **self._where)
+            raise errors.MeasurementError(what, instrument=self.name, resource=self.resource)
 
     def _require_well(self, taken: list[Sample]) -> None:
         """Raise MeasurementError where frames say something that is no output."""
@@ -247,12 +241,12 @@ class StreamReader:
         self._require(ill is None, f"the status of the device is {ill or 0:#x}, that is not well")
         at_end = sum(each.saturated for each in taken)
         self._require(not at_end, f"the output is saturated in {at_end} of {len(taken)} frames")
-        alike = len(taken) >= _ALIKE and all(each.value == taken[0].value for each in taken)
-        moves = self.stream.quiet or self.stream.kind == "angle"
+        for each in taken:  # of a slow stream over several readings
+            self._alike = self._alike + 1 if each.value == self._value else 1
+            self._value = each.value
         self._require(
-            not alike or moves,
-            f"all {len(taken)} frames say {taken[0].value:g} {self.stream.unit}: it is stuck, or quiet = true is to be "
-            "said of it",
+            self._alike < max(_ALIKE, len(taken)) or self.stream.quiet,
+            f"{self._alike} frames say {self._value:g} {self.stream.unit}: it is stuck, or quiet = true is to be said",
         )
 
     def _mean(self, taken: list[Sample], steps: int) -> float:
