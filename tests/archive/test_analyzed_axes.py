@@ -70,7 +70,7 @@ def test_rates_about_two_axes_are_refused(tmp_path: Path) -> None:
     file.write_text("\n".join(file.read_text().splitlines()[:11]))
     with pytest.raises(ConfigError, match="rates about each of the three axes"):
         analyze_axes(file, AXES)
-    with pytest.raises(ConfigError, match="temp_c: c is no unit of an output"):
+    with pytest.raises(ConfigError, match="temp_c: expected the unit of an output"):
         analyze_axes(file, AXES, layout=Layout(columns=("temp_c",)))
 
 

@@ -172,7 +172,7 @@ def test_a_lock_that_is_given_back_or_refused_leaves_no_file_open(
     for _ in range(5):
         with instrument_locks("lab-1", {"power": SUPPLY}), pytest.raises(InUse):
             instrument_locks("lab-1", {"power": SUPPLY}).__enter__()
-        with pytest.raises(LockUnusable, match="is no plain file"):
+        with pytest.raises(LockUnusable, match="is not a regular file"):
             instrument_locks("lab-1", {"multimeter": METER}).__enter__()
     monkeypatch.setattr("vcfbench.safety.lock.try_lock", no_locks)
     with pytest.raises(LockUnusable, match=r"lock file .* cannot be locked: No locks available"):
@@ -417,7 +417,7 @@ def test_what_somebody_has_laid_there_is_not_touched(folder: Path, kind: str) ->
         lock_path(METER).hardlink_to(victim)
     else:
         os.mkfifo(lock_path(METER))
-    with pytest.raises(BenchError, match=r"lock file .* (cannot be opened|is no plain file)"):
+    with pytest.raises(BenchError, match=r"lock file .* (cannot be opened|is not a regular file)"):
         instrument_locks("lab-1", {"multimeter": METER}).__enter__()
     assert victim.read_text() == "of value"
 

@@ -33,6 +33,7 @@ def seen(python: Path, folder: Path, resource: str, library: str) -> Seen:
     return found
 
 
+@pytest.mark.exhaustive  # minutes: a question that gets no answer takes 2 s
 @pytest.mark.parametrize(("client", "model"), [("instro_meter.py", "34401A"), ("sinstruments_meter.py", "2000")])
 def test_a_served_instrument_is_recorded_and_what_it_has_not_is_found(
     foreign: Path, tmp_path: Path, client: str, model: str

@@ -31,7 +31,8 @@ def t_quantile(tail: float, degrees: float) -> float:
             (3.0 * x**7 + 19.0 * x**5 + 17.0 * x**3 - 15.0 * x) / 384.0,
             (79.0 * x**9 + 776.0 * x**7 + 1482.0 * x**5 - 1920.0 * x**3 - 945.0 * x) / 92160.0,
         )
-        return x + math.fsum(term / degrees**power for power, term in enumerate(terms, start=1))
+        most = min(degrees, 1e60)  # whose fourth power is a float
+        return x + math.fsum(term / most**power for power, term in enumerate(terms, start=1))
     log_height = math.lgamma(0.5 * (degrees + 1.0)) - math.lgamma(0.5 * degrees) - 0.5 * math.log(math.pi * degrees)
     t = 0.0
     step = math.inf
