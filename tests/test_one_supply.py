@@ -124,3 +124,18 @@ def test_a_ratiometric_output_is_refused_with_its_reason(bench: Path) -> None:
     text = bench.read_text("utf-8") + "\n[gyro]\nratiometric = true\n"
     with pytest.raises(ConfigError, match=r"gyro\.ratiometric: expected no output .* 1500 ppm .*, got true"):
         parse_bench(text, "one")
+
+
+@pytest.mark.parametrize(
+    ("figures", "said"),
+    [
+        ({"rails": 1.5}, r"rails: expected 2, or 1 of one supply, got 1\.5"),
+        (
+            {"drive_hz": 1000.0, "q_drive": 92_735.0, "split_hz": -3.0, "q_sense": 4500.0},
+            "q_drive: expected a start within 600 s, got 612 s",
+        ),
+    ],
+)
+def test_a_sheet_without_a_bench_is_refused_by_its_key(figures: dict[str, float], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        DataSheet(**{"scale_factor_v_per_deg_s": 0.021, "range_deg_s": 10.0, "k_vc_deg_s_per_v": 24.0, **figures})

@@ -41,7 +41,8 @@ def data_sheets(draw: st.DrawFn) -> dict[str, Any]:
     assume(least_q < most_q)
     sheet["q_sense"] = draw(sizes(least_q, most_q))
     sheet["bias_deg_s"] = draw(st.floats(-0.1, 0.1)) * sheet["range_deg_s"]
-    share = draw(sizes(0.21, 0.75 * sheet["rail_v"])) / sheet["range_deg_s"]
+    sheet["rails"] = draw(st.sampled_from((1.0, 2.0)))
+    share = draw(sizes(0.21, 0.375 * sheet["rails"] * sheet["rail_v"])) / sheet["range_deg_s"]
     sheet["scale_factor_v_per_deg_s"] = math.copysign(share, sheet["scale_factor_v_per_deg_s"])
     noise_deg_s = draw(sizes(1e-7, 1.99e-3)) * sheet["range_deg_s"]
     sheet["angle_random_walk_deg_sqrt_h"] = min(60.0 * noise_deg_s, 100.0)

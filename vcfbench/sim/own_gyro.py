@@ -16,6 +16,7 @@ from vcfbench.sim.gyro.data_sheet import (
     own_gyro,
     peak_response,
     settling_s,
+    started_s,
 )
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.simulation import named_parameters
@@ -156,7 +157,7 @@ def _shared(sheet: DataSheet) -> dict[str, Any]:
             "frequency_hz": [_round(0.996 * sheet.drive_hz), _round(1.004 * sheet.drive_hz)],
             "amplitude_v": [0.8, 1.2],
             "phase_deg": [80.0, 100.0],
-            "start_up_s": _round(max(5.0, _started_s(sheet))),  # `warmup` takes its first window then
+            "start_up_s": _round(max(5.0, started_s(sheet))),  # `warmup` takes its first window then
         },
     }
 
@@ -180,8 +181,8 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     level = {"level_deg_s": _round(most_deg_s)}
     steps = [(most_deg_s / least_deg_s) ** (0.25 * place) for place in range(5)]
     matched = {"match_rates_deg_s": [_round(least_deg_s * step) for step in steps]}
-    started_s = _round(max(5.0, settling_s(sheet)[0]))
-    started = {"warm_up_s": started_s}
+    loop_s = _round(max(5.0, settling_s(sheet)[0]))
+    started = {"warm_up_s": loop_s}
     return {
         "turntable": started,
         "virtual-coriolis": {"match_rate_deg_s": _round(least_deg_s), **matched, **started},
@@ -190,7 +191,7 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "zero": {**_whole_readings(sheet), **_noise_bandwidth(sheet)},
         "warmup": {"turn_on_tolerance_deg_s": _round(wider), "bias_instability_deg_h": instability_deg_h},
         "power": {**level, "valid_tolerance_deg_s": _round(wider), "rail_step_v": _round(0.02 * sheet.rail_v)},
-        "repeatability": {**level, "settle_s": _round(_started_s(sheet))},
+        "repeatability": {**level, "settle_s": _round(started_s(sheet))},
         "rate-limits": {"level_deg_s": _round(50.0 * wider), "resolution_deg_s": _round(max(0.05, 0.5 * wider))},
         "polarity": {
             **started,
@@ -205,12 +206,6 @@ def _of_levels(sheet: DataSheet) -> dict[str, dict[str, Any]]:
         "temperature": {**level, "bias_instability_deg_h": instability_deg_h},
         "g-sensitivity": {"samples": math.floor(_LONGEST_WINDOW_S / _interval_s(sheet))},
     }
-
-
-def _started_s(sheet: DataSheet) -> float:
-    """Return the time after power-on, s, at which an output has settled."""
-    times = max(1.0, peak_response(sheet)) * (1.0 + sheet.quadrature_deg_s / sheet.range_deg_s)
-    return sum(settling_s(sheet)) + sheet.q_sense / (math.pi * sheet.drive_hz) * math.log(times)
 
 
 def _interval_s(sheet: DataSheet) -> float:

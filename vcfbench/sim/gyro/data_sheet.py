@@ -96,8 +96,9 @@ class DataSheet(Struct, frozen=True, kw_only=True):
             came = f"{self.bandwidth_hz:g}"
             seen = 0.25 * split_hz <= self.bandwidth_hz <= 0.5 * split_hz
             yield "bandwidth_hz", "a quarter to half the split, else no peak is seen", came, seen
-        drive_s, sense_s = settling_s(self)
-        yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{drive_s:.3g} s", drive_s <= _DRIVE_STARTS_S
+        started, sense_s = started_s(self), settling_s(self)[1]
+        yield "q_drive", f"a start within {_DRIVE_STARTS_S:g} s", f"{started:.3g} s", started <= _DRIVE_STARTS_S
+        yield "rails", "2, or 1 of one supply", f"{self.rails:g}", self.rails in {1.0, 2.0}
         settled = sense_s <= _OUTPUT_SETTLES_S
         yield "q_sense", f"an output that settles within {_OUTPUT_SETTLES_S:g} s", f"{sense_s:.3g} s", settled
         least_v, most_v = _LEAST_OUTPUT_V, self.swing_v
@@ -262,6 +263,12 @@ def settling_s(sheet: DataSheet) -> tuple[float, float]:
     drive_s = 20.0 / math.pi * _loop_s(sheet)
     sense_s = 12.0 * sheet.q_sense / (math.pi * sheet.drive_hz) + 6.0 / sheet.low_pass_hz
     return drive_s, sense_s
+
+
+def started_s(sheet: DataSheet) -> float:
+    """Return the time after power-on, s, at which an output has settled."""
+    times = max(1.0, peak_response(sheet)) * (1.0 + sheet.quadrature_deg_s / sheet.range_deg_s)
+    return sum(settling_s(sheet)) + sheet.q_sense / (math.pi * sheet.drive_hz) * math.log(times)
 
 
 def _loop_s(sheet: DataSheet) -> float:
