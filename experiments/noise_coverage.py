@@ -79,9 +79,8 @@ def main() -> int:
             z = [abs(value - 1.0) / u < 2.0 for value, u, *_ in stated]
             within += z
             worst = min(worst, float(np.mean(z)) if len(z) >= _FEW else 1.0)
-            error, u = (
-                float(np.mean(each)) for each in zip(*((v - 1.0, u) for v, u, *_ in stated or [(1, 0)]), strict=True)
-            )
+            error = float(np.mean([row[0] - 1.0 for row in stated] or [0.0]))
+            u = float(np.mean([row[1] for row in stated] or [0.0]))
             rest = " ".join(f"{100.0 * float(np.mean([row[place] for row in rows])):9.0f}" for place in range(2, 7))
             share = 100.0 * float(np.mean(z)) if z else 100.0
             print(f"{size:8} {kind:10} {100 * len(stated) / len(rows):8.0f} {100 * error:+6.1f} {100 * u:5.1f}", end="")

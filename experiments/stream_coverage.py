@@ -31,7 +31,8 @@ KINDS: dict[str, dict[str, Any]] = {
     "rate, deg/s": {"unit": "deg/s", "value": {"at": 6, "type": "int16", "scale": 1.0 / 131.0}},
     "increment": {"unit": "deg", "kind": "increment", "value": {"at": 4, "type": "int32", "scale": 1e-6}},
 }
-TURNTABLE = {"rates_deg_s": [200.0, 100.0, 20.0, 0.0, -20.0, -100.0, -200.0], "samples": 5, "warm_up_s": 5400.0}
+RATES_DEG_S = (200.0, 100.0, 20.0, 0.0, -20.0, -100.0, -200.0)
+TURNTABLE = {"rates_deg_s": RATES_DEG_S, "samples": 5, "warm_up_s": 5400.0}
 AT_REST = {"duration_s": 200.0, "powered_s": 5400.0}
 ALONE = dict.fromkeys(("power", "rate_source", "multimeter", "oscilloscope"))
 
@@ -65,7 +66,7 @@ def main(turntables: int, records: int) -> None:
                     continue
                 rails = run.header["settings"]["positive_rail_v"], run.header["settings"]["negative_rail_v"]
                 output = true_output(bench, rails_v=rails)
-                truth = turntable_truth(output, TURNTABLE["rates_deg_s"])
+                truth = turntable_truth(output, RATES_DEG_S)
                 truth = {key: per_deg_s * truth[key] / VOLTS_PER_DEG_S for key in ("scale_factor", "bias")}
                 if procedure == "zero":
                     truth = {"output_v": per_deg_s * output(0.0, None) / VOLTS_PER_DEG_S}
