@@ -40,6 +40,7 @@ from limits import outside
 from msgspec import structs
 
 import vcfbench
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.studies.truth import truth_of
@@ -133,12 +134,12 @@ def calibrations(
         bench = phases_off(true, phase_deg, seed) if phase_deg else true
         arguments: dict[str, Any] = {"bench": bench, "seed": seed, "runs": directory}
         arguments["settings"] = {"warm_up_s": WARM_UP_S, **settings}
-        table = vcfbench.run("turntable", **arguments)
-        arguments["settings"]["k_vc_by"] = k_vc_by
-        four = vcfbench.run("virtual-coriolis", **arguments)
-        for run in (table, four):
-            if run.results is None:
-                raise SystemExit(f"seed {seed}: {run.procedure} gave no results: {run.error}")
+        try:
+            table = vcfbench.run("turntable", **arguments)
+            arguments["settings"]["k_vc_by"] = k_vc_by
+            four = vcfbench.run("virtual-coriolis", **arguments)
+        except MeasurementError as error:
+            return {"seed": seed, "refused": str(error)}
         return {
             "seed": seed,
             **_scored("turntable: ", table.results.uncertainty, truth_of(table, true)),
@@ -189,10 +190,13 @@ def lines_of(files: Iterable[Path]) -> list[Line]:
 
 def summary(lines: Sequence[Line]) -> list[str]:
     """Return the table of the study, a row a value."""
+    refused = [f"seed {line['seed']} refused: {line['refused']}" for line in lines if "refused" in line]
     rows = [
         f"{len(lines)} seeds, {lines[0]['seed']} to {lines[-1]['seed']}",
+        *refused,
         f"{'value':48} {'mean z':>7} {'sd z':>6} {'max |z|':>7} {'in U95':>7}",
     ]
+    lines = [line for line in lines if "refused" not in line]
     for name in dict.fromkeys(each for line in lines for each in line if each not in {"seed", "e_n"}):
         stated = [line[name] for line in lines if name in line]  # a non-linearity within its U95 is not stated
         z = np.array([each[0] for each in stated])
