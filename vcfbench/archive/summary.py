@@ -1,11 +1,20 @@
-"""Summaries of records in a list, and the selection of records: no readings are read for it."""
+"""Summaries of records in a list, and the selection of records: no readings are read for it.
 
-from collections.abc import Mapping, Sequence
+Lists of hundreds keep them beside the records, in a file that may go at any time: of a record whose journal and result
+are the very files that were read (number, size, time written, and time changed, which no program can set back) the
+summary holds; any other is read anew.
+"""
+
+import os
+import secrets
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from hashlib import sha256
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
+import msgspec
 from msgspec import Struct, field, structs
 from msgspec.structs import replace
 
@@ -19,6 +28,12 @@ from vcfbench.records.plain import ReadOnly, plain
 from vcfbench.records.schema import Status
 from vcfbench.station.acceptance import Acceptance
 from vcfbench.values.value import Value
+from vcfbench.version import EVALUATION, installed_version
+
+_KEPT: Final = ".summaries"
+_WORTH_KEEPING: Final = 100  # Fewer are read sooner than all of them are written
+_SUM: Final = 32  # Bytes of the sum before them: what a power cut left of the file is none
+_SETTLED_NS: Final = 2_000_000_000  # A file system counts time in ticks: two changes in one look like one
 
 
 class RunSummary(Struct, frozen=True, kw_only=True):
@@ -91,7 +106,7 @@ def run_summaries(
         instant = instant.replace(tzinfo=UTC)
     found = [
         each
-        for each in map(summary_of, recorded_runs(Path(runs)))
+        for each in _all_summaries(Path(runs))
         if (dut is None or dut == each.dut)
         and (status is None or status == each.status)
         and (procedure is None or procedure == each.procedure)
@@ -101,13 +116,107 @@ def run_summaries(
     return tuple(sorted(found, key=lambda each: (each.started, each.run)))
 
 
-def summary_of(directory: RunDirectory) -> RunSummary:
-    """Return the summary of one record; one that cannot be read has the reason in its `problem`."""
+class _Kept(Struct, frozen=True, array_like=True):
+    """Summary of a record as it was when its files were these; its results apart."""
+
+    files: tuple[int, ...]
+    summary: RunSummary
+    results: dict[str, msgspec.Raw]
+
+    def whole(self) -> RunSummary:
+        """Return it with its results."""
+        return replace(self.summary, tags=ReadOnly(self.summary.tags), results=_Later(self.results))
+
+
+class _AllKept(Struct, frozen=True, array_like=True):
+    """Summaries by the names of the records, read by a version of this program."""
+
+    version: str
+    records: dict[str, _Kept]
+
+
+class _Later(ReadOnly):
+    """Values by name, of which only those that are asked for are decoded."""
+
+    __slots__ = ()
+
+    def __init__(self, values: Mapping[str, msgspec.Raw]) -> None:
+        self._values = dict(values)
+
+    def __getitem__(self, name: str) -> Value:
+        return _VALUE.decode(self._values[name])
+
+    def __repr__(self) -> str:
+        return repr(dict(self))
+
+
+_VALUE: Final = msgspec.msgpack.Decoder(Value)
+
+
+def _all_summaries(runs: Path) -> Iterator[RunSummary]:
+    """Yield the summaries of all records, in no order, and keep them where many were read anew."""
+    version, kept, anew = f"{installed_version()}, {EVALUATION}", dict[str, _Kept](), 0
+    with suppress(OSError, msgspec.DecodeError):  # none is there, or none of this program
+        data = (runs / _KEPT).read_bytes()
+        if data[:_SUM] == sha256(memoryview(data)[_SUM:]).digest():
+            found = msgspec.msgpack.decode(data[_SUM:], type=_AllKept, dec_hook=lambda _, name: runs / name)
+            kept = found.records if found.version == version else kept
+    still = dict[str, _Kept]()
+    for directory in recorded_runs(runs):
+        files, entry = _files_of(directory), kept.get(directory.run)
+        if entry is not None and entry.files == files:
+            still[directory.run] = entry
+            yield entry.whole()
+            continue
+        summary = _stored_summary(directory)
+        if summary is not None and files:
+            raw = {name: msgspec.Raw(msgspec.msgpack.encode(each)) for name, each in summary.results.items()}
+            still[directory.run], anew = _Kept(files, replace(summary, results={}), raw), anew + 1
+        yield summary or summary_of(directory)
+    if anew >= _WORTH_KEEPING:
+        draft = runs / f"{_KEPT}.{secrets.token_hex(4)}"
+        with suppress(OSError, OverflowError):  # the folder is another's: then they are read again
+            draft.touch()
+            until_ns = draft.stat().st_mtime_ns - _SETTLED_NS
+            settled = {
+                name: each for name, each in still.items() if max(each.files[2::4] + each.files[3::4]) < until_ns
+            }
+            data = msgspec.msgpack.encode(_AllKept(version, settled), enc_hook=_plain)
+            draft.write_bytes(sha256(data).digest() + data)
+            draft.replace(runs / _KEPT)
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
+
+
+def _files_of(directory: RunDirectory) -> tuple[int, ...]:
+    """Return what shows that the files of a record are still the same; nothing where that cannot be known."""
+    if os.name == "nt":  # it does not tell when a file was changed
+        return ()
+    try:
+        found = [os.stat(f"{directory.path}/{name}") for name in ("journal.jsonl", "result.json")]  # noqa: PTH116
+    except OSError:
+        return ()
+    return tuple(each for file in found for each in (file.st_ino, file.st_size, file.st_mtime_ns, file.st_ctime_ns))
+
+
+def _plain(value: object) -> object:
+    return value.name if isinstance(value, Path) else dict(value)  # type: ignore[call-overload]  # a read-only mapping
+
+
+def _stored_summary(directory: RunDirectory) -> RunSummary | None:
+    """Return the summary of a whole record with its stored results; None of any other."""
     outline = outline_of(directory.journal)
     if outline is not None:
-        with suppress(ConfigError):  # what was not stored with the run is computed from its points
+        with suppress(ConfigError):
             return _summary(directory, outline, *stored_outcome(directory.path / "result.json", outline))
-    try:
+    return None
+
+
+def summary_of(directory: RunDirectory) -> RunSummary:
+    """Return the summary of one record; one that cannot be read has the reason in its `problem`."""
+    if (stored := _stored_summary(directory)) is not None:
+        return stored
+    try:  # what was not stored with the run is computed from its points
         record = directory.read()
         header, metadata = record.header, metadata_from(record.header)
         outline = Outline(

@@ -102,7 +102,10 @@ def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
 
 def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
     """Yield the runs under `runs`, in no order."""
-    return (RunDirectory(journal.parent) for journal in runs.glob("*/journal.jsonl"))
+    with suppress(OSError), os.scandir(runs) as found:  # there are thousands: globs of paths take four times the time
+        for each in found:
+            if os.path.exists(f"{each.path}/journal.jsonl"):  # noqa: PTH110
+                yield RunDirectory(runs / each.name)
 
 
 def _changed_ns(run: RunDirectory) -> int:

@@ -138,7 +138,10 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
         """Keep tuples, and refuse values that cannot be shown."""
         columns = tuple(self.columns)
         rows = tuple(
-            tuple(each if isinstance(each, Cell) else getattr(each, "item", lambda each=each: each)() for each in row)
+            tuple(
+                each if isinstance(each, Cell | str) else getattr(each, "item", lambda each=each: each)()
+                for each in row
+            )
             for row in self.rows
         )
         force_setattr(self, "columns", columns)
@@ -149,6 +152,8 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
             if len(row) != len(columns):
                 raise ValueError(f"row {number} of a table of {len(columns)} columns has {len(row)} values")
             for value, column in zip(row, columns, strict=True):
+                if isinstance(value, str):
+                    continue
                 held, where = value.value if isinstance(value, Cell) else value, f"row {number} of a table, "
                 if not isinstance(held, float | int | str | None):
                     words = f"expected a number, a text or None, got {held!r}"

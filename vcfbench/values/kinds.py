@@ -139,12 +139,13 @@ def slope_unit(unit: str) -> str:
 
 STREAMED: Final = ("deg/s", "LSB", "LSB/s")
 """Units of an output that is no voltage."""
+_IN_PLACE: Final = {"V": STREAMED, "V/(deg/s)": tuple(map(slope_unit, STREAMED))}
+"""Units that stand where that of volts would, by the latter."""
 
 
 def fits(kind: str, unit: str) -> bool:
     """Return True if a value of `kind` may be in `unit`: its own, or that of a stream in place of volts."""
-    known = {"V": STREAMED, "V/(deg/s)": tuple(map(slope_unit, STREAMED))}
-    return kind in KINDS and (KINDS[kind].si == unit or unit in known.get(KINDS[kind].si, ()))
+    return kind in KINDS and (KINDS[kind].si == unit or unit in _IN_PLACE.get(KINDS[kind].si, ()))
 
 
 def limit_words(key: str) -> Named:

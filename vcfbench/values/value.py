@@ -84,8 +84,8 @@ class Value(Struct, frozen=True):
         force_setattr(self, "parts", tuple(self.parts))
         force_setattr(self, "missing", tuple(self.missing))
         for name in ("value", "u", "dof", "u95", "low", "high"):  # numpy's become plain ones
-            number = getattr(self, name)
-            force_setattr(self, name, None if number is None else float(number))
+            if (number := getattr(self, name)) is not None and type(number) is not float:
+                force_setattr(self, name, float(number))
         numbers = (self.value, self.u, self.dof, self.u95, self.low, self.high)
         if wrong := [each for each in numbers if each is not None and not math.isfinite(each)]:
             raise ConfigError(f"{self.name}: expected finite numbers, got {wrong[0]}")
