@@ -23,6 +23,7 @@ from vcfbench.drivers.trace import Connect
 from vcfbench.drivers.wire import Interface, SerialLine, Wire, behind
 
 _T = TypeVar("_T")
+_W = TypeVar("_W", str, bytes)
 
 _LONGEST_LINE = 4_194_304
 _DEEPEST_QUEUE = 64
@@ -90,7 +91,7 @@ class Session(Conversation):
 
     def query_as(self, command: str, read: Callable[[str], _T], deadline: Deadline | None = None) -> _T:
         """Query `command`; `read` makes a value of the text of the reply, or raises."""
-        return self._exchange(command, self._read_line, lambda line: read(replies.text(line)), deadline)
+        return self._exchange(command, self._read_line, replies.text, read, deadline)
 
     def query_reading(self, command: str, deadline: Deadline | None = None, form: NumberForm = ANY_NUMBER) -> float:
         """Ask for a measured value in the `form` that the model promises; raises MeasurementError for 9.9E37."""
@@ -126,7 +127,7 @@ class Session(Conversation):
 
     def query_block(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask for a definite-length block and return its data."""
-        return self._exchange(command, self._read_block, bytes, deadline)
+        return self._exchange(command, self._read_block, bytes, bytes, deadline)
 
     def query_raw(self, command: str, deadline: Deadline | None = None) -> bytes:
         """Ask `command` and return the answer as it came, a line or a block with its header, without its terminator."""
@@ -139,7 +140,7 @@ class Session(Conversation):
                 answer += more
             return bytes(answer).removesuffix(b"\n").removesuffix(b"\r")
 
-        return self._exchange(command, take, bytes, deadline)
+        return self._exchange(command, take, bytes, bytes, deadline)
 
     # Commands
 
@@ -324,28 +325,30 @@ class Session(Conversation):
         self,
         command: str,
         take: Callable[[Deadline], bytes],
-        read: Callable[[bytes], _T],
+        words: Callable[[bytes], _W],
+        read: Callable[[_W], _T],
         deadline: Deadline | None,
         *,
         again: bool = False,
     ) -> _T:
-        """Send `command`; `take` takes the answer from the wire, `read` makes a value of it.
+        """Send `command`; `take` takes the answer from the wire, `words` makes a text of it, `read` a value of that.
 
         A stream that was just opened may say something by itself, as terminal servers do, amid any exchange: what is no
         answer then is asked for again. Nothing that is asked at an opening does anything.
         """
         limit = deadline or Deadline.after(self.clock, self.timeout_s)
         with self._lock:
-            self._in_step(limit)
+            if self.dirty or self._closed_because is not None or self._received or self._wire.interface in _STREAMS:
+                self._in_step(limit)
             self.dirty = True  # until the exchange is whole, whatever ends it: an error, a signal, an interrupt
             try:
                 self._say(command, limit)
-                value = read(take(limit))
+                value = read(words(take(limit)))
             except errors.TransportError as error:
                 self.locate(error, command, limit)
                 if again or not isinstance(error, errors.FramingError) or not self._just_opened():
                     raise
-                return self._exchange(command, take, read, limit, again=True)
+                return self._exchange(command, take, words, read, limit, again=True)
             except errors.MeasurementError as error:  # a whole answer, though no value
                 self.dirty = False
                 error.instrument, error.resource, error.command = self.name, self.resource, command

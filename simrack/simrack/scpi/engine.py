@@ -138,6 +138,8 @@ class ScpiEngine:
                 self._complain_unterminated()
             return part, False
         message = self._output[0]
+        if not self._offset and len(message) <= limit:
+            return self._output.popleft(), True
         part = message[self._offset : self._offset + limit]
         self._offset += len(part)
         if self._offset < len(message):
