@@ -7,16 +7,19 @@ The site has it (docs/site_hook.py); `python docs/make_formats.py` prints it. Al
 from __future__ import annotations
 
 import inspect as source
+import math
 import re
 from typing import TYPE_CHECKING, Any
 
-from msgspec import inspect
+import msgspec
+from msgspec import NODEFAULT, Struct, inspect, structs
 
 import vcfbench.steps
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records import device_values, devices
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.settings import ProcedureSettings
+from vcfbench_tables import language
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -24,14 +27,30 @@ if TYPE_CHECKING:
 HEAD = """\
 # Formats
 
-Fields of [records](records.md) and of [devices](devices.md), and the bounds of [bench files](bench-file.md), made from
-the program. The unit is at the end of a field's name.
+Fields of [records](records.md) and of [devices](devices.md), keys of [table profiles](rate-tables.md), and the bounds
+of [bench files](bench-file.md), made from the program. The unit is at the end of a field's name.
 """
 ENTRIES = (
     *(devices.Certificate, devices.KvcCurve, devices.CurveShare, device_values.Sensitivity, devices.SelfCalibration),
     *(devices.Characterisation, device_values.Characteristics, devices.StaticNoise, devices.Withdrawal),
     *(device_values.Conditions, device_values.Measured, device_values.Share),
 )
+PROFILE = {
+    "Top level": language.Profile,
+    "`[link]`": language.ProfileLink,
+    "`[frame]`, `[reply_frame]`": language.Frame,
+    "`[units]`": language.Units,
+    "A step of `[commands]`": language.Step,
+    "`[replies]`": language.Reply,
+    "A byte of a reply": language.Byte,
+    "`[refusals]`": language.Refusals,
+    "`[fields]`": language.Field,
+    "`[status]`": language.Flag,
+    "`[stream]`": language.Stream,
+    "`[requires]`": language.Requirement,
+    "`[at_rate]`": language.AtRate,
+    "`[safety]`": language.Safety,
+}
 
 
 def formats_page() -> str:
@@ -43,6 +62,9 @@ def formats_page() -> str:
     for kind in ENTRIES:
         parts += [f"### {kind.__name__}\n", f"{first_line(kind)}\n", "| field | content |", "|---|---|"]
         parts += [f"| `{name}` | {words} |" for name, words in said_of(kind).items()] + [""]
+    parts += ["## Keys of a table profile\n"]
+    for head, kind in PROFILE.items():
+        parts += [f"### {head}\n", "| key | default | content |", "|---|---|---|", *keys_of(kind), ""]
     parts += ["## Bounds of a bench file\n", "| key | least | most |", "|---|---:|---:|"]
     parts += [f"| `{key}` | {least:g} | {most:g} |" for key, (least, most) in bench_bounds().items()]
     return "\n".join(parts) + "\n"
@@ -73,6 +95,34 @@ def said_of(kind: type[Any]) -> dict[str, str]:
     text = source.getsource(kind)
     found = re.findall(r"^    (\w+): [^#\n]*?(?:  # (.*))?$", text, flags=re.MULTILINE)
     return {name: words.replace("|", "\\|") for name, words in found if name in kind.__struct_fields__}
+
+
+def keys_of(kind: type[Any]) -> list[str]:
+    """Return the rows of a table of the profile: key, default, and the comment with the values that a key may have."""
+    words = {
+        name: said
+        for each in reversed(kind.__mro__)
+        if issubclass(each, Struct) and each is not Struct
+        for name, said in said_of(each).items()
+    }
+    rows = []
+    for field, known in zip(structs.fields(kind), inspect.type_info(kind).fields, strict=True):
+        optional = field.default in (None, NODEFAULT, math.inf)
+        default = "" if optional else f"`{msgspec.json.encode(field.default).decode()}`"
+        default = "required" if field.required else default
+        values = [each for part in options(known.type) for each in part.values]
+        listed = f"; {', '.join(f'`{each}`' for each in values)}" if values else ""
+        rows.append(f"| `{field.encode_name}` | {default} | {words[field.name]}{listed} |")
+    return rows
+
+
+def options(node: inspect.Type) -> Iterator[inspect.LiteralType]:
+    """Yield the lists of allowed values of a type."""
+    if isinstance(node, inspect.LiteralType):
+        yield node
+    elif isinstance(node, inspect.UnionType):
+        for part in node.types:
+            yield from options(part)
 
 
 def bench_bounds() -> Mapping[str, tuple[float, float]]:

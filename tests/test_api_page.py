@@ -12,6 +12,7 @@ from typer.main import get_command
 import vcfbench
 from vcfbench.cli.main import app
 from vcfbench.steps.step import Step, StepResult
+from vcfbench_tables import language
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -52,3 +53,13 @@ def test_page_of_formats_has_steps_fields_and_bounds() -> None:
     assert all(f"| `{name}` | " in page for name in kinds)
     assert all(set(made["said_of"](kind)) == set(kind.__struct_fields__) for kind in made["ENTRIES"])
     assert "| `uncertainty.table_rate_error` | 0 | 0.1 |" in page
+
+
+def test_page_of_formats_has_every_key_of_a_table_profile() -> None:
+    made = runpy.run_path(str(DOCS / "make_formats.py"))
+    page: str = made["formats_page"]()
+    kinds = {kind for kind in vars(language).values() if isinstance(kind, type) and issubclass(kind, language._Part)}
+    assert kinds - {language._Part} <= set(made["PROFILE"].values())
+    for kind in made["PROFILE"].values():
+        assert all(f"| `{name}` | " in page for name in kind.__struct_encode_fields__)
+    assert '| `on_silence` | `"fail"` | raise at once, or send `stop` before that; `fail`, `stop` |' in page

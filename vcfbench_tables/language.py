@@ -41,32 +41,32 @@ class _Part(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class ProfileLink(Link, frozen=True, kw_only=True):
     """Set-up of the serial line, the gap between messages, and the ends of text lines."""
 
-    gap_s: Pause = 0.0
-    tx_end: str = "\r\n"
-    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"
-    echo: Literal["none", "optional", "always"] = "none"
-    prompt: str | None = None
+    gap_s: Pause = 0.0  # least time between two messages, s
+    tx_end: str = "\r\n"  # end of sent lines
+    rx_end: Annotated[str, Meta(min_length=1)] = "\r\n"  # end of received lines; CR, LF or both takes any of them
+    echo: Literal["none", "optional", "always"] = "none"  # whether the table repeats what it gets
+    prompt: str | None = None  # line that follows each reply
 
 
 class Units(_Part, frozen=True, kw_only=True):
     """The table's units, sign and resolution; quanta and bounds are in the table's units."""
 
-    rate: Literal["deg/s", "deg/min", "rpm", "counts/s"] = "deg/s"
-    counts_per_deg: _Positive = 1.0
-    velocity_factor: _Positive = 1.0
-    acceleration_factor: _Positive = 1.0
-    sign: Literal[1, -1] = 1
-    rate_quantum: _Positive
-    rate_min: _NotNegative = 0.0
-    rate_max: _Positive
-    acceleration_quantum: _Positive | None = None
-    acceleration_min: _NotNegative = 0.0
-    acceleration_max: _Positive = math.inf
-    positive: str = "0"
-    negative: str = "1"
-    travel: tuple[_Number, _Number] | None = None
-    axes: Annotated[tuple[int, ...], Meta(min_length=1)] = (1,)
-    first_axis: Literal[0, 1] = 1
+    rate: Literal["deg/s", "deg/min", "rpm", "counts/s"] = "deg/s"  # unit of rates
+    counts_per_deg: _Positive = 1.0  # counts per degree, for `counts/s`
+    velocity_factor: _Positive = 1.0  # own factor of rates
+    acceleration_factor: _Positive = 1.0  # own factor of accelerations
+    sign: Literal[1, -1] = 1  # -1 if clockwise, seen from above, is positive
+    rate_quantum: _Positive  # step of rates; they are rounded to it
+    rate_min: _NotNegative = 0.0  # smallest rate
+    rate_max: _Positive  # largest rate
+    acceleration_quantum: _Positive | None = None  # step of accelerations; they are rounded down
+    acceleration_min: _NotNegative = 0.0  # smallest acceleration
+    acceleration_max: _Positive = math.inf  # largest acceleration
+    positive: str = "0"  # `{dir}` of a positive rate
+    negative: str = "1"  # `{dir}` of a negative rate
+    travel: tuple[_Number, _Number] | None = None  # ends of travel, deg; `goto` turns it back from one
+    axes: Annotated[tuple[int, ...], Meta(min_length=1)] = (1,)  # existing axes, as `axis` of the bench file, 1 to 6
+    first_axis: Literal[0, 1] = 1  # 0: the table counts from 0, `{axis}` is one less; `rate_1`, `on_1`, groups are not
 
     @property
     def plain_per_deg(self) -> float:
@@ -82,64 +82,64 @@ class Units(_Part, frozen=True, kw_only=True):
 class Step(_Part, frozen=True, kw_only=True):
     """One message of a command: its text, the expected reply, time-out, repeats, and the flag waited for."""
 
-    send: str | None = None
-    expect: _Name | None = None
-    timeout_s: _Seconds | None = None
-    retry: Annotated[int, Meta(ge=0, le=5)] = 0
-    repeat: _Times = 1
-    delay_s: Pause = 0.0
-    optional_reply: bool = False
-    no_reply: bool = False
-    until: _Name | None = None
-    resend_s: _Seconds | None = None
+    send: str | None = None  # text as `V{rate:.3f}`, or bytes as `{axis:u8} 0C {rate:i32*1e5}`
+    expect: _Name | None = None  # a name of `[replies]`
+    timeout_s: _Seconds | None = None  # longest time of the step, s
+    retry: Annotated[int, Meta(ge=0, le=5)] = 0  # queries only: repetitions
+    repeat: _Times = 1  # stop commands and queries only: how often it is sent
+    delay_s: Pause = 0.0  # pause after it, s
+    optional_reply: bool = False  # the reply may be missing
+    no_reply: bool = False  # no reply at all, not even the prompt
+    until: _Name | None = None  # flag of `[status]` to wait for
+    resend_s: _Seconds | None = None  # interval of sending while it waits, s
 
 
 class Byte(_Part, frozen=True, kw_only=True):
     """A byte that a reply must have."""
 
-    at: Place
-    value: ByteValue = field(name="is")
+    at: Place  # place of the byte
+    value: ByteValue = field(name="is")  # its value
 
 
 class Reply(_Part, frozen=True, kw_only=True):
     """Form of a reply: a regular expression for the whole line, or bytes. A late one may come at any time."""
 
-    pattern: str | None = None
-    bytes: tuple[Byte, ...] = ()
-    split: Annotated[str, Meta(min_length=1, max_length=1)] | None = None
-    late: bool = False
+    pattern: str | None = None  # regular expression for the whole line
+    bytes: tuple[Byte, ...] = ()  # bytes that it must have, `[{ at = 2, is = 0x55 }]`
+    split: Annotated[str, Meta(min_length=1, max_length=1)] | None = None  # character that separates items
+    late: bool = False  # it may come at any time
 
 
 class Refusals(_Part, frozen=True, kw_only=True):
     """Form of refusals: a line, bytes, or a question after each command whose good answer is known."""
 
-    pattern: str | None = None
-    bytes: tuple[Byte, ...] = ()
-    query: str | None = None
-    good: str = "0"
-    deepest: Annotated[int, Meta(ge=1, le=100)] = 10
+    pattern: str | None = None  # regular expression of a refusal
+    bytes: tuple[Byte, ...] = ()  # bytes of a refusal
+    query: str | None = None  # query after each command
+    good: str = "0"  # its answer if all is well
+    deepest: Annotated[int, Meta(ge=1, le=100)] = 10  # most queries until it is good
 
 
 class Stream(_Part, frozen=True, kw_only=True):
     """Status that comes unasked."""
 
-    reply: _Name
-    max_age_s: _Seconds = 1.0
+    reply: _Name  # a name of `[replies]`
+    max_age_s: _Seconds = 1.0  # oldest status that counts, s
 
 
 class Field(_Part, frozen=True, kw_only=True):
     """A number in the last reply of a command, or in the stream; or the slope of another number."""
 
-    source: _Name | None = field(name="from", default=None)
-    at: Place | None = None
-    type: BinaryType | TextType = "decimal"
-    group: _Name | None = None
-    item: Place | None = None
-    scale: _Number = 1.0
-    offset: _Number = 0.0
-    wrap: Wrap = "continuous"
-    differentiate: _Name | None = None
-    span_s: _Seconds = 0.25
+    source: _Name | None = field(name="from", default=None)  # a query, whose last reply has it, or `stream`
+    at: Place | None = None  # place in the bytes
+    type: BinaryType | TextType = "decimal"  # type of bytes; of text `decimal` or `hex`
+    group: _Name | None = None  # group of the pattern; `{axis}` in it is our axis
+    item: Place | None = None  # item of a split line
+    scale: _Number = 1.0  # factor
+    offset: _Number = 0.0  # added after it
+    wrap: Wrap = "continuous"  # wrapping of an angle
+    differentiate: _Name | None = None  # a field; this one is its slope
+    span_s: _Seconds = 0.25  # time of the slope, s
 
 
 class Flag(_Part, frozen=True, kw_only=True):
@@ -148,69 +148,69 @@ class Flag(_Part, frozen=True, kw_only=True):
     Of several bits `mask` says which, `value` what they must be together: all of them 1 where it is not said.
     """
 
-    source: _Name = field(name="from")
-    at: Place | None = None
-    bit: Annotated[int, Meta(ge=0, le=31)] | None = None
-    mask: Annotated[int, Meta(ge=1, le=0xFFFF_FFFF)] | None = None
-    value: Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)] | None = None
-    type: BinaryType | TextType = "u8"
-    group: _Name | None = None
-    item: Place | None = None
-    among: tuple[float, ...] | None = field(name="in", default=None)
-    contains: str | None = None
-    above: float | None = None
-    below: float | None = None
-    negate: bool = False
+    source: _Name = field(name="from")  # a query, whose last reply has it, or `stream`
+    at: Place | None = None  # place in the bytes
+    bit: Annotated[int, Meta(ge=0, le=31)] | None = None  # bit that is the flag
+    mask: Annotated[int, Meta(ge=1, le=0xFFFF_FFFF)] | None = None  # several bits
+    value: Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)] | None = None  # required content of the mask; without it all 1
+    type: BinaryType | TextType = "u8"  # type of bytes; of text `decimal` or `hex`
+    group: _Name | None = None  # group of the pattern
+    item: Place | None = None  # item of a split line
+    among: tuple[float, ...] | None = field(name="in", default=None)  # numbers that set it
+    contains: str | None = None  # text that sets it
+    above: float | None = None  # it is set above this
+    below: float | None = None  # it is set below this
+    negate: bool = False  # reversed
 
 
 class Requirement(_Part, frozen=True, kw_only=True):
     """Requirement of a command: a flag; where it is not set, `by` is sent and the flag waited for."""
 
-    flag: _Name
-    by: _Name | None = None
-    within_s: _Seconds = 8.0
-    resend_s: _Seconds = 0.5
+    flag: _Name  # must hold before the command
+    by: _Name | None = None  # command that sets the flag
+    within_s: _Seconds = 8.0  # time for that, s
+    resend_s: _Seconds = 0.5  # interval of repeated sending, s
 
 
 class AtRate(_Part, frozen=True, kw_only=True):
     """Substitute for an at-rate flag: so many readings in a row within a tolerance."""
 
-    tolerance_deg_s: _Positive = 0.02
-    relative: _NotNegative = 1e-4
-    polls: Annotated[int, Meta(ge=1, le=100)] = 3
+    tolerance_deg_s: _Positive = 0.02  # tolerance of a reading, deg/s
+    relative: _NotNegative = 1e-4  # relative part of it
+    polls: Annotated[int, Meta(ge=1, le=100)] = 3  # readings in a row
 
 
 class Safety(_Part, frozen=True, kw_only=True):
     """Limits of this table, its stop and shutdown commands, and the meaning of silence."""
 
-    max_rate_deg_s: _Positive = math.inf
-    max_acceleration_deg_s2: _Positive = math.inf
-    stop: tuple[_Name, ...] = ("stop",)
-    close: tuple[_Name, ...] = ("disable", "power_off")
-    poll_s: _Seconds = 0.1
-    on_silence: Literal["fail", "stop"] = "fail"
+    max_rate_deg_s: _Positive = math.inf  # limit of the rate, deg/s
+    max_acceleration_deg_s2: _Positive = math.inf  # limit of the acceleration, deg/s²
+    stop: tuple[_Name, ...] = ("stop",)  # commands that stop
+    close: tuple[_Name, ...] = ("disable", "power_off")  # commands that switch off
+    poll_s: _Seconds = 0.1  # interval of queries, s
+    on_silence: Literal["fail", "stop"] = "fail"  # raise at once, or send `stop` before that
 
 
 class Profile(_Part, frozen=True, kw_only=True):
     """A table language. `twin` names the simulated table that stands in for it on a simulated bench."""
 
-    title: _Name
-    evidence: str
-    maker: str = ""
-    twin: str | None = None
-    link: ProfileLink = field(default_factory=ProfileLink)
-    frame: Frame = field(default_factory=Frame)
-    reply_frame: Frame | None = None
-    units: Units
-    commands: dict[str, tuple[Step, ...]]
-    replies: dict[str, Reply] = field(default_factory=dict)
-    refusals: Refusals = field(default_factory=Refusals)
-    stream: Stream | None = None
-    fields: dict[str, Field]
-    status: dict[str, Flag] = field(default_factory=dict)
-    requires: dict[str, Requirement] = field(default_factory=dict)
-    at_rate: AtRate = field(default_factory=AtRate)
-    safety: Safety = field(default_factory=Safety)
+    title: _Name  # name of the table
+    evidence: str  # source of the profile
+    maker: str = ""  # maker of the table
+    twin: str | None = None  # simulated table, `acl` or your own
+    link: ProfileLink = field(default_factory=ProfileLink)  # the serial line
+    frame: Frame = field(default_factory=Frame)  # form of messages
+    reply_frame: Frame | None = None  # form of replies, if it differs
+    units: Units  # units and axes
+    commands: dict[str, tuple[Step, ...]]  # steps of each command
+    replies: dict[str, Reply] = field(default_factory=dict)  # forms of replies
+    refusals: Refusals = field(default_factory=Refusals)  # forms of refusals
+    stream: Stream | None = None  # status that comes unasked
+    fields: dict[str, Field]  # numbers in replies; `position` is required
+    status: dict[str, Flag] = field(default_factory=dict)  # flags in replies
+    requires: dict[str, Requirement] = field(default_factory=dict)  # requirements of commands
+    at_rate: AtRate = field(default_factory=AtRate)  # if there is no flag `at_rate`
+    safety: Safety = field(default_factory=Safety)  # limits, stop and silence
 
     @property
     def binary(self) -> bool:

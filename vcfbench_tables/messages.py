@@ -221,20 +221,20 @@ Place = Annotated[int, Meta(ge=0, le=4096)]
 class Frame(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Frame of a message: text lines, or binary frames found by header, length and checksum."""
 
-    kind: Literal["line", "fixed", "length_field", "delimited"] = "line"
-    start: str = ""
-    header: HexBytes = ""
-    trailer: HexBytes = ""
-    length: Annotated[int, Meta(ge=2, le=4096)] | None = None
-    pad: ByteValue = 0
-    length_at: Place | None = None
-    length_type: Literal["u8", "u16"] = "u8"
-    length_extra: Annotated[int, Meta(ge=-64, le=64)] = 0
-    longest: Annotated[int, Meta(ge=2, le=4096)] = 256
-    checksum: Checksum | None = None
-    checksum_from: Place = 0
-    checksum_mark: str = ""
-    order: Order = "little"
+    kind: Literal["line", "fixed", "length_field", "delimited"] = "line"  # how a message is delimited
+    start: str = ""  # text at which lines begin
+    header: HexBytes = ""  # bytes, hexadecimal
+    trailer: HexBytes = ""  # bytes, hexadecimal
+    length: Annotated[int, Meta(ge=2, le=4096)] | None = None  # of a fixed frame, bytes
+    pad: ByteValue = 0  # byte that fills up a fixed frame
+    length_at: Place | None = None  # place of the length field
+    length_type: Literal["u8", "u16"] = "u8"  # type of the length field
+    length_extra: Annotated[int, Meta(ge=-64, le=64)] = 0  # length of the frame minus the number in it
+    longest: Annotated[int, Meta(ge=2, le=4096)] = 256  # longest possible length
+    checksum: Checksum | None = None  # of lines: `sum_hex`, `lrc_hex`, `nmea_xor_hex`; comes before a trailer
+    checksum_from: Place = 0  # first byte that counts
+    checksum_mark: str = ""  # character before the checksum of a line
+    order: Order = "little"  # byte order
 
 
 def frame_text(frame: Frame, text: str, end: str) -> bytes:

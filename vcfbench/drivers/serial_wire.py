@@ -18,14 +18,14 @@ Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Set-up of a serial line."""
 
-    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600
-    data_bits: Literal[7, 8] = 8
-    parity: Literal["none", "even", "odd"] = "none"
-    stop_bits: Literal[1, 2] = 1
-    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"
-    dtr: bool | None = None
-    rts: bool | None = None
-    open_delay_s: Pause = 0.0
+    baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600  # the bench file's `baud_rate` overrides it
+    data_bits: Literal[7, 8] = 8  # bits per character
+    parity: Literal["none", "even", "odd"] = "none"  # parity bit
+    stop_bits: Literal[1, 2] = 1  # stop bits
+    flow: Literal["none", "rts_cts", "dsr_dtr", "xon_xoff"] = "none"  # flow control
+    dtr: bool | None = None  # level when the port is opened; some controllers restart on an edge
+    rts: bool | None = None  # the same of RTS
+    open_delay_s: Pause = 0.0  # pause after opening, s
 
 
 def serial_port(url: str, link: Link, clock: Clock, timeout_s: float, baud_rate: int | None = None) -> Connect:
