@@ -25,6 +25,8 @@ CLEAN: dict[str, Callable[[np.random.Generator], Floats]] = {
     "mean of twenty": lambda r: np.convolve(r.standard_normal(SIZE + 19), np.ones(20) / 20.0, "valid"),
     "coarse": lambda r: np.round(r.standard_normal(SIZE) / 3.0) * 3.0,
     "counts": lambda r: np.round(5.0 * r.standard_normal(SIZE)),
+    "warm-up": lambda r: r.standard_normal(SIZE) + 5.0 * np.exp(-np.arange(SIZE) / 1000.0),
+    "walk alone": lambda r: 0.1 * np.cumsum(r.standard_normal(SIZE)),
     "vibration": lambda r: r.standard_normal(SIZE) + 0.5 * np.sin(0.37 * np.arange(SIZE)),
 }
 
@@ -47,10 +49,19 @@ def stuck(begin: int, end: int) -> Floats:
     return record
 
 
+def noisy(begin: int, end: int, times: float) -> Floats:
+    record = CLEAN["white"](np.random.default_rng(1))
+    record[begin:end] *= times
+    return record
+
+
 FAULTS: dict[str, tuple[Floats, int | None, str]] = {
     "one reading": (spoilt(3000, 3001, 25.0), 3000, "far from their neighbours"),
     "2 s of turning": (spoilt(3000, 3200, 20.0), 3000, "a step, or motion"),
     "a step": (spoilt(3000, 5000, 2.0), 3000, "a step, or motion"),
+    "some readings of another level": (spoilt(3000, 3002, 9.5), 3000, "a burst"),
+    "a disturbance": (noisy(3000, 3400, 2.5), 3000, "a disturbance, or another range"),
+    "a small step": (spoilt(3000, 5000, 1.2), 3000, "a step, or motion"),
     "stuck": (stuck(3000, 3060), 3000, "60 readings in a row are the same"),
     "half stuck": (stuck(2500, 5000), 2500, "2500 readings in a row are the same"),
     "clipped above": (np.minimum(spoilt(0, 0, 0.0), 2.0), None, "the largest, 2 deg/s: clipped"),

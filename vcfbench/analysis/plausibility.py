@@ -18,7 +18,11 @@ _FAR: Final = 8.0
 """Robust standard deviations from the neighbours beyond which a reading, or a block, is no noise."""
 _SAMPLE: Final = 200_000
 _PIECE: Final = 1 << 17
-_BLOCKS: Final = (200, 50)
+_BLOCKS: Final = 200
+_SCALES: Final = (1, 2, 4, 8)
+"""Blocks whose means are held against each other: long ones show small steps, none of them a warm-up."""
+_NEARLY: Final = 0.9
+_AROUND: Final = 256
 _RUN: Final = 20
 _HELD: Final = 0.9
 _OFTEN: Final = 3.0
@@ -53,6 +57,8 @@ def doubts_of_record(rates_deg_s: Floats) -> list[Doubt]:
     mean = float(rates_deg_s.mean())
     found = [*_far_ones(rates_deg_s), *_repeated(rates_deg_s), *_piled_up(rates_deg_s), *_moved(rates_deg_s)]
     found += _parted(rates_deg_s)
+    if not found:
+        found += [*_burst(rates_deg_s), *_restless(rates_deg_s)]
     if abs(mean) > _REST_DEG_S:
         found.append(Doubt(0, f"a mean of {mean:.3g} deg/s: does the unit hold, was it at rest?"))
     return found
@@ -144,25 +150,67 @@ def _parted(rates: Floats) -> Iterator[Doubt]:
 
 
 def _moved(rates: Floats) -> Iterator[Doubt]:
-    """Yield a step, or a motion, by means of blocks that are far from those beside them."""
-    for most in _BLOCKS:
-        length = max(8, rates.size // most)
-        blocks = rates.size // length
-        if blocks < _RUN:
+    """Yield a step, or a motion: means over some blocks that are far from those over as many blocks before."""
+    length = max(8, rates.size // _BLOCKS)
+    ends = np.concatenate([[0.0], np.cumsum(_blocks(rates, length).mean(axis=1))])
+    for several in _SCALES:
+        if ends.size < _RUN * several:
             return
-        means = rates[: blocks * length].reshape(blocks, length).mean(axis=1)
-        steps = np.diff(means)
+        steps = (ends[2 * several :] - 2.0 * ends[several:-several] + ends[: -2 * several]) / several
         steps -= np.median(steps)
         spread = _MAD * float(np.median(np.abs(steps)))
-        far = np.flatnonzero(np.abs(steps) > max(_FAR * spread, 2.0 * _least_digit(rates)))
-        if spread > 0.0 and far.size:
-            size = float(np.abs(steps[far]).max())
+        size = np.abs(steps)
+        if spread > 0.0 and size.max() > max(_FAR * spread, 2.0 * _least_digit(rates)):
+            largest = int(np.argmax(size > _NEARLY * size.max()))  # both edges of a motion are as large
             yield Doubt(
-                int(far[0] + 1) * length,
-                f"the mean of {length} readings moves by {size:.3g} deg/s, {size / spread:.0f} times what it usually "
-                "does: a step, or motion",
+                (largest + several) * length,
+                f"the mean of {several * length} readings moves by {size[largest]:.3g} deg/s, "
+                f"{size[largest] / spread:.0f} times what it usually does: a step, or motion",
             )
             return
+
+
+def _burst(rates: Floats) -> Iterator[Doubt]:
+    """Yield readings that are far from the median of those around them, be they several in a row."""
+    sample = _blocks(rates[:_SAMPLE], min(_AROUND, rates.size))
+    usual = _MAD * float(np.median(np.abs(sample - np.median(sample, axis=1)[:, None])))
+    if usual == 0.0:
+        return
+    blocks = _blocks(rates, sample.shape[1])
+    spans = blocks.max(axis=1) - blocks.min(axis=1)  # what is far from the median makes a span that is as wide
+    least, count, first, size = 2.0 * _least_digit(rates), 0, 0, 0.0
+    for row in np.flatnonzero(spans > max(_FAR * usual, least)).tolist():
+        off = np.abs(blocks[row] - np.median(blocks[row]))
+        far = np.flatnonzero(off > max(_FAR * max(usual, _MAD * float(np.median(off))), least))
+        if far.size:
+            first, size = (first, size) if count else (row * off.size + int(far[0]), float(off[far[0]]))
+            count += far.size
+    if count:
+        yield Doubt(first, f"{count} readings far from those around them, the first by {size:.3g} deg/s: a burst")
+
+
+def _restless(rates: Floats) -> Iterator[Doubt]:
+    """Yield a part of the record whose readings scatter more, or less, than those of all others."""
+    length = max(_RUN, rates.size // (_BLOCKS // 2))
+    scatter = np.array([block.std() for block in _blocks(rates, length)])
+    if scatter.size < _RUN or not scatter.all():
+        return
+    usual = float(np.median(scatter))
+    off = np.abs(np.log(scatter / usual))
+    spread = max(_MAD * float(np.median(off)), math.sqrt(0.5 / length))
+    far = np.flatnonzero(off > _FAR * spread)
+    if far.size:
+        worst = int(off.argmax())
+        yield Doubt(
+            int(far[0]) * length,
+            f"{length} readings scatter by {scatter[worst]:.3g} deg/s, the others by {usual:.3g}: a disturbance, "
+            "or another range",
+        )
+
+
+def _blocks(rates: Floats, length: int) -> Floats:
+    """Return the record in rows of so many readings, without a rest at its end."""
+    return rates[: rates.size // length * length].reshape(-1, length)
 
 
 def doubts_of_line(rate_deg_s: Floats, output: Floats, line: LineFit, u_scale_factor: float) -> list[Doubt]:
