@@ -89,7 +89,10 @@ def _table(name: str) -> Driver:
 def _stream(role: str, resource: str, library: str, clock: Clock, settings: Mapping[str, Any]) -> StreamReader:
     del library  # pyserial opens streams
     stream: Stream = settings["stream"]
-    return StreamReader(role, resource, stream_port(stream, settings.get("port"), clock), stream, clock)
+    connect = stream_port(stream, settings.get("port"), clock)
+    if share := settings.get("shared"):
+        connect = share(resource, connect)
+    return StreamReader(role, resource, connect, stream, clock)
 
 
 def visa_driver(model: str, driver_class: type[ScpiInstrument]) -> Driver:

@@ -1,7 +1,7 @@
 """Everything about the multimeter: its range, and averaging windows."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
 from msgspec import Struct
@@ -17,6 +17,9 @@ from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does
 from vcfbench.steps.supply import ConfigureRail, RailReading, predicted_rail, read_rail
 from vcfbench.steps.table import read_rate
 from vcfbench.steps.tally import Tally
+
+ReadBack = tuple[tuple[RailReading, ...], float | None]
+"""What was read back at the end of a window: the rails, and the table's rate, deg/s, where one was asked."""
 
 
 class Window(StepResult, Struct, frozen=True):
@@ -137,9 +140,13 @@ class LookAtOutput(Step, Struct, frozen=True):
     def perform(self, context: Context) -> OutputSeen:
         read = context.bench.multimeter.read_voltage_v
         seen = OutputSeen(tuple(context.believable(read) for _ in range(self.count)))
-        if self.rate_deg_s:  # else a table that stopped is taken for a gyroscope that does not answer
-            read_rate(context, self.rate_deg_s, self.tolerance_deg_s)
+        self.read_back(context)
         return seen
+
+    def read_back(self, context: Context) -> None:
+        """Read the rate back where it turns: else a table that stopped is taken for a gyroscope without an answer."""
+        if self.rate_deg_s:
+            read_rate(context, self.rate_deg_s, self.tolerance_deg_s)
 
     def predict(self, gyro: LinearGyro) -> OutputSeen:
         return OutputSeen((gyro.output_v(self.rate_deg_s),) * self.count)
@@ -191,14 +198,23 @@ class Acquire(Step, Struct, frozen=True):
         """
         clock = context.bench.clock
         start_s = clock.now()
-        tallies = self._tallies()
-        tally = tallies[0]
+        tallies = self.tallies()
         self._read(start_s, tallies, context)
+        window = self.window(tallies, self.read_back(context), context)
+        clock.sleep_until(start_s + self.physical_s)
+        return window
+
+    def read_back(self, context: Context) -> ReadBack:
+        """Read the rails back, and the table's rate where the point stands on one."""
         asked = () if "power" in context.bench.by_hand else self.rails  # a person read them when they came on
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in asked)
-        table_deg_s = self.table_deg_s  # read back, where the point stands on one
-        if table_deg_s is not None:
-            table_deg_s = read_rate(context, table_deg_s, self.tolerance_deg_s)
+        if self.table_deg_s is None:
+            return rails, None
+        return rails, read_rate(context, self.table_deg_s, self.tolerance_deg_s)
+
+    def window(self, tallies: Sequence[Tally], read_back: ReadBack, context: Context) -> Window:
+        """Return the window of the readings that were taken; MeasurementError: they do not scatter as expected."""
+        tally = tallies[0]
         last = context.rest()
         self._add(tallies, last)
         # Raise MeasurementError unless the readings scatter as the bench file expects, apart from drift
@@ -210,14 +226,13 @@ class Acquire(Step, Struct, frozen=True):
                 "(expected.reading_noise_v)",
             )
         self._require_like_the_run(last, tally.count, context)
-        window = self.taken_as(last if tally.chunks == 1 else (), table_deg_s, rails, self._point(*tallies))
-        clock.sleep_until(start_s + self.samples * self.interval_s)
-        return window
+        rails, table_deg_s = read_back
+        return self.taken_as(last if tally.chunks == 1 else (), table_deg_s, rails, self._point(*tallies))
 
     def predict(self, gyro: LinearGyro) -> Window:
         output_v = gyro.output_v(self.table_deg_s or 0.0)
         rails = tuple(map(predicted_rail, self.rails))
-        tallies = self._tallies()
+        tallies = self.tallies()
         if not fits_one_chunk(self.samples, self.interval_s):
             tallies[0].count, tallies[0].mean_v = self.samples, output_v
             return self.taken_as((), self.table_deg_s, rails, self._point(*tallies))
@@ -229,7 +244,7 @@ class Acquire(Step, Struct, frozen=True):
     def recorded(self, result: Mapping[str, Any]) -> Mapping[str, Any]:
         if "point" in result or not result.get("readings"):
             return result
-        tallies = self._tallies()
+        tallies = self.tallies()
         for tally, name in zip(tallies, self.columns, strict=True):
             tally.add([reading[name] for reading in result["readings"]])
         return {**result, "point": self._point(*tallies).as_json()}
@@ -242,7 +257,7 @@ class Acquire(Step, Struct, frozen=True):
     def _point(self, output: Tally, *_others: Tally) -> Point:
         return Point(self.step, self.rate_deg_s, self.v_vc_v, output.mean_v, output.std_v, output.count)
 
-    def _tallies(self) -> list[Tally]:
+    def tallies(self) -> list[Tally]:
         """Return the empty sums of the window, one of each column."""
         return [Tally() for _ in self.columns]
 
@@ -261,22 +276,26 @@ class Acquire(Step, Struct, frozen=True):
 
     def _read(self, start_s: float, tallies: Sequence[Tally], context: Context) -> None:
         """Take all readings."""
-        clock, meter = context.bench.clock, context.bench.multimeter
-        typed = "multimeter" in context.bench.by_hand  # a person takes the time that it takes
+        for t_s in self.instants_s(start_s, context.bench):
+            self.take(self._reading(t_s, context), tallies, context)
+
+    def instants_s(self, start_s: float, bench: Bench) -> Iterator[float]:
+        """Yield the bench time of each reading when it is come; MeasurementError: the meter cannot follow."""
+        typed = "multimeter" in bench.by_hand  # a person takes the time that it takes
         for number in range(self.samples):
             instant_s = start_s + number * self.interval_s
             if not typed:
-                clock.sleep_until(instant_s)
-            t_s = clock.now()
+                bench.clock.sleep_until(instant_s)
+            t_s = bench.clock.now()
             if t_s - instant_s > 0.5 * self.interval_s and not typed:
                 raise problem(
-                    meter,
+                    bench.multimeter,
                     f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
                     f"the meter cannot follow one reading every {self.interval_s:g} s",
                 )
-            self._take(self._reading(t_s, context), tallies, context)
+            yield t_s
 
-    def _take(self, reading: Reading, tallies: Sequence[Tally], context: Context) -> None:
+    def take(self, reading: Reading, tallies: Sequence[Tally], context: Context) -> None:
         """Take a reading; sum up and doubt each chunk of a long window as it is closed."""
         if closed := context.take(reading):
             self._add(tallies, closed)
@@ -349,4 +368,4 @@ class AcquireGapless(Acquire, frozen=True, kw_only=True):
             begun_s = clock.now()
             clock.sleep_until(begun_s + lasts_s)
             for number, voltage_v in enumerate(context.believable(meter.sampled_voltages_v)):
-                self._take(Reading(begun_s + number * self.interval_s, voltage_v), tallies, context)
+                self.take(Reading(begun_s + number * self.interval_s, voltage_v), tallies, context)

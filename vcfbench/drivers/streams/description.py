@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
+from msgspec.structs import replace
 
 from vcfbench.drivers.streams.checksums import CHECKSUMS, ChecksumName
 
@@ -142,6 +143,11 @@ class Stream(_Table, frozen=True, kw_only=True):
         """The numbers of a frame by their keys."""
         found = {key: getattr(self, key) for key in ("value", "counter", "temperature", "status")}
         return {key: each for key, each in found.items() if each is not None}
+
+    @property
+    def frame(self) -> "Stream":
+        """The same without its value: streams with equal ones are fields of one."""
+        return replace(self, value=FrameQuantity())
 
     @property
     def character_bits(self) -> int:

@@ -7,7 +7,7 @@ is not well, a clock that is further off than the bench file says. What can be l
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -43,7 +43,7 @@ class _FileWire:
         except OSError as error:
             raise errors.ConnectFailed(f"cannot be opened ({error.strerror or error})") from error
         self._file.seek(0, 2)
-        self._clock = clock
+        self.clock = clock
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Refuse: nobody reads it."""
@@ -54,7 +54,7 @@ class _FileWire:
         while not (data := self.pending()):
             if deadline.expired():
                 raise errors.DeadlineExceeded("no answer")
-            sleep(self._clock, min(_POLL_S, deadline.remaining()))
+            sleep(self.clock, min(_POLL_S, deadline.remaining()))
         return data, False
 
     def pending(self) -> bytes:
@@ -93,7 +93,7 @@ class StreamReader:
         self.name = name
         self.resource = resource
         self.stream = stream
-        self._clock = clock
+        self.clock = clock
         for behind in BEHIND.get():
             connect = behind(name, resource, clock, connect)
         self._wire: Wire = connect(Deadline.after(clock, stream.timeout_s))
@@ -112,7 +112,7 @@ class StreamReader:
             DeadlineExceeded: nothing comes.
         """
         self._flush()
-        next(self._coming(self.stream.timeout_s + 3.0 / self.stream.sample_rate_hz))
+        next(filter(None, self._coming(self.stream.timeout_s + 3.0 / self.stream.sample_rate_hz, math.inf)))
         return Identity("", self.stream.name, "", "")
 
     def check_errors(self) -> None:
@@ -128,10 +128,24 @@ class StreamReader:
             MeasurementError: the frames are no measurement.
             DeadlineExceeded: none come.
         """
+        reading = self.reading(self.stream.timeout_s)
+        try:
+            while True:
+                next(reading)
+        except StopIteration as end:
+            value: float = end.value
+            return value
+
+    def reading(self, turn_s: float) -> Generator[None, None, float]:
+        """Take a reading as `read_voltage_v` does; yield when it is asked for, and after each wait of `turn_s` at most.
+
+        So several are taken at the same time, each in its turn.
+        """
         stream = self.stream
         period_s = 1.0 / stream.sample_rate_hz
-        asked_s = self._clock.now()
+        asked_s = self.clock.now()
         self._flush()
+        yield
         bad_before = self._decoder.bad
         wanted = max(2, round(stream.aperture_s * stream.sample_rate_hz))
         # a frame that comes sooner began before it was asked for
@@ -140,7 +154,11 @@ class StreamReader:
         times_s: list[float] = []
         steps, repeated = 0, 0
         longest_s = stream.latency_s + (wanted + 3) * period_s * (1.0 + _MOST_LOST) + stream.timeout_s
-        for sample, t_s in self._coming(longest_s):
+        for found in self._coming(longest_s, turn_s):
+            if found is None:
+                yield
+                continue
+            sample, t_s = found
             if t_s < from_s:
                 continue
             if taken:
@@ -199,7 +217,7 @@ class StreamReader:
     def _flush(self) -> None:
         """Throw away the received bytes; the next may be in the middle of a frame."""
         with self._located():
-            self._wire.clear(Deadline.after(self._clock, self.stream.timeout_s))
+            self._wire.clear(Deadline.after(self.clock, self.stream.timeout_s))
         self._decoder.reset()
 
     @contextmanager
@@ -210,14 +228,18 @@ class StreamReader:
             error.instrument, error.resource = self.name, self.resource
             raise
 
-    def _coming(self, within_s: float) -> Iterator[tuple[Sample, float]]:
-        """Yield the frames that come, with the bench time at which each was there."""
-        deadline, heard = Deadline.after(self._clock, within_s), 0
+    def _coming(self, within_s: float, turn_s: float) -> Iterator[tuple[Sample, float] | None]:
+        """Yield the frames that come, with the bench time at which each was there; None at the end of each turn."""
+        deadline, heard = Deadline.after(self.clock, within_s), 0
+        silent = deadline.within(self.stream.timeout_s)
         while True:
             with self._located():
                 try:
-                    data = self._wire.receive(deadline.within(self.stream.timeout_s))[0]
+                    data = self._wire.receive(silent.within(turn_s))[0]
                 except errors.DeadlineExceeded as error:
+                    if not silent.expired():
+                        yield None
+                        continue
                     if not heard:
                         error.what, error.hint = "the stream is silent", "is the device on and sending?"
                         raise
@@ -227,9 +249,11 @@ class StreamReader:
                     )
                     raise errors.MeasurementError(what, hint=hint) from None
             heard += len(data)
-            now_s = self._clock.now()
+            now_s = self.clock.now()
             for sample in self._decoder.feed(data):
                 yield sample, now_s
+            silent = deadline.within(self.stream.timeout_s)
+            yield None
 
     def _require(self, well: bool, what: str) -> None:  # noqa: FBT001
         if not well:

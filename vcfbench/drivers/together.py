@@ -1,0 +1,122 @@
+"""Outputs of several gyroscopes, read at the same time."""
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from vcfbench.clock import Deadline
+from vcfbench.drivers.streams.reader import StreamReader
+from vcfbench.errors import Aborted, BenchError, DeadlineExceeded, NotSafe
+from vcfbench.interfaces import BeginsReadings, Identity, SafeReport, UnprovedCommand
+
+_TURN_S = 0.005
+"""Longest wait for the frames of one stream while others are read too."""
+
+
+class Outputs:
+    """The outputs of several gyroscopes, in the place of one multimeter; `of` has them by the names of the devices."""
+
+    safe_words = ""
+
+    def __init__(self, of: Mapping[str, Any], identities: Mapping[str, Identity]) -> None:
+        first = next(iter(of.values()))
+        self.of = of
+        self.identities = identities
+        self.name: str = first.name
+        self.resource = ", ".join(dict.fromkeys(each.resource for each in of.values()))
+
+    def identify(self) -> Identity:
+        """Return the identity of the first: each was asked for its own when it was opened."""
+        return next(iter(self.identities.values()))
+
+    def check_errors(self) -> None:
+        """See that none has an error."""
+        for name, each in self.of.items():
+            with named(name):
+                each.check_errors()
+
+    def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
+        """Set range and integration time of each."""
+        for name, each in self.of.items():
+            with named(name):
+                each.configure_dc_voltage(range_v, nplc)
+
+    def command_safe(self) -> UnprovedCommand:
+        """Send each the words that make it safe."""
+        sent = [each.command_safe() for each in self.of.values()]
+        return UnprovedCommand("", sent=all(each.sent for each in sent))
+
+    def make_safe(self, deadline: Deadline) -> SafeReport:
+        """Make each safe; the first that is not is told of."""
+        reports: list[SafeReport] = [each.make_safe(deadline) for each in self.of.values()]
+        return next((each for each in reports if not each.safe), reports[0])
+
+    def close(self) -> None:
+        """Close each."""
+        for each in self.of.values():
+            each.close()
+
+
+@contextmanager
+def named(device: str) -> Iterator[None]:
+    """Put the name of the device into the words of its errors."""
+    try:
+        yield
+    except BenchError as error:
+        error.what = f"{device}: {error.what}"
+        raise
+
+
+def read_together(meters: Mapping[str, Any], within_s: float = math.inf) -> dict[str, float | BenchError]:
+    """Read each meter once, all at the same time as far as they can; return the reading, or the error, of each.
+
+    Streams are read in turns, and one that has no reading `within_s` is not waited for. Meters that begin a reading
+    begin it together; others are read one after another.
+
+    Raises:
+        Aborted: a person or a signal stopped it.
+    """
+    found: dict[str, float | BenchError] = {}
+    asked = {}
+    for name, each in meters.items():
+        if isinstance(each, BeginsReadings):
+            asked[name] = each.begun_reading_v
+            with kept(found, name):
+                each.begin_reading()
+        elif not isinstance(each, StreamReader):
+            asked[name] = each.read_voltage_v
+    _read_streams({name: each for name, each in meters.items() if isinstance(each, StreamReader)}, within_s, found)
+    for name, ask in asked.items():
+        if name not in found:
+            with kept(found, name):
+                found[name] = ask()
+    return found
+
+
+def _read_streams(streams: Mapping[str, StreamReader], within_s: float, found: dict[str, float | BenchError]) -> None:
+    under_way = {name: each.reading(_TURN_S) for name, each in streams.items()}
+    over = [Deadline.after(each.clock, within_s) for each in streams.values()][:1]
+    while under_way and not over[0].expired():
+        for name, reading in tuple(under_way.items()):
+            try:
+                with kept(found, name):
+                    next(reading)
+            except StopIteration as end:
+                found[name] = end.value
+            if name in found:
+                del under_way[name]
+    for name in under_way:
+        said = f"no reading in {within_s:g} s: the stream is silent, or too many frames are lost"
+        found[name] = DeadlineExceeded(said, instrument=streams[name].name, resource=streams[name].resource)
+
+
+@contextmanager
+def kept(found: dict[str, Any], name: str) -> Iterator[None]:
+    """Keep the error of one, for the others go on."""
+    try:
+        yield
+    except BenchError as error:
+        if isinstance(error, NotSafe) or Aborted.behind(error) is not None:
+            raise
+        found[name] = error
