@@ -11,6 +11,7 @@ from types import MappingProxyType, TracebackType
 from typing import Any, Final, Self
 
 from msgspec import Struct, field
+from msgspec.structs import asdict
 
 from vcfbench.bench.ground import Builder, UnopenedBench, check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
@@ -144,6 +145,11 @@ class Bench(Struct, frozen=True, eq=False):
         """Let nothing that `instrument` reads prove that it is safe: the run ends by what it read."""
         self.holding.safety.disbelieved[instrument] = why
 
+    def seen_by(self, device: str) -> "Bench":
+        """Return the bench as one of its several gyroscopes has it: the output is its own."""
+        instruments = {**self.instruments, "multimeter": self.multimeter.of[device]}  # type: ignore[attr-defined]
+        return _SeenBench(**{**asdict(self), "instruments": instruments})
+
     def close(self) -> None:
         """Make everything safe and close it; does nothing when that is done already.
 
@@ -172,6 +178,13 @@ class Bench(Struct, frozen=True, eq=False):
                 warnings.warn(words, ResourceWarning, stacklevel=2, source=self)
             finally:  # a warning may be an error
                 self.holding.abandon("nothing referred to it any more")
+
+
+class _SeenBench(Bench, frozen=True, eq=False):
+    """A bench as one of its gyroscopes has it; the bench itself sees to it that it is left safe."""
+
+    def __del__(self) -> None:
+        """Leave it to the bench."""
 
 
 def open_bench(

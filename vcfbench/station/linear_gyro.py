@@ -1,6 +1,6 @@
 """A gyroscope on paper: a straight line that answers the steps of a plan without a bench."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from msgspec import Struct
 
@@ -30,3 +30,23 @@ class LinearGyro(Struct):
     def record_noise_v(self, count: int, interval_s: float, aperture_s: float) -> Sequence[float]:
         """Return the noise of `count` readings, V, one every `interval_s`, each over `aperture_s`; none here."""
         return (0.0,) * count
+
+    def of_device(self, name: str) -> "LinearGyro":
+        """Return that of one of several devices; all are alike."""
+        return self
+
+
+class LinearGyros(LinearGyro, kw_only=True):
+    """The gyroscopes on paper of several devices, `of` their names; all that is common is as of the first."""
+
+    of: Mapping[str, LinearGyro]
+
+    @classmethod
+    def together(cls, of: Mapping[str, LinearGyro]) -> "LinearGyros":
+        """Return several."""
+        first = next(iter(of.values()))
+        return cls(first.k_vc, first.scale_factor, first.bias_v, of=of)
+
+    def of_device(self, name: str) -> LinearGyro:
+        """Return that of one of them."""
+        return self.of[name]

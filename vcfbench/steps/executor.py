@@ -150,8 +150,7 @@ class Executor:
         for each in taken:
             for chunk in each.chunks:
                 self.journal.write("readings", chunk)
-            for readings_v in each.readings_v():
-                each.step.recall(readings_v, self._context)
+            each.recall(self._context)
             with self._undivided():
                 self.journal.write("step", each.line)
                 self._number = self._written = self._number + 1
@@ -302,6 +301,8 @@ class Executor:
         point = result.recorded_point
         if point is not None:
             line["point"] = point.as_json()
+        if points := result.recorded_points:
+            line["points"] = {name: each.as_json() for name, each in points.items()}
         with self._undivided():
             self._write_owed()
             self.journal.write("step", line)
@@ -312,7 +313,7 @@ class Executor:
         self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
         return result
 
-    def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading]) -> None:
+    def _write_chunk(self, step: Step, start_s: float, readings: Sequence[Reading], device: str = "") -> None:
         """Write readings of the step under way; the step stands with them, for its own line may never come."""
         chunk = {
             **self._line(step),
@@ -320,6 +321,7 @@ class Executor:
             "end_s": self._now(),
             "chunk": self._context.chunks + 1,
             "readings": readings,
+            **({"device": device} if device else {}),
         }
         self._write_owed()
         self.journal.write("readings", chunk)

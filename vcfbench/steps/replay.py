@@ -36,7 +36,8 @@ from vcfbench.steps import (
 )
 from vcfbench.steps.decode import result_of, step_of
 from vcfbench.steps.drive_check import check_drive
-from vcfbench.steps.step import Effect, Plan, Routine, Step, StepResult, abandon
+from vcfbench.steps.each import EachOf, EachResult
+from vcfbench.steps.step import Context, Effect, Plan, Routine, Step, StepResult, abandon
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
 _COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
@@ -55,12 +56,21 @@ class TakenOver(Struct, frozen=True):
     chunks: tuple[Mapping[str, Any], ...] = ()
     pauses: tuple[tuple[Mapping[str, Any], ...], ...] = ()
 
-    def readings_v(self) -> Iterator[list[float]]:
-        """Yield the readings of a window, V, chunk by chunk."""
-        if isinstance(self.result, Window):
-            for readings in (*(chunk["readings"] for chunk in self.chunks), self.line["result"]["readings"]):
-                if readings:
-                    yield [reading["voltage_v"] for reading in readings]
+    def recall(self, context: Context) -> None:
+        """Have the steps take notice of the readings of their windows."""
+        if isinstance(self.step, EachOf) and isinstance(self.result, EachResult):
+            for name, step in self.step.steps.items():
+                own = (each for each in self.chunks if each.get("device") == name)
+                last = self.line["result"]["results"].get(name, {})
+                _recall(step, own, last, context.of_device(name))
+        elif isinstance(self.result, Window):
+            _recall(self.step, self.chunks, self.line["result"], context)
+
+
+def _recall(step: Step, chunks: Iterable[Mapping[str, Any]], result: Mapping[str, Any], context: Context) -> None:
+    for each in (*chunks, result):
+        if readings := each.get("readings"):
+            step.recall([reading["voltage_v"] for reading in readings], context)
 
 
 def taken_over(record: JournalRecord, run: str) -> tuple[TakenOver, ...]:

@@ -8,6 +8,7 @@ A step of one's own is a subclass in one's own file; nothing else has to know of
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from enum import Enum
+from functools import partial
 from importlib import import_module
 from typing import Any, ClassVar, Final, Self, TypeVar
 
@@ -55,7 +56,7 @@ class Reading(Struct, frozen=True):
         return replace(self, voltage_v=known.corrected(self.voltage_v))
 
 
-def _nowhere(readings: Sequence[Reading]) -> None:
+def _nowhere(readings: Sequence[Reading], device: str = "") -> None:
     """Keep readings nowhere: nobody writes a journal."""
 
 
@@ -80,16 +81,33 @@ class Context(Struct):
     asked_again: list[str] = field(default_factory=list)
     noise: NoiseSeen | None = None
     outputs: tuple[str, ...] = ()
-    keep: Callable[[Sequence[Reading]], None] = _nowhere
+    keep: Callable[..., None] = _nowhere
     chunks: int = 0
     operator: Operator = nobody
     undivided: Callable[[], AbstractContextManager[None]] = nullcontext
+    devices: dict[str, "Context"] = field(default_factory=dict)
+    """Of a bench with several gyroscopes: that of each."""
 
-    def begin(self, keep: Callable[[Sequence[Reading]], None] = _nowhere) -> None:
+    def of_device(self, name: str) -> "Context":
+        """Return the context of one of several gyroscopes: its output, its readings, its noise."""
+        if name not in self.devices:
+            heard = self.hear if not self.devices else lambda _: None  # one is shown
+            own = Context(self.bench.seen_by(name), heard, operator=self.operator, undivided=self.undivided)
+            self.devices[name] = own
+            own.begin(_nowhere if self.keep is _nowhere else partial(self._keep_of, name))
+        return self.devices[name]
+
+    def _keep_of(self, device: str, readings: Sequence[Reading]) -> None:
+        self.keep(readings, device)
+        self.chunks += 1
+
+    def begin(self, keep: Callable[..., None] = _nowhere) -> None:
         """Clear the readings of the step before; `keep` writes down each chunk of readings of the step that begins."""
         self.readings.clear()
         self.asked_again.clear()
         self.keep, self.chunks = keep, 0
+        for name, each in self.devices.items():
+            each.begin(_nowhere if keep is _nowhere else partial(self._keep_of, name))
 
     def take(self, reading: Reading) -> tuple[Reading, ...]:
         """Keep a reading and pass it on; return the chunk before it, if one had to be closed to make room.
@@ -184,6 +202,11 @@ class StepResult:
     def recorded_point(self) -> Point | None:
         """The point that the step adds to the run, None when it adds none."""
         return None
+
+    @property
+    def recorded_points(self) -> Mapping[str, Point]:
+        """The points of several devices that the step adds to the run, by the name of the device."""
+        return {}
 
     def corrected(self, step: "Step", known: Sources) -> Self:
         """Return the result of `step` with the corrections of the meters' certificates to its direct voltages.
