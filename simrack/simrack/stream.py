@@ -78,7 +78,10 @@ class StreamErrors(Struct, frozen=True):
 
 
 class StreamTwin:
-    """A gyroscope that speaks numbers: `world` has one input, its analogue output, `stream` the tables of the frame."""
+    """A gyroscope that speaks numbers: `world` has one input, its analogue output, `stream` the tables of the frame.
+
+    `axes` are further outputs that its frames have, each with the table of its place.
+    """
 
     errors_class = StreamErrors
 
@@ -90,8 +93,11 @@ class StreamTwin:
         stream: Mapping[str, Any],
         volts_per_deg_s: float = -0.0125,
         noise_seed: int = 0,
+        axes: Iterable[tuple[Leads, Mapping[str, Any]]] = (),
     ) -> None:
-        self._world = world
+        further = list(axes)
+        self._outputs = {"value": world} | {f"value-{number}": each for number, (each, _) in enumerate(further, 2)}
+        stream = {**stream, **{f"value-{number}": place for number, (_, place) in enumerate(further, 2)}}
         self._clock = world.clock
         self._errors = errors
         self._frame_of = stream
@@ -99,12 +105,12 @@ class StreamTwin:
         self._random = Random(noise_seed)  # noqa: S311  (no secret)
         self._output = bytearray()
         self._coming: deque[tuple[float, bytes]] = deque()
-        self._windows: deque[tuple[float, Any]] = deque()
-        """Frames that are under way or to come: the end of each, and the mean of it."""
+        self._windows: deque[tuple[float, dict[str, Any]]] = deque()
+        """Frames that are under way or to come: the end of each, and the means of it."""
         self._count = 0
-        self._angle = 0.0
+        self._angles = dict.fromkeys(self._outputs, 0.0)
         self._last: bytes = b""
-        self._held: float | None = None
+        self._held: dict[str, float] = {}
         self._heard_s = self._clock.now()
         self._begin_s = self._over_s = self._clock.now()
 
@@ -159,25 +165,26 @@ class StreamTwin:
         """Make the frames that are over by now, and look ahead: nothing can be averaged that has begun."""
         now, period_s = self._clock.now(), self._period_s
         while self._windows and self._windows[0][0] <= now:
-            self._over_s, window = self._windows.popleft()
+            self._over_s, windows = self._windows.popleft()
             self._count += 1
-            self._send(window.mean_v() / self._volts_per_deg_s)
+            self._send({key: each.mean_v() / self._volts_per_deg_s for key, each in windows.items()})
         if not self._windows:  # nobody listened
             gone = max(0, math.ceil((now - self._over_s) / period_s))
             self._count += gone
             self._begin_s = self._over_s + gone * period_s
         while self._begin_s <= now + max(_AHEAD_S, period_s):
             end_s = self._begin_s + period_s
-            self._windows.append((end_s, self._world.window("input", self._begin_s, end_s)))
+            windows = {key: each.window("input", self._begin_s, end_s) for key, each in self._outputs.items()}
+            self._windows.append((end_s, windows))
             self._begin_s = end_s
         while self._coming and self._coming[0][0] <= now:
             self._output += self._coming.popleft()[1]
         del self._output[_KEPT:]
 
-    def _send(self, rate_deg_s: float) -> None:
+    def _send(self, rates_deg_s: Mapping[str, float]) -> None:
         """Put a frame on the line, with its faults."""
         errors, random = self._errors, self._random
-        data = self._frame(rate_deg_s)
+        data = self._frame(rates_deg_s)
         if errors.frozen and self._last:
             data = self._last
         self._last = data
@@ -198,19 +205,21 @@ class StreamTwin:
             arrived_s = max(arrived_s, self._coming[-1][0])
         self._coming.append((arrived_s, data))
 
-    def _frame(self, rate_deg_s: float) -> bytes:
+    def _value(self, key: str, rate_deg_s: float) -> float:
+        """Return the number of an output in a frame, by the device's own second."""
         stated = self._frame_of
         of_unit = {"deg/s": 1.0, "deg": 1.0, "LSB": self._errors.lsb_per_deg_s}.get(stated["unit"], math.pi / 180.0)
-        rate = rate_deg_s * of_unit
-        # what the device says is by its own second
-        value = rate if stated["kind"] == "rate" else rate * self._period_s
+        value = rate_deg_s * of_unit
+        if stated["kind"] != "rate":
+            value *= self._period_s
         if stated["kind"] == "angle":
-            self._angle += value
-            value = self._angle
-        if self._errors.stuck:
-            self._held = value if self._held is None else self._held
-            value = self._held
-        numbers: dict[str, float] = {"value": value, "counter": self._count, "temperature": 25.0}
+            self._angles[key] = value = self._angles[key] + value
+        return self._held.setdefault(key, value) if self._errors.stuck else value
+
+    def _frame(self, rates_deg_s: Mapping[str, float]) -> bytes:
+        stated = self._frame_of
+        values = {key: self._value(key, rate) for key, rate in rates_deg_s.items()}
+        numbers: dict[str, float] = {**values, "counter": self._count, "temperature": 25.0}
         if stated.get("status") is not None:
             numbers["status"] = stated["status"]["ok"] ^ (stated["status"]["mask"] & 0x1 if self._errors.status else 0)
         numbers = {key: each for key, each in numbers.items() if stated.get(key) is not None}
@@ -222,7 +231,7 @@ class StreamTwin:
         step = stated["resolution"]
         digits = max(0, -math.floor(math.log10(step)))
         if self._errors.saturated:
-            numbers = {**numbers, "value": stated.get("full_scale") or 1e6}
+            numbers = dict(numbers) | dict.fromkeys(self._outputs, stated.get("full_scale") or 1e6)
         for key, each in numbers.items():
             if key == "counter":
                 said = str(int(each) % (stated[key].get("modulus") or 256))
@@ -248,9 +257,11 @@ class StreamTwin:
         for key, each in numbers.items():
             place = stated[key]
             raw = (each - place.get("offset", 0.0)) / place.get("scale", 1.0)
-            if key == "value" and self._errors.saturated:
+            if key in self._outputs and self._errors.saturated:
                 raw = math.copysign(1e30, raw)
-            _put(frame, place, raw, order, wraps=key == "counter" or (key == "value" and stated["kind"] == "angle"))
+            _put(
+                frame, place, raw, order, wraps=key == "counter" or (key in self._outputs and stated["kind"] == "angle")
+            )
         check = stated["checksum"]
         kind, by = check["name"], check.get("byte_order") or order
         if kind != "none":

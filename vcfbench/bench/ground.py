@@ -50,8 +50,8 @@ class UnopenedBench(Struct, frozen=True):
     adjust: Callable[[str, Any], None] | None = None
     left_by: Mapping[str, str] = MappingProxyType({})
     hands: Hands = field(default_factory=Hands)
-    stream: str | None = None
-    """Where the stream of a simulated gyroscope is; None: where the bench file says."""
+    streams: Mapping[str, str] = MappingProxyType({})
+    """Where the streams of simulated gyroscopes are, by their resources; of others the bench file says it."""
 
 
 def station(
@@ -93,12 +93,20 @@ def require_instruments_apart(description: BenchDescription) -> None:
         ConfigError: one has, under two names.
     """
     if description.simulation is None:
-        require_apart({each.name: getattr(description, each.name).resource for each in filled_roles(description)})
+        resources = {each.name: getattr(description, each.name).resource for each in filled_roles(description)}
+        require_apart(resources | outputs_of(description))
+
+
+def outputs_of(description: BenchDescription) -> dict[str, str]:
+    """Return the resources of the outputs of several gyroscopes beside the first, by names like those of roles."""
+    found = {each.multimeter.resource: f"multimeter of {each.name}" for each in reversed(description.devices or ())}
+    return {role: resource for resource, role in found.items() if resource != description.output_resource}
 
 
 def _locks(description: BenchDescription, roles: Collection[str] | None) -> AbstractContextManager[Mapping[str, str]]:
     locked = [each.name for each in filled_roles(description)] if roles is None else roles
-    return instrument_locks(description.name, {each: description.owned(each) for each in locked})
+    owned = {each: description.owned(each) for each in locked}
+    return instrument_locks(description.name, owned | (outputs_of(description) if "multimeter" in locked else {}))
 
 
 @contextmanager
@@ -116,8 +124,8 @@ def table_port(description: BenchDescription) -> str | None:
 def _served(description: BenchDescription, served: Served, roles: Collection[str] | None) -> Iterator[UnopenedBench]:
     from vcfbench.sim.served import lockstep_bench  # noqa: PLC0415
 
-    stream = description.stream.resource if description.stream else None
-    with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description), stream) as lockstep:
+    streams = description.stream_resources
+    with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description), streams) as lockstep:
         yield UnopenedBench(
             lockstep.clock,
             description.visa_library,
@@ -125,7 +133,7 @@ def _served(description: BenchDescription, served: Served, roles: Collection[str
             lockstep.seed,
             adjust=lockstep.adjust,
             left_by=left_by,
-            stream=lockstep.stream,
+            streams=lockstep.streams,
         )
 
 
@@ -143,8 +151,8 @@ def _simulated(
         patience = 1.0 if pace is None else max(1.0, 1.0 / pace)
         port = None if description.rate_table is None else f"sim://{handle}"
         wires, adjust = f"{handle}@vcfbench", partial(_adjust, bench)
-        stream = f"sim://{handle}-stream" if description.stream else None
-        yield UnopenedBench(bench.clock, wires, port, used, patience, adjust, stream=stream)
+        streams = {where: f"sim://{handle}-{role}" for role, where in bench.stream_resources().items()}
+        yield UnopenedBench(bench.clock, wires, port, used, patience, adjust, streams=streams)
 
 
 def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:

@@ -1,5 +1,6 @@
 """Opens one instrument of a bench and makes sure that it is the one meant."""
 
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any
 
@@ -8,6 +9,8 @@ from msgspec import structs
 from vcfbench.bench.ground import UnopenedBench
 from vcfbench.drivers.hands import BY_HAND
 from vcfbench.drivers.registry import open_instrument
+from vcfbench.drivers.streams.shared import sharing
+from vcfbench.drivers.together import Outputs, named
 from vcfbench.errors import BenchError
 from vcfbench.interfaces import Identity, Instrument
 from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
@@ -24,6 +27,8 @@ def open_role(
         ConnectFailed: nobody answers.
         WrongInstrument: another model or another specimen answers.
     """
+    if role == "multimeter" and description.several:
+        return _outputs(description, stand, more)
     part = getattr(description, role)
     if role in description.by_hand:
         made = BY_HAND[role](role, part, stand.hands, structs.asdict(description.limits))
@@ -42,7 +47,7 @@ def open_role(
     if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
         settings["port"] = stand.rate_table
     if role == "multimeter" and description.stream:
-        settings = {"stream": description.stream, "port": stand.stream}
+        settings = {"stream": description.stream, "port": stand.streams.get(resource)} | more
     instrument = open_instrument(
         role, model, resource, library=stand.visa_library, clock=stand.clock, settings=settings, like=like
     )
@@ -52,3 +57,24 @@ def open_role(
         with suppress(BenchError):  # the first error tells more than that the connection did not close either
             instrument.close()
         raise
+
+
+def _outputs(
+    description: BenchDescription, stand: UnopenedBench, more: Mapping[str, Any]
+) -> tuple[Instrument, Identity]:
+    """Open the output of each of several gyroscopes; fields of one stream share its connection."""
+    shared = {"shared": sharing()} if description.stream else {}
+    opened: dict[str, Any] = {}
+    found: dict[str, Identity] = {}
+    try:
+        for name in description.several:
+            own = description.of_device(name)
+            with named(name):
+                opened[name], found[name] = open_role("multimeter", own, stand, **shared, **more)
+    except BaseException:
+        for each in opened.values():
+            with suppress(BenchError):
+                each.close()
+        raise
+    made: Any = Outputs(opened, found)
+    return made, made.identify()

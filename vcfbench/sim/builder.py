@@ -6,7 +6,7 @@ changes nothing for the others.
 
 import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain, count
 from threading import Lock
@@ -73,10 +73,6 @@ class SimulatedBench(Struct, frozen=True):
         """Build the bench on `clock`; the same seed gives the same bench."""
         attended = AttendedClock(clock)
         world = World(attended, physical_parameters(description), _integer(_sequence(seed, "world")))
-        if description.power is None:  # the device feeds itself, and is on
-            own = description.procedure
-            world.set_rail("positive", own.positive_rail_v)
-            world.set_rail("negative", own.negative_rail_v)  # of one supply nobody looks at it
         errors = instrument_errors(description, seed)
         # The World as the instruments see it that have leads, or an input of their own
         wiring, caught = description.wiring, world.mains
@@ -94,11 +90,28 @@ class SimulatedBench(Struct, frozen=True):
                 load_ohm=getattr(errors["v_vc_meter"], "input_ohm", math.inf),
             )
         devices: dict[str, Device] = {}
+        outputs = description.each
+        leads = [seen["multimeter"]]
+        for number, own in enumerate(outputs[1:], 2):
+            noise = _integer(_sequence(seed, "world", number))
+            beside = World(attended, physical_parameters(own), noise, beside=world)
+            leads.append(Leads(beside, f"multimeter-{number}", {"input": wiring.multimeter}, caught.in_meter_leads))
+        if description.power is None:  # the device feeds itself, and is on
+            shared = description.procedure
+            world.set_rail("positive", shared.positive_rail_v)
+            world.set_rail("negative", shared.negative_rail_v)  # of one supply nobody looks at it
         for role, twin in twins(description).items():
-            # What it takes of its surroundings: those of one role do not all need the same
-            takes, around = inspect.signature(twin).parameters, _surroundings(role, description, seed).items()
-            taken = {name: value for name, value in around if name in takes and value is not None}
-            devices[role] = twin(seen.get(role, world), errors=errors[role], **taken)
+            kind, around = twin, _surroundings(role, description, seed)
+            if role == "multimeter":
+                around |= {"axes": _axes(outputs, 0, leads)}
+            devices[role] = _made(kind, seen.get(role, world), errors[role], around)
+        for number, own in enumerate(outputs[1:], 2):
+            if any(own.output_resource == each.output_resource for each in outputs[: number - 1]):
+                continue  # an axis of a stream that is there
+            kind, asked = twins(own)["multimeter"], simulation_of(own).errors.multimeter
+            drawn = _errors(kind.errors_class, asked, default_rng(_sequence(seed, "multimeter", number)))
+            around = _surroundings("multimeter", own, seed, number) | {"axes": _axes(outputs, number - 1, leads)}
+            devices[f"multimeter-{number}"] = _made(kind, leads[number - 1], drawn, around)
         attended.attend(*devices.values())
         return cls(description, world, devices)
 
@@ -107,10 +120,14 @@ class SimulatedBench(Struct, frozen=True):
         """The clock that everything on this bench waits on."""
         return self.world.clock
 
+    def stream_resources(self) -> dict[str, str]:
+        """Return the resources of the streams, by the role of the device that sends each."""
+        return self.description.stream_resources
+
     def visa_devices(self) -> dict[str, Device]:
         """Return the devices on VISA by the resource names of the bench file; a serial one at the end of its line."""
-        apart = {"rate_table", "multimeter"} if self.description.stream else {"rate_table"}
-        parts = {role: getattr(self.description, role) for role in self.devices if role not in apart}
+        apart = {"rate_table", *self.stream_resources()}
+        parts = {role: part_of(self.description, role) for role in self.devices if role not in apart}
         devices = {part.resource: self.devices[role] for role, part in parts.items()}
         for part in filter(_is_serial, parts.values()):  # its line is set on its front panel as the bench file has it
             line = SerialSettings() if part.serial is None else part.serial
@@ -145,14 +162,36 @@ class SimulatedBench(Struct, frozen=True):
                 raise ConfigError(f"{self.description.name}: a resource is not a VISA resource name: {error}") from None
             if "rate_table" in self.devices:
                 serial_backend.register(handle, self.table_port(), self.clock)
-            if self.description.stream:
-                serial_backend.register(f"{handle}-stream", self.devices["multimeter"], self.clock)
+            for role in self.stream_resources():
+                serial_backend.register(f"{handle}-{role}", self.devices[role], self.clock)
             try:
                 yield handle
             finally:
                 serial_backend.unregister(handle)
-                serial_backend.unregister(f"{handle}-stream")
+                for role in self.stream_resources():
+                    serial_backend.unregister(f"{handle}-{role}")
                 SimVisaLibrary.unregister(handle)
+
+
+def part_of(description: BenchDescription, role: str) -> Any:
+    """Return the part of the bench file that a simulated instrument is of, of several outputs by their number."""
+    name, _, number = role.partition("-")
+    return (description.devices or ())[int(number) - 1].multimeter if number else getattr(description, name)
+
+
+def _made(kind: Any, world: Any, errors: Any, around: Mapping[str, Any]) -> Any:
+    """Return a simulated instrument, with what it takes of its surroundings: not all of a role need the same."""
+    takes = inspect.signature(kind).parameters
+    taken = {name: value for name, value in around.items() if name in takes and value is not None}
+    return kind(world, errors=errors, **taken)
+
+
+def _axes(outputs: Sequence[BenchDescription], first: int, leads: Sequence[Leads]) -> list[tuple[Leads, Any]]:
+    """Return the further fields of the stream of the device numbered `first`, with the output that each has."""
+    where = outputs[first].output_resource
+    later = list(zip(outputs, leads, strict=True))[first + 1 :]
+    streams = [(lead, own.stream) for own, lead in later if own.output_resource == where]
+    return [(lead, to_builtins(stream.value)) for lead, stream in streams if stream]
 
 
 def _is_serial(part: Any) -> bool:
@@ -161,10 +200,10 @@ def _is_serial(part: Any) -> bool:
     return row is not None and row.rs232 and part.resource.upper().startswith("ASRL")
 
 
-def _surroundings(role: str, description: BenchDescription, seed: int) -> dict[str, Any]:
+def _surroundings(role: str, description: BenchDescription, seed: int, number: int = 1) -> dict[str, Any]:
     """Return the settings that the instrument of `role` may take from the bench that it stands on."""
     part, wiring = getattr(description, role), description.wiring
-    noise_seed = _integer(_sequence(seed, role))
+    noise_seed = _integer(_sequence(seed, role, number))
     if role == "rate_table":
         # The header of a simulated table's replies: error code and length, as on every byte stream. Which of the two
         # words' byte orders a real one has is unknown; a driver on `auto` takes either
@@ -196,8 +235,8 @@ def _errors(
     return overridden(specimens[1] if share == 1.0 else part_way(*specimens, share), single)
 
 
-def _sequence(seed: int, name: str) -> SeedSequence:
-    return SeedSequence(seed, spawn_key=(_STREAMS[name],))
+def _sequence(seed: int, name: str, number: int = 1) -> SeedSequence:
+    return SeedSequence(seed, spawn_key=(_STREAMS[name], *([number] if number > 1 else [])))
 
 
 def _integer(sequence: SeedSequence) -> int:

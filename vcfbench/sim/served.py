@@ -8,6 +8,7 @@ the same run on a bench simulated in this process, to the last digit.
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from types import MappingProxyType
 from typing import Any
 
 from msgspec import Struct, structs
@@ -57,13 +58,17 @@ class Lockstep(Struct, frozen=True):
     """The port of its table, for pyserial; None when it has none."""
     adjust: Callable[[str, Any], None]
     """Changes something of its world, as ``vcfbench sim ctl set`` does."""
-    stream: str | None = None
-    """The port of its gyroscope, where that speaks numbers."""
+    streams: Mapping[str, str] = MappingProxyType({})
+    """The ports of its gyroscopes that speak numbers, by their resources."""
 
 
 @contextmanager
-def lockstep_bench(served: Served, rate_table: str | None, stream: str | None = None) -> Iterator[Lockstep]:
-    """Lead the time of a served bench whose table is at the resource `rate_table`, its `stream` at another; None: none.
+def lockstep_bench(
+    served: Served, rate_table: str | None, streams: Mapping[str, str] = MappingProxyType({})
+) -> Iterator[Lockstep]:
+    """Lead the time of a served bench whose table is at the resource `rate_table`, None: it has none.
+
+    `streams` are the resources of its streams by their roles.
 
     Raises:
         ConnectFailed: no bench is served there, or another program leads its time: one run at a time.
@@ -76,7 +81,7 @@ def lockstep_bench(served: Served, rate_table: str | None, stream: str | None = 
     with control:
         try:
             status = control.request("status")
-            wanted = {"rate_table": rate_table, "multimeter": stream}
+            wanted = {"rate_table": rate_table, **streams}
             wires = {role: status["instruments"].get(role, {}) for role in wanted}
             known = {
                 role: where
@@ -97,7 +102,8 @@ def lockstep_bench(served: Served, rate_table: str | None, stream: str | None = 
 
         with ExitStack() as stack:
             url = {role: stack.enter_context(_led_port(control, clock, role, at)) for role, at in known.items()}
-            yield Lockstep(clock, seed, url.get("rate_table", rate_table), adjust, url.get("multimeter"))
+            led = {where: url[role] for role, where in streams.items() if role in url}
+            yield Lockstep(clock, seed, url.get("rate_table", rate_table), adjust, led)
 
 
 @contextmanager
@@ -113,11 +119,11 @@ def _led_port(control: Control, clock: LockstepClock, role: str, resource: str) 
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
     """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can build it anew."""
-    from vcfbench.sim.builder import SimulatedBench  # noqa: PLC0415  (there may be no simulation)
+    from vcfbench.sim.builder import SimulatedBench, part_of  # noqa: PLC0415  (there may be no simulation)
 
     used = chosen_seed(description, seed)
     built = SimulatedBench.build(description, used, clock)
-    parts = {role: getattr(description, role) for role in built.devices}
+    parts = {role: part_of(description, role) for role in built.devices}
     models = {role: str(part.dialect if role == "rate_table" else part.model) for role, part in parts.items()}
     # The interfaces of the real box of each role that a model fills
     rows = {role: find_model(part.like or part.model) for role, part in parts.items() if role != "rate_table"}

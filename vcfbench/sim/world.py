@@ -43,10 +43,17 @@ class World(Loaded):
     rails = RAILS
     inputs = INPUTS
 
-    def __init__(self, clock: Clock, parameters: BenchParameters, seed: int) -> None:
+    def __init__(self, clock: Clock, parameters: BenchParameters, seed: int, beside: "World | None" = None) -> None:
         super().__init__(clock, parameters.source.by_node())
         self.parameters = parameters
-        self.table = TableMotion(clock, parameters.table, self.advance, Flutter.of(parameters.table, seed))
+        self._beside: list[World] = []
+        """The gyroscopes beside this one on the same table."""
+        if beside is None:
+            flutter = Flutter.of(parameters.table, seed)
+            self.table = TableMotion(clock, parameters.table, self._all_advance, flutter)
+        else:
+            self.table = beside.table
+            beside.join(self)
         self._gyro = Gyro(parameters, seed, self.reached_s)
         self.mains = Mains.drawn(parameters.pick_up, seed)
         """What the leads catch of the mains."""
@@ -56,6 +63,14 @@ class World(Loaded):
         self._generators: dict[str, Drive | Played | None] = dict.fromkeys(INPUTS)
         self._v_vc_source: Drive | Played | None = None
         self._imagined: Gyro | None = None
+
+    def join(self, other: "World") -> None:
+        """Take another gyroscope onto the table: before each of its motions it is taken to now too."""
+        self._beside.append(other)
+
+    def _all_advance(self) -> None:
+        for each in (self, *self._beside):
+            each.advance()
 
     def reach(self, instant_s: float) -> bool:
         """Take the world to an instant if it has not been there; return True if it lies in the past."""
@@ -89,6 +104,8 @@ class World(Loaded):
         A pin of the wrong polarity counts as 0 V: the PCB's protection diodes block it.
         """
         self._require(rail, RAILS)
+        for each in self._beside:
+            each.move_rail(rail, approach)
         self.advance()
         self._rails[rail] = approach
         if self.parameters.supply.single:  # its circuit goes by the one rail as others by the weaker of two
@@ -106,7 +123,8 @@ class World(Loaded):
         """Return the magnitude of the current that PCB and load would draw from `rail` now at `voltage_v`, A."""
         self._require(rail, RAILS)
         self._pass_events()
-        return self._drawn_a(self._gyro, rail, voltage_v, self.clock.now())
+        beside_a = sum(each.rail_current_a(rail, voltage_v) for each in self._beside)
+        return self._drawn_a(self._gyro, rail, voltage_v, self.clock.now()) + beside_a
 
     def _drawn_a(self, gyro: Gyro, rail: str, voltage_v: float, now_s: float) -> float:
         own_a = gyro.rail_current_a(RAILS.index(rail), voltage_v, now_s)
@@ -147,6 +165,11 @@ class World(Loaded):
         Raises:
             ValueError: it is outside -55 to 125 degC, or the modes would not oscillate there.
         """
+        for each in (self, *self._beside):
+            each.warm(ambient_c)
+
+    def warm(self, ambient_c: float) -> None:
+        """Change the temperature around this gyroscope alone."""
         self.advance()
         self._gyro.set_ambient_c(ambient_c)
 
@@ -163,6 +186,8 @@ class World(Loaded):
         """Turn the case at once so that an axis points up; ValueError: it has none of that name."""
         if name not in UP_AXES:
             raise ValueError(f"up is one of {', '.join(UP_AXES)}, not {name!r}")
+        for each in self._beside:
+            each.set_up_axis(name)
         self.advance()
         self._gyro.set_up(UP_AXES[name])
 

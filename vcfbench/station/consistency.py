@@ -8,7 +8,7 @@ from typing import Any
 from msgspec import UNSET, structs
 
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
-from vcfbench.station.description import BenchDescription, RateTableRole
+from vcfbench.station.description import BenchDescription, Device, RateTableRole
 from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
 from vcfbench.station.parts import LimitKey, Node
 
@@ -56,7 +56,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     yield from _stream(description)
     for name, part in structs.asdict(description).items():
         # physical parameters have units of their own, settings of procedures are checked with their procedure
-        if name not in {"simulation", "procedure_table"}:
+        if name not in {"simulation", "procedure_table", "devices"}:
             yield from lost_digits(structs.replace(part, stream=UNSET) if name == "gyro" else part, name)
 
 
@@ -114,6 +114,24 @@ def _stream(description: BenchDescription) -> Iterator[InvalidValue]:
             yield InvalidValue(role, "none beside [gyro.stream]: such a device has no input for V_Vc", role)
     for key, expected, came in description.stream.contradictions():
         yield InvalidValue(f"gyro.stream.{key}", expected, came)
+
+
+def shared_wires(description: BenchDescription) -> Iterator[InvalidValue]:
+    """Check the gyroscopes of a bench with several: outputs of one kind, each its own, or fields of one stream."""
+    seen: dict[str, Device] = {}
+    for number, each in enumerate(description.devices or (), 1):
+        if bool(each.gyro.stream) != bool(description.stream):
+            yield InvalidValue(f"device {number}", "streams of numbers, or multimeters, for all devices", each.name)
+        resource = each.multimeter.resource
+        other = seen.setdefault(resource.upper(), each)
+        if other is each:
+            continue
+        if not (each.gyro.stream and other.gyro.stream):
+            expected = f"a resource of its own, not that of {other.name}"
+            yield InvalidValue(f"device {number}.resource", expected, resource)
+        elif each.gyro.stream.frame != other.gyro.stream.frame:
+            expected = f"frames as those of {other.name} at the same resource: only value may be another"
+            yield InvalidValue(f"device {number}.stream", expected, each.name)
 
 
 def _served(description: BenchDescription) -> Iterator[InvalidValue]:

@@ -7,9 +7,10 @@ Settings of procedures are those of their own classes (:mod:`vcfbench.station.se
 
 from datetime import date
 from operator import index
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from msgspec import Meta, field
+from msgspec import UNSET, Meta, UnsetType, field
+from msgspec.structs import replace
 
 from vcfbench import strict
 from vcfbench.drivers.streams.description import Stream
@@ -292,6 +293,18 @@ class Safety(parts.BenchFileTable, frozen=True, kw_only=True):
     script_silent_s: Annotated[float, Meta(ge=2.0, le=3600.0)] = 10.0
 
 
+class Device(parts.BenchFileTable, frozen=True, kw_only=True):
+    """One of several gyroscopes on the bench: its own tables of the bench file, filled in."""
+
+    name: Text
+    multimeter: OutputMeterRole
+    gyro: parts.DeclaredGyro
+    expected: parts.Expected
+    acceptance: parts.AcceptanceLimits
+    uncertainty: Knowledge
+    simulation: Simulation | None = None
+
+
 class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     """One station, as its bench file describes it, defaults filled in; a role that the station has not is None.
 
@@ -327,6 +340,29 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     safety: Safety = field(default_factory=Safety)
     simulation: Simulation | None = None
     served: Served | None = None
+    devices: tuple[Device, ...] | UnsetType = UNSET
+    """Of a bench with several gyroscopes all of them, the first of which stands above; else records say nothing."""
+
+    @property
+    def several(self) -> tuple[str, ...]:
+        """Names of the gyroscopes of a bench that has more than one."""
+        return tuple(each.name for each in self.devices or ())
+
+    def of_device(self, name: str) -> Self:
+        """Return the bench as it is for one of several gyroscopes: one with that alone."""
+        own = next(each for each in self.devices or () if each.name == name)
+        kept = {key: getattr(own, key) for key in own.__struct_fields__ if key != "name"}
+        return replace(self, **kept, devices=UNSET)
+
+    @property
+    def each(self) -> tuple[Self, ...]:
+        """The bench as it is for each of its gyroscopes: itself where it has one."""
+        return tuple(map(self.of_device, self.several)) or (self,)
+
+    @property
+    def output_resource(self) -> str:
+        """Resource of the output; empty: nothing reads it."""
+        return "" if self.multimeter is None else self.multimeter.resource
 
     @property
     def procedure(self) -> ProcedureSettings:
@@ -348,6 +384,17 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
     def stream(self) -> Stream | None:
         """The stream of numbers that the gyroscope speaks; None where a multimeter reads its output."""
         return self.gyro.stream or None
+
+    @property
+    def stream_resources(self) -> dict[str, str]:
+        """Resources of the streams by the roles of their simulated instruments: ``multimeter``, ``multimeter-2``..."""
+        if not self.stream:
+            return {}
+        found: dict[str, str] = {}
+        for number, each in enumerate(self.each, 1):
+            if each.output_resource not in found.values():
+                found["multimeter" if number == 1 else f"multimeter-{number}"] = each.output_resource
+        return found
 
     @property
     def rails_at(self) -> str:

@@ -10,10 +10,11 @@ from msgspec.structs import replace
 from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
-from vcfbench.station.consistency import invalid_values
-from vcfbench.station.description import BenchDescription
+from vcfbench.station.consistency import invalid_values, shared_wires
+from vcfbench.station.description import BenchDescription, Device
+from vcfbench.station.layering import merged
 from vcfbench.station.stream_profiles import with_stream
-from vcfbench.strict import converted, refusal, words
+from vcfbench.strict import converted, refusal, unknown_key, words
 
 EMBEDDED = ("paper", "lab", "ideal")
 """Names of the benches that come with the package, usable in place of a file."""
@@ -72,6 +73,8 @@ def checked_bench(
 
     Certificates that it names are found from `folder`, None: from where the program runs.
     """
+    if "device" in values:
+        return _with_devices(values, source, *checks, folder=folder)
     description = _from(with_stream(values, source, folder or Path()), source)
     for role in ("multimeter", "v_vc_meter"):
         part = getattr(description, role)
@@ -84,6 +87,45 @@ def checked_bench(
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     for check in checks:
         check(description, source)
+    return description
+
+
+_OWN = ("gyro", "multimeter", "expected", "acceptance", "uncertainty", "simulation")
+"""Tables of a bench file that each of several gyroscopes may have its own keys of."""
+
+
+def _with_devices(
+    values: Mapping[str, Any], source: str, *checks: Check, folder: Path | None = None
+) -> BenchDescription:
+    """Return a bench with several gyroscopes: each is checked as if it was alone on it."""
+    from vcfbench.records.devices import require_serial  # noqa: PLC0415  # few benches have several
+
+    common = {key: each for key, each in values.items() if key != "device"}
+    tables = values["device"]
+    if not isinstance(tables, list) or len(tables) < 2 or not all(isinstance(each, dict) for each in tables):
+        raise refusal(f"{source}: device", "two or more tables [[device]], each with a name", words(tables))
+    found: dict[str, BenchDescription] = {}
+    for number, table in enumerate(tables, 1):
+        where = f"{source}: device {number}"
+        name = table.get("name")
+        if not isinstance(name, str) or name in found:
+            raise refusal(f"{where}.name", "its serial number, each once", words(name))
+        require_serial(name)
+        own = {key: table[key] for key in _OWN if key in table}
+        if unknown := table.keys() - {"name", "resource", "stream", *_OWN}:
+            raise unknown_key(min(unknown), ["name", "resource", "stream", *_OWN], f"{where}.{min(unknown)}")
+        is_stream = "stream" in table or "stream" in common.get("gyro", {}) or "stream" in own.get("gyro", {})
+        if is_stream:
+            own["gyro"] = merged(own.get("gyro", {}), {"stream": table.get("stream", {})})
+        if "resource" in table:
+            at = {"resource": table["resource"]}
+            own = merged(own, {"gyro": {"stream": at}} if is_stream else {"multimeter": at})
+        found[name] = checked_bench(merged(common, own), f"{where} ({name})", *checks, folder=folder)
+    fields = [key for key in Device.__struct_fields__ if key != "name"]
+    devices = tuple(Device(name=name, **{key: getattr(each, key) for key in fields}) for name, each in found.items())
+    description = replace(next(iter(found.values())), devices=devices)
+    for invalid_value in shared_wires(description):
+        raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     return description
 
 

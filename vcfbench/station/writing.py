@@ -12,7 +12,15 @@ from vcfbench.station.description import BenchDescription
 
 def bench_text(description: BenchDescription) -> str:
     """Return the bench file of `description`: every key, defaults included; of ``[procedure]`` the given ones."""
-    return table_text(msgspec.to_builtins(description))
+    values = msgspec.to_builtins(description)
+    devices = values.pop("devices", ())
+    own = set(devices[0]) - {"name"} if devices else set()  # what is a device's own stands in its table
+    return "".join([table_text({k: v for k, v in values.items() if k not in own}), *map(device_text, devices)])
+
+
+def device_text(values: Mapping[str, Any]) -> str:
+    """Return the table ``[[device]]`` of one of several gyroscopes."""
+    return "\n" + table_text({"device": values}).lstrip("\n").replace("[device]", "[[device]]", 1)
 
 
 def table_text(values: Mapping[str, Any]) -> str:
