@@ -40,11 +40,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path_factory.mktemp("whole"))
 
 
-def cut(run: Run, runs: Path, points: int, name: str = "20260821T142530Z-turntable-0a1b2c") -> Path:
-    """Return a record of `run` that ends in the middle of a line, after so many points."""
+def cut(
+    run: Run, runs: Path, points: int, name: str = "20260821T142530Z-turntable-0a1b2c", mark: bytes = b'"point":'
+) -> Path:
+    """Return a record of `run` that ends in the middle of a line, after so many points; `mark` is in their lines."""
     assert run.directory is not None
     lines = (run.directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    number = [place for place, line in enumerate(lines, 1) if b'"point":' in line][points - 1] if points else 3
+    number = [place for place, line in enumerate(lines, 1) if mark in line][points - 1] if points else 3
     directory = runs / name
     directory.mkdir(parents=True)
     (directory / "journal.jsonl").write_bytes(b"".join(lines[:number]) + lines[number][:40])

@@ -215,7 +215,7 @@ def test_error_at_close_does_not_hide_unsafe_instrument(station: Station, monkey
         raise OSError(errno.EMFILE, "Too many open files")
 
     station.refuses = NotSafe("NOT SAFE: rate_table at COM1: it turns at 12 deg/s")
-    monkeypatch.setattr("vcfbench.runs.conduct._UnderWay.close", no_more_files)
+    monkeypatch.setattr("vcfbench.runs.under_way.UnderWay.close", no_more_files)
     assert call("run", "turntable").exception is station.refuses
 
 

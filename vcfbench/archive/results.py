@@ -1,7 +1,7 @@
 """Results of the points of a run, the verdict on them, and the report: computed, computed again, or as stored."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -98,10 +98,20 @@ def evaluate(
     return Evaluation(results, verdict, report, values, measured)
 
 
+def of_several(header: Mapping[str, Any]) -> str | None:
+    """Say of the record of several devices why it has no results; None of any other."""
+    devices = header.get("devices")
+    if not isinstance(devices, list):
+        return None
+    return f"it is of {len(devices)} devices, each of which has a record of its own"
+
+
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
     """Compute the results again from the points; where that cannot be, return the stored ones, with the reason."""
     if record.status is not Status.COMPLETE:
         return nothing(record.points), f"the record is {record.status.value}"
+    if said := of_several(record.header):
+        return Evaluation(None, None, Report([Text(said)])), said
     try:
         return _computed(directory, record), None
     except BenchError as error:

@@ -91,6 +91,8 @@ class Run(Struct, frozen=True, eq=False):
     resumed: tuple[str, ...] = ()
     amendments: tuple[Amendment, ...] = ()
     pauses: tuple[str, ...] = ()
+    devices: tuple["Run", ...] = ()
+    """Of a run of several devices: that of each."""
     _own_report: Report = Report()
     _measured: Any = None
     _header: Mapping[str, Any] = field(default_factory=dict)
@@ -189,6 +191,7 @@ class Run(Struct, frozen=True, eq=False):
             **({"not_checked": list(self.not_checked)} if self.not_checked else {}),
             **({"resumed": list(self.resumed)} if self.resumed else {}),
             **({"pauses": list(self.pauses)} if self.pauses else {}),
+            **({"devices": [each.as_json() for each in self.devices]} if self.devices else {}),
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
             **({"revision": self.revision, "amendments": plain(self.amendments)} if self.amendments else {}),
         }

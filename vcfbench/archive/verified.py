@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from hashlib import sha256
-from itertools import chain
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 import msgspec
 from msgspec import Struct, field
 
+from vcfbench.archive.projection import NOT_OF_DEVICES, projected
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
 from vcfbench.errors import BenchError, ConfigError
@@ -139,6 +140,7 @@ class _Check(Struct):
         yield from self._files()
         yield from self._results()
         yield from self._earlier()
+        yield from self._of_several()
         notes = self.notes
         if record.torn:
             notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
@@ -269,6 +271,30 @@ class _Check(Struct):
         elif others:
             self.notes.append(f"computed again with other versions, to the same: {others}")
 
+    def _of_several(self) -> Iterator[str]:
+        """Hold the lines of one of several devices against the record of their run, where that is beside this one."""
+        of = self.record.header.get("several")
+        if not isinstance(of, dict):
+            return
+        name = str(of.get("run"))
+        whole = RunDirectory(self.directory.path.parent / Path(name).name)
+        if not whole.journal.is_file():
+            self.notes.append(f"{name}, the run of all its devices, is not beside it: its lines stand alone")
+            return
+        run = whole.read()
+        if run.damage is not None:
+            yield f"{name}, the run of all its devices: {run.damage}"
+        if of.get("seal") not in run.seals:
+            yield f"{name}, the run of all its devices, is another: it has not the seal {of.get('seal')}"
+        settings = {each["name"]: each["settings"] for each in run.header["devices"]}
+        if settings.get(of.get("device")) != self.record.header["settings"]:
+            yield f"line 1: its settings are not those of {of.get('device')} in {name}"
+        own = [each for each in self.record.lines if each["type"] not in NOT_OF_DEVICES]
+        again = list(projected(run.lines, str(of.get("device"))))
+        for place, (mine, its) in enumerate(zip_longest(own, again), 2):
+            if mine != its:
+                yield f"line {place}: it is not that of {of.get('device')} in {name}"
+
     def _earlier(self) -> Iterator[str]:
         """Hold the steps taken over against the record that they come from, where that is beside this one."""
         resumed_from = self.record.header.get("resumed_from")
@@ -310,6 +336,8 @@ def _step(line: Mapping[str, Any], packages: AbstractSet[str], own: set[str]) ->
         Point.from_json(line["point"]) if "point" in line else None
     ):
         yield "its point is not that of its result"
+    elif {name: each.as_json() for name, each in result.recorded_points.items()} != line.get("points", {}):
+        yield "its points are not those of its results"
 
 
 def _package(kind: type) -> str:

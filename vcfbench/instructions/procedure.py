@@ -87,6 +87,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
         unforeseen: results whose U95 no dry run can expect, and why, by the last part of their names.
         watched: the windows that its plan holds against each other; None: nothing of a fault between them is seen.
         streams: whether its output may be a stream of numbers, not a voltage.
+        several: whether several devices can be measured together: their plans must be the same.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
 
     >>> turntable = vcfbench.PROCEDURES["turntable"]
@@ -108,6 +109,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     watched: Watched | None = None
     in_one_piece: str = ""
     streams: bool = False
+    several: bool = False
     method: str = ""
 
     def __post_init__(self) -> None:

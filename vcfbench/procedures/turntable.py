@@ -165,6 +165,7 @@ TURNTABLE = Procedure(
     uses=roles("power", "oscilloscope", "rate_source"),
     watched=Watched(),
     streams=True,
+    several=True,
     plan=turntable,
     results=turntable_results,
     report=turntable_report,

@@ -60,7 +60,8 @@ def _times(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Check that the chunks of readings before a step are its own, numbered 1, 2, 3 ..., as many as it tells of."""
-    step, chunk, before_s = 0, 0, -math.inf
+    step, chunk = 0, 0
+    before_s: dict[object, float] = {}  # of each of several devices
     for place, line in enumerate(lines, start=1):
         kind, number = line.get("type"), line.get("n")
         if kind == "readings":
@@ -69,14 +70,15 @@ def _chunks(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
                 after = f"after chunk {chunk} of step {step + 1}" if chunk else after
                 yield f"line {place} is chunk {line.get('chunk')!r} of step {number!r}, {after}"
             for reading in line["readings"]:
-                if reading["t_s"] < before_s:
-                    yield f"line {place}: a reading of {reading['t_s']:.6g} s comes after one of {before_s:.6g} s"
-                before_s = reading["t_s"]
+                last_s = before_s.get(line.get("device"), -math.inf)
+                if reading["t_s"] < last_s:
+                    yield f"line {place}: a reading of {reading['t_s']:.6g} s comes after one of {last_s:.6g} s"
+                before_s[line.get("device")] = reading["t_s"]
             chunk += 1
         elif kind in ("step", "error"):
             if line.get("chunks", 0) != chunk:
                 yield f"line {place}: step {number!r} has {chunk} chunks of readings, not {line.get('chunks', 0)!r}"
-            step, chunk, before_s = number if type(number) is int else step, 0, -math.inf
+            step, chunk, before_s = number if type(number) is int else step, 0, {}
 
 
 def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -54,7 +54,8 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
             from vcfbench.records.devices import require_serial  # noqa: PLC0415  # many runs are of no device with a name
 
             try:
-                require_serial(_text("dut", self.dut, _LINE))
+                for serial in _text("dut", self.dut, _LINE).split(","):  # of several devices at once those of all
+                    require_serial(serial)
             except ConfigError as error:
                 raise ConfigError(error.what if error.what.startswith("dut") else f"dut: {error.what}") from None
         if self.operator is not None:

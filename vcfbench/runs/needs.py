@@ -60,6 +60,35 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
                 )
 
 
+def require_several(procedure: AnyProcedure, description: BenchDescription) -> None:
+    """Raise ConfigError when several devices cannot be measured together by `procedure`."""
+    if not procedure.several:
+        able = ", ".join(name for name, each in PROCEDURES.items() if each.several)
+        raise ConfigError(
+            f"{procedure.name} goes its own way with each device, and bench {description.name} has "
+            f"{len(description.several)} ([[device]])",
+            hint=f"of several at once there are {able}; else a bench file for each device alone",
+        )
+
+
+def with_duts(description: BenchDescription, dut: str | None) -> BenchDescription:
+    """Return the bench with its several devices by the serial numbers `dut`, with commas between them.
+
+    Raises:
+        ConfigError: there are more or fewer of them, or one twice.
+    """
+    names = [] if dut is None else dut.split(",")
+    devices = description.devices or ()
+    if not names or (len(names) == 1 and not devices):
+        return description
+    if len(names) != len(devices) or len({*names}) < len(names):
+        wanted = f"{len(devices)} serial numbers with commas between them, one for each [[device]]"
+        raise ConfigError(f"dut: expected {wanted if devices else 'one serial number'}, got {dut!r}")
+    return replace(
+        description, devices=tuple(replace(each, name=name) for each, name in zip(devices, names, strict=True))
+    )
+
+
 def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -> dict[str, str | None]:
     """Return for every known procedure the bench's lack for it, in words; None where it can run.
 
@@ -69,6 +98,8 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
     for name, procedure in PROCEDURES.items():
         try:
             require_needs(procedure, description)
+            if description.several:
+                require_several(procedure, description)
         except ConfigError as error:
             lacks[name] = error.what
             continue

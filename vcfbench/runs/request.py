@@ -5,10 +5,11 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from msgspec import Struct, field
+from msgspec import Struct, field, to_builtins
 from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
@@ -24,19 +25,22 @@ from vcfbench.records.directory import RunDirectory
 from vcfbench.records.metadata import RunMetadata, metadata_of
 from vcfbench.records.schema import Point
 from vcfbench.reports.shielded import NoProgress
-from vcfbench.runs.needs import require_ambient, require_needs
+from vcfbench.runs.needs import require_ambient, require_needs, require_several, with_duts
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription, whole_seed
 from vcfbench.station.layering import Layer
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.linear_gyro import LinearGyro, LinearGyros
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import AskOperator
 from vcfbench.steps.dry_run import PlannedStep
 from vcfbench.steps.dry_run import dry_run as walked
+from vcfbench.steps.each import EachOf
 from vcfbench.steps.events import Observer
 from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.step import Plan
+from vcfbench.steps.together import together
 
 if TYPE_CHECKING:
     from vcfbench.runs.expected import Expectation
@@ -76,6 +80,15 @@ class Request(Struct, frozen=True):
     trust: Trust = False
 
 
+class OneDevice(Struct, frozen=True):
+    """One of several gyroscopes of a run: its bench, its settings, and the metadata of its record."""
+
+    name: str
+    description: BenchDescription
+    settings: ProcedureSettings
+    metadata: RunMetadata
+
+
 class Prepared:
     """A run made ready by its request, as far as it is: bench, seed and device are told also where the rest cannot be.
 
@@ -95,6 +108,8 @@ class Prepared:
         self.seed: int | None = None
         self.began_s: float | None = None
         self.directory: RunDirectory | None = None
+        self.devices: tuple[OneDevice, ...] = ()
+        """Of a bench with several gyroscopes all of them; the first stands for what they share."""
         self._planned: DryRun | None = None
 
     def make_ready(self) -> None:
@@ -108,6 +123,23 @@ class Prepared:
         require_needs(chosen, description)
         metadata = request.metadata
         require_ambient(metadata, description)
+        description = with_duts(description, metadata.dut)
+        if not description.several:
+            self.description, self.settings, self.metadata = self._settled(description, metadata)
+            return
+        require_several(chosen, description)
+        made = ((name, replace(metadata, dut=name), description.of_device(name)) for name in description.several)
+        self.devices = tuple(OneDevice(name, *self._settled(own, of)) for name, of, own in made)
+        self.settings = self.devices[0].settings
+        self.description = with_settings(description, self.settings)
+        operator = metadata.operator or description.laboratory.operator
+        self.metadata = replace(metadata, dut=",".join(description.several), operator=operator)
+
+    def _settled(
+        self, description: BenchDescription, metadata: RunMetadata
+    ) -> tuple[BenchDescription, ProcedureSettings, RunMetadata]:
+        """Return bench, settings and metadata of the one device of `description`."""
+        request, chosen = self.request, self.procedure
         with blamed_on(chosen):
             source = shown(request.bench) if isinstance(request.bench, str | Path) else None
             settings = settings_of(chosen, description, of_device(chosen, request.settings, metadata.dut), source)
@@ -116,8 +148,8 @@ class Prepared:
                 f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
             )
         operator = metadata.operator or description.laboratory.operator
-        self.metadata = replace(metadata, dut=metadata.dut or settings.named_device, operator=operator)
-        self.description, self.settings = with_settings(description, settings), settings
+        metadata = replace(metadata, dut=metadata.dut or settings.named_device, operator=operator)
+        return with_settings(description, settings), settings, metadata
 
     def _seed(self) -> int | None:
         """Return the seed that the run will have, as far as it is known before the bench is opened."""
@@ -145,8 +177,19 @@ class Prepared:
         return [said] if said else []
 
     def plan(self) -> Plan:
-        """Return the plan, from its beginning."""
-        plan = self.procedure.plan(self.settings)
+        """Return the plan, from its beginning; of several devices all of them together."""
+        if self.devices:
+            return together({each.name: partial(self._plan_by, each.settings) for each in self.devices})
+        return self._plan_by(self.settings)
+
+    def gyro(self) -> LinearGyro:
+        """Return the gyroscope on paper that answers a dry run."""
+        if not self.devices:
+            return self.settings.expected_gyro()
+        return LinearGyros.together({each.name: each.settings.expected_gyro() for each in self.devices})
+
+    def _plan_by(self, settings: ProcedureSettings) -> Plan:
+        plan = self.procedure.plan(settings)
         if not isinstance(plan, Generator):
             raise PlanError(f"procedure {self.procedure.name!r}: expected a plan that yields steps, got {plan!r}")
         return plan
@@ -159,7 +202,7 @@ class Prepared:
 
     def _walked(self) -> DryRun:
         with blamed_on(self.procedure):
-            steps = walked(self.plan(), self.settings.expected_gyro(), LimitChecks.of(self.description))
+            steps = walked(self.plan(), self.gyro(), LimitChecks.of(self.description))
         return DryRun(self.procedure.name, tuple(steps), (self.procedure, self.settings))
 
     def require_operator(self) -> None:
@@ -186,7 +229,12 @@ class Prepared:
         its instruments go by its seed.
         """
         self.seed = bench.seed
-        station, simulation = self.settings.station, self.description.simulation
+        self.settings = self._placed(self.settings, bench)
+        self.devices = tuple(replace(each, settings=self._placed(each.settings, bench)) for each in self.devices)
+
+    def _placed(self, of: ProcedureSettings, bench: Bench) -> ProcedureSettings:
+        """Return settings with the instruments of `bench` told apart."""
+        station, simulation = of.station, self.description.simulation
         placed = dict(station.instruments)
         for role, each in station.instruments.items():
             if not self.description.simulated:
@@ -194,15 +242,17 @@ class Prepared:
                     placed[role] = each.answering(bench.identities[role].serial)
             elif simulation is None or "drawn" in getattr(simulation.errors, role, ()):
                 placed[role] = each.drawn_by(bench.seed)
-        self.settings = replace(self.settings, station=replace(station, instruments=placed))
+        return replace(of, station=replace(station, instruments=placed))
 
     def points(self) -> tuple[Point, ...]:
         """Return the points that were measured before."""
         return ()
 
     def header_entries(self) -> dict[str, Any]:
-        """Return the additional entries of the header: the file of a procedure of one's own."""
-        return {} if self.name in catalogue.PROCEDURES else {"procedure_file": file_of(self.procedure)}
+        """Return the additional entries of the header: the file of a procedure of one's own, the several devices."""
+        own = {} if self.name in catalogue.PROCEDURES else {"procedure_file": file_of(self.procedure)}
+        devices = [{"name": each.name, "settings": to_builtins(each.settings)} for each in self.devices]
+        return {**own, **({"devices": devices} if devices else {})}
 
     def perform(self, executor: Executor) -> Execution:
         """Let `executor` carry out the plan, on the open bench."""
@@ -238,7 +288,8 @@ class DryRun(Struct, frozen=True):
 
         if self._planned_by is None:
             return Expectation((), "", "it goes on with another run")
-        return expectation(*self._planned_by, [each.step for each in self.steps])
+        steps = [each.step.first if isinstance(each.step, EachOf) else each.step for each in self.steps]
+        return expectation(*self._planned_by, steps)
 
     @property
     def bench_seconds(self) -> float:

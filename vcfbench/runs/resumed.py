@@ -28,9 +28,10 @@ from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.metadata import metadata_from
 from vcfbench.records.schema import Point, Status
-from vcfbench.runs.conduct import conduct, profile_of
-from vcfbench.runs.needs import require_needs
-from vcfbench.runs.request import DryRun, Prepared, Request, blamed_on
+from vcfbench.runs.conduct import conduct
+from vcfbench.runs.needs import require_needs, with_duts
+from vcfbench.runs.request import DryRun, OneDevice, Prepared, Request, blamed_on
+from vcfbench.runs.under_way import profile_of
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.trust import Trust, require_trust
@@ -118,6 +119,11 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
         raise ConfigError(
             f"{shown(directory.journal)}: the record is damaged, so it cannot be resumed: {record.damage}"
         )
+    if isinstance(several := record.header.get("several"), dict):
+        raise ConfigError(
+            f"{directory.run} is of one of several devices: it cannot be resumed by itself",
+            hint=f"if their run was broken off: vcfbench resume {several.get('run')}",
+        )
     if record.status is Status.RUNNING:
         raise ConfigError(f"{directory.run} goes on: there is nothing to resume before it ends")
     if record.status is Status.COMPLETE:
@@ -173,7 +179,8 @@ class BrokenOff(Struct, frozen=True):
         if asked is None and not description.simulated:  # its limits count, whatever the record says of them
             asked = self._file_of_station()
         if asked is not None:
-            description = with_settings(described(asked), settings)
+            names = ",".join(each["name"] for each in header.get("devices", ()))
+            description = with_settings(with_duts(described(asked), names or None), settings)
             now = decode(encode(to_builtins(description)))  # as a header has it
             differing = list(_differences(header.get("bench"), now))
             if differing:
@@ -239,6 +246,16 @@ class Resumed(Prepared):
             raise ConfigError(f"{run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
         self.settings = recorded_settings(chosen, header.get("settings"))
         self.description = description = self.earlier.bench(self.request.bench, self.settings)
+        self.devices = tuple(
+            OneDevice(
+                each["name"],
+                with_settings(description.of_device(each["name"]), settings),
+                settings,
+                replace(self.metadata, dut=each["name"]),
+            )
+            for each in header.get("devices", ())
+            for settings in [recorded_settings(chosen, each["settings"])]
+        )
         self.seed = header.get("seed") if description.simulation is not None else None
         checked_pace(description, self.request.speed)
         require_needs(chosen, description)
@@ -262,7 +279,7 @@ class Resumed(Prepared):
         if not self._is_left():
             return DryRun(whole.procedure, ())
         with blamed_on(self.procedure):
-            gyro, limits = self.settings.expected_gyro(), LimitChecks.of(self.description)
+            gyro, limits = self.gyro(), LimitChecks.of(self.description)
             again = dry_run(self._start_up(), gyro, limits)
         came_s = again[-1].t_s + again[-1].step.duration_s if again else 0.0
         left = whole.steps[len(self.taken) :]
@@ -336,7 +353,7 @@ class Resumed(Prepared):
         rest = rest_of(self.plan(), self.taken)
         try:
             with blamed_on(self.procedure):
-                return is_left(rest, self.settings.expected_gyro())
+                return is_left(rest, self.gyro())
         except BenchError as error:
             raise ConfigError(
                 f"{self.earlier.directory.run} cannot be resumed, it would end again as it did: {error}",

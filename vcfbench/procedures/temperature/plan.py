@@ -165,5 +165,6 @@ TEMPERATURE = Procedure(
     needs=roles("multimeter"),
     either=roles("rate_source", "rate_table"),
     streams=True,
+    several=True,
     uses=roles("power", "oscilloscope", "chamber"),
 )

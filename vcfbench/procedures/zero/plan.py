@@ -86,6 +86,7 @@ ZERO = Procedure(
     report=zero_report,
     entry=entry,
     streams=True,
+    several=True,
     needs=roles("multimeter"),
     uses=roles("power", "oscilloscope", "rate_source", "rate_table"),
 )

@@ -1,0 +1,283 @@
+"""Several gyroscopes on one bench: one run, a record of each, and each that fails ends for itself."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from simrack_tests.cells import few
+
+import vcfbench
+from tests.test_resume import cut
+from tests.test_streams import FAULTS, LEFT_ALONE, QUICK, TABLE
+from vcfbench.archive.verified import verify_run
+from vcfbench.errors import BenchError, ConfigError
+from vcfbench.procedures.bench_file import checked_bench, parse_bench
+from vcfbench.procedures.layers import asked_in_python
+from vcfbench.records.schema import Status
+from vcfbench.runs.conduct import conduct
+from vcfbench.runs.request import Request
+from vcfbench.safety.signals import StopSignals
+from vcfbench.sim.builder import SimulatedBench
+from vcfbench.station.writing import bench_text
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.archive.run import Run
+    from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
+
+LIMITS = {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0}
+GAINS = (1.0, 1.1, 0.9)
+
+
+def several(count: int = 3, profile: str = "vn100", **more: Any) -> BenchDescription:
+    """Return a bench with a table and so many streams, each of a gyroscope of its own gain."""
+    values: dict[str, Any] = {
+        **{key: each for key, each in TABLE.items() if each is not None},
+        "limits": LIMITS,
+        "gyro": {"stream": {"profile": profile, "sample_rate_hz": 20.0}},
+        "device": [
+            {
+                "name": f"G-{number}",
+                "resource": f"/dev/ttyUSB{number}",
+                "simulation": {"override": {"output_stage": {"gain": 9.5 * gain}}},
+            }
+            for number, gain in enumerate(GAINS[:count], 1)
+        ],
+    }
+    return checked_bench(values | more, "several.toml")
+
+
+def with_fault(device: int, fault: dict[str, float], at_s: float) -> Any:
+    """Return what builds a bench of which one device has a fault from an instant on."""
+
+    class Later:
+        def __init__(self, bench: SimulatedBench) -> None:
+            self._bench = bench
+
+        def wake_at(self) -> float | None:
+            if self._bench.clock.now() < at_s:
+                return at_s
+            own: Any = self._bench.devices["multimeter" if device == 1 else f"multimeter-{device}"]
+            for each in own.adjustments():
+                if (name := each.name.removeprefix("stream.")) in fault and each.read() == 0.0:
+                    each.write(fault[name])
+            return None
+
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        bench = SimulatedBench.build(description, seed, clock)
+        attended: Any = bench.clock
+        attended.attend(Later(bench))
+        return bench
+
+    return build
+
+
+def conducted(bench: BenchDescription, build: Any, runs: Path | None = None) -> Run:
+    request = Request("turntable", bench, 1, asked_in_python(QUICK), runs, build=build, warn=lambda _: None)
+    with StopSignals() as signals:
+        return conduct(request, signals)
+
+
+def test_devices_are_calibrated_together_each_as_alone(tmp_path: Path) -> None:
+    bench = several()
+    run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+    assert [each.metadata.dut for each in run.devices] == ["G-1", "G-2", "G-3"]
+    alone = vcfbench.run("turntable", bench.of_device("G-2"), seed=1, settings=QUICK, runs=tmp_path)
+    assert run.bench_seconds == pytest.approx(alone.bench_seconds, rel=0.05)
+    found = [each.values["scale_factor"] for each in run.devices]
+    for each, gain in zip(found, GAINS, strict=True):
+        assert (each.value or 0.0) / (found[0].value or 1.0) == pytest.approx(gain, abs=1e-3)
+    k, k_alone = found[1], alone.values["scale_factor"]
+    assert abs((k.value or 0.0) - (k_alone.value or 0.0)) < (k.u95 or 0.0) + (k_alone.u95 or 0.0)
+    for each in (run, *run.devices):
+        assert each.status is Status.COMPLETE
+        assert each.directory is not None
+        assert verify_run(each.directory).wrong is None
+    assert all(verify_run(str(each.directory)).notes == verify_run(str(alone.directory)).notes for each in run.devices)
+
+
+def test_a_record_that_is_not_that_of_its_run_is_found(tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", several(2), seed=1, settings=QUICK, runs=tmp_path)
+    other = vcfbench.run("turntable", several(2), seed=2, settings=QUICK, runs=tmp_path)
+    one, another = (each.devices[0].directory for each in (run, other))
+    assert one is not None
+    assert another is not None
+    for each in another.iterdir():
+        (one / each.name).write_bytes(each.read_bytes())
+    journal = (one / "journal.jsonl").read_text()
+    assert other.name is not None
+    assert other.name in journal
+    (tmp_path / other.name).rename(tmp_path / "elsewhere")
+    assert any("not beside it" in each for each in verify_run(one).notes)
+
+
+@pytest.mark.parametrize(
+    ("device", "fault", "at_s"),
+    few(
+        [(device, fault, at_s) for device in (1, 2) for fault in FAULTS for at_s in (0.0, 20.0)],
+        (1, "silent", 20.0),
+        (2, "stuck", 20.0),
+    ),
+)
+def test_a_device_with_a_fault_ends_for_itself(device: int, fault: str, at_s: float) -> None:
+    bench = several(2)
+    good = conducted(bench, None)
+    try:
+        run = conducted(bench, with_fault(device, FAULTS[fault], at_s))
+    except BenchError:
+        assert at_s == 0.0  # it is not there when the bench is opened
+        return
+    for number, (each, as_ever) in enumerate(zip(run.devices, good.devices, strict=True), 1):
+        k, k_good = (of.values.get("scale_factor") for of in (each, as_ever))
+        if number == device and fault not in LEFT_ALONE:
+            assert each.status is Status.ABORTED
+            assert each.error is not None
+            continue
+        assert k is not None
+        assert k_good is not None
+        if number != device:
+            assert k.value == pytest.approx(k_good.value, rel=1e-6)
+            assert k.u95 == pytest.approx(k_good.u95, rel=0.1)
+
+
+@pytest.mark.parametrize(("at_s", "said"), [(20.0, "it stepped by"), (24.0, "apart")], ids=["within", "between"])
+def test_a_device_that_jumps_ends_while_the_other_finishes(at_s: float, said: str, tmp_path: Path) -> None:
+    bench = several(2)
+
+    class Jump:
+        def __init__(self, of: SimulatedBench) -> None:
+            self._of, self._done = of, False
+
+        def wake_at(self) -> float | None:
+            if self._of.clock.now() < at_s:
+                return at_s
+            if not self._done:
+                self._done = True
+                own: Any = self._of.devices["multimeter-2"]
+                frame = own._frame_of  # nobody can adjust it: it is the fault
+                own._frame_of = {**frame, "value": {**frame["value"], "offset": -0.1}}
+            return None
+
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        made = SimulatedBench.build(description, seed, clock)
+        attended: Any = made.clock
+        attended.attend(Jump(made))
+        return made
+
+    run = conducted(bench, build, tmp_path)
+    assert [each.status for each in run.devices] == [Status.COMPLETE, Status.ABORTED]
+    assert run.devices[1].error is not None
+    assert said in str(run.devices[1].error)
+    assert " V" not in str(run.devices[1].error)
+    for each in (run, *run.devices):
+        assert each.directory is not None
+        assert verify_run(each.directory).wrong is None
+    with pytest.raises(ConfigError, match=r"one of several devices.*cannot be resumed by itself"):
+        vcfbench.resume(run.devices[1])
+
+
+def test_where_all_have_failed_the_run_has(tmp_path: Path) -> None:
+    bench = several(2)
+    with pytest.raises(BenchError, match="silent") as caught:
+        conducted(bench, _both(with_fault(1, FAULTS["silent"], 20.0), 20.0), tmp_path)
+    assert caught.value.run is not None
+    assert [each.status for each in caught.value.run.devices] == [Status.ABORTED] * 2
+
+
+def _both(build: Any, at_s: float) -> Any:
+    """Return what builds a bench whose second device is silent as well."""
+
+    def built(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        made: SimulatedBench = build(description, seed, clock)
+
+        class Silent:
+            def wake_at(self) -> float | None:
+                if made.clock.now() < at_s:
+                    return at_s
+                own: Any = made.devices["multimeter-2"]
+                next(each for each in own.adjustments() if each.name == "stream.silent").write(1.0)
+                return None
+
+        attended: Any = made.clock
+        attended.attend(Silent())
+        return made
+
+    return built
+
+
+def test_a_run_that_was_broken_off_goes_on_with_all_its_devices(tmp_path: Path) -> None:
+    run = vcfbench.run("turntable", several(2), seed=1, settings=QUICK, runs=tmp_path / "whole")
+    again = vcfbench.resume(cut(run, tmp_path, 2, mark=b'"points":'), runs=tmp_path)
+    assert again.status is Status.COMPLETE
+    assert len(again.devices) == 2
+    for each, before in zip(again.devices, run.devices, strict=True):
+        k, k_before = (of.values["scale_factor"] for of in (each, before))
+        assert abs((k.value or 0.0) - (k_before.value or 0.0)) < (k.u95 or 0.0) + (k_before.u95 or 0.0)
+    for one in (again, *again.devices):
+        assert one.directory is not None
+        assert verify_run(one.directory).wrong is None
+
+
+def test_long_windows_of_each_are_kept_in_chunks(tmp_path: Path) -> None:
+    settings = {"duration_s": 400.0, "powered_s": 10.0}
+    run = vcfbench.run("zero", several(2), seed=1, settings=settings, runs=tmp_path)
+    for each in (run, *run.devices):
+        assert each.status is Status.COMPLETE
+        assert each.directory is not None
+        assert verify_run(each.directory).wrong is None
+    assert [len(each.readings) for each in run.devices] == [400, 400]
+
+
+def test_the_bench_file_of_several_is_read_as_it_was_written() -> None:
+    bench = several()
+    assert parse_bench(bench_text(bench), "again.toml") == bench
+
+
+def test_serial_numbers_of_a_run_are_given_in_the_order_of_the_bench_file(tmp_path: Path) -> None:
+    metadata = {"dut": "A,B"}
+    run = vcfbench.run("turntable", several(2), seed=1, settings=QUICK, runs=tmp_path, metadata=metadata)
+    assert [each.metadata.dut for each in run.devices] == ["A", "B"]
+    with pytest.raises(ConfigError, match="dut: expected 2 serial numbers"):
+        vcfbench.dry_run("turntable", several(2), metadata={"dut": "A"})
+    with pytest.raises(ConfigError, match="dut: expected one serial number"):
+        vcfbench.dry_run("turntable", several(2).of_device("G-1"), metadata=metadata)
+
+
+def test_a_procedure_whose_plans_part_is_refused() -> None:
+    with pytest.raises(ConfigError, match="g-sensitivity needs an output that is a voltage"):
+        vcfbench.dry_run("g-sensitivity", several(2))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ([], "device: expected two or more tables"),
+        ([{"name": "A", "resource": "COM1"}] * 2, "device 2.name: expected its serial number, each once"),
+        (
+            [{"name": "A", "resource": "COM1"}, {"name": "B", "resuorce": "COM2"}],
+            r"device 2.resuorce: expected a known key",
+        ),
+        ([{"name": "A", "resource": "COM1"}, {"name": "B/C", "resource": "COM2"}], "serial number 'B/C'"),
+        (
+            [{"name": "A", "resource": "COM1"}, {"name": "B", "resource": "COM1", "stream": {"baud_rate": 9600}}],
+            "device 2.stream: expected frames as those of A",
+        ),
+    ],
+    ids=str,
+)
+def test_tables_of_devices_that_cannot_be_are_refused(change: list[dict[str, str]], said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        several(device=change)
+
+
+def test_the_record_of_one_device_says_nothing_of_several(tmp_path: Path) -> None:
+    bench = several(2).of_device("G-1")
+    run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+    assert run.directory is not None
+    header = json.loads((run.directory / "journal.jsonl").read_text().partition("\n")[0])
+    assert "devices" not in header
+    assert "devices" not in header["bench"]

@@ -1,0 +1,71 @@
+"""Several gyroscopes in one run: the record of each is made of that of the run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vcfbench.archive.projection import ending, projected
+from vcfbench.archive.run import Run
+from vcfbench.records.directory import create_run
+from vcfbench.records.schema import Point, Status
+from vcfbench.runs.request import OneDevice, Prepared
+from vcfbench.runs.under_way import UnderWay
+from vcfbench.steps.each import EndedStep
+from vcfbench.steps.executor import Execution
+
+
+class _PreparedDevice(Prepared):
+    """The run of one of several devices, as it would have been prepared alone."""
+
+    def __init__(self, whole: Prepared, device: OneDevice, header: Mapping[str, Any]) -> None:
+        super().__init__(whole.request)
+        self.procedure, self.name = whole.procedure, whole.name
+        self.description, self.settings, self.metadata = device.description, device.settings, device.metadata
+        self.seed, self.began_s = whole.seed, whole.began_s
+        self._entries = header
+
+    def header_entries(self) -> dict[str, Any]:
+        """Return the additional entries of the header: the run that it is of."""
+        return {**super().header_entries(), **self._entries}
+
+
+def device_runs(whole: UnderWay) -> tuple[Run, ...]:
+    """Make the record of each device of a run that has ended; return the run of each."""
+    return tuple(_device_run(whole, each) for each in whole.prepared.devices)
+
+
+def _device_run(whole: UnderWay, device: OneDevice) -> Run:
+    prepared, journal, execution = whole.prepared, whole.journal, whole.execution
+    if journal is None or execution is None:
+        return Run(prepared.name, Status.ABORTED, error=whole.error, metadata=device.metadata)
+    lines: Sequence[Mapping[str, Any]] = tuple(journal.lines())
+    header, last = lines[0], lines[-1]
+    directory = prepared.directory
+    entries = {"utc": header["utc"]}
+    if directory is not None:
+        entries["several"] = {"run": directory.run, "device": device.name, "seal": last.get("seal")}
+    own = UnderWay(_PreparedDevice(prepared, device, entries), key=whole.key, safe_reports=whole.safe_reports)
+    if directory is not None:
+        own.prepared.directory = create_run(directory.path.parent, prepared.name)
+    identities = {**whole.identities, **({"multimeter": found} if (found := whole.outputs.get(device.name)) else {})}
+    own.journal = own.open_journal(identities, header["began_s"], header["planned_s"], planned=False)
+    points = []
+    for line in projected(lines, device.name):
+        own.journal.write(line["type"], line)
+        points += [Point.from_json(line["point"])] if "point" in line else []
+    ended = ending(lines, device.name)
+    error = whole.error if ended is None else EndedStep(*ended).error
+    own.execution = Execution(
+        Status.COMPLETE if error is None else Status.ABORTED,
+        tuple(points),
+        error,
+        execution.bench_seconds,
+        execution.physical_minimum_s,
+        not_checked=execution.not_checked,
+        pauses=execution.pauses,
+    )
+    if error is not None:
+        own.take_error(error)
+    own.close(None)
+    return own.as_run()
