@@ -34,6 +34,7 @@ from limits import outside, scores
 from msgspec import structs
 
 import vcfbench
+from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim import world
 from vcfbench.sim.simulation import physical_parameters, true_output
@@ -780,10 +781,14 @@ STUDIES: Mapping[str, Callable[[int, str], Iterator[Stated]]] = {
 
 
 def line_of(procedure: str, seed: int) -> Line:
-    """Return the line of a seed: procedure, seed, and of each value [value, truth, u, u95]."""
+    """Return the line of a seed: procedure, seed, of each value [value, truth, u, u95], or why it is refused."""
+    line: Line = {"procedure": procedure, "seed": seed, "values": {}}
     with tempfile.TemporaryDirectory(dir=MEMORY if MEMORY.is_dir() else None) as where:
-        values = {each.name: list(each[1:]) for each in STUDIES[procedure](seed, where)}
-    return {"procedure": procedure, "seed": seed, "values": values}
+        try:
+            line["values"] = {each.name: list(each[1:]) for each in STUDIES[procedure](seed, where)}
+        except MeasurementError as error:
+            line["refused"] = str(error)
+    return line
 
 
 def lines_of(files: Iterable[Path]) -> list[Line]:
@@ -812,6 +817,9 @@ def summary(lines: Sequence[Line]) -> Iterator[str]:
     """Yield the table of the study, a row a value; what is beyond the limits ends with a star and why."""
     yield f"{'value':58} {'seeds':>5} {'mean z':>7} {'rms z':>6} {'max |z|':>7} {'in U95':>7}"
     for procedure in dict.fromkeys(line["procedure"] for line in lines):
+        yield from (
+            f"seed {x['seed']} refused: {x['refused']}" for x in lines if "refused" in x and x["procedure"] == procedure
+        )
         own = [line["values"] for line in lines if line["procedure"] == procedure]
         for name in sorted({each for values in own for each in values}):
             yield _row(f"{procedure}: {name}", np.array([v[name] for v in own if name in v], dtype=np.float64))

@@ -149,6 +149,13 @@ def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() 
     assert "-0.40 deg" in back.refused[0]
 
 
+def test_phase_of_few_noisy_records_is_refused_beyond_chance_alone() -> None:
+    before = structs.replace(THEN, sense_phase_deg=Kept(value=-1.01, u=0.43, dof=14.0))
+    for moved_deg, refused in ((2.9, False), (5.0, True)):
+        after = structs.replace(THEN, sense_phase_deg=Kept(value=moved_deg - 1.01, u=0.69, dof=14.0))
+        assert bool(checked(before, after).refused) is refused
+
+
 def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:
     cold = checked(THEN, beside(health(drive_hz=3487.3, split_hz=24.85), Characteristics(split_hz_k=None)))
     charged = checked(THEN, beside(health(split_hz=25.3), Characteristics()))

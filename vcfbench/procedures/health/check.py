@@ -15,6 +15,7 @@ from vcfbench.records.device_values import Measured as Kept
 from vcfbench.reports.document import Table, Text, heads
 from vcfbench.uncertainty.phases import PhaseErrors
 from vcfbench.values import sources as source_names
+from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import UncertaintyPart
 
 NOT_MEASURED: Final = "not measured"
@@ -124,6 +125,8 @@ AMPLITUDES_WORTH_PPM = 1000.0
 """A ratio of amplitudes that is known to less than this corrects K_Vc; else it is worse than nothing."""
 SEEN = 3.0
 """A change by so many of its standard uncertainties is one."""
+_CHANCE = 1e-4
+"""Probability that records of an unchanged gyroscope, few and noisy, show a change of its phase."""
 UNEXPLAINED_DEG = 0.15
 """Largest deviation of the sense signal's phase from its value by carrier, splits and Q.
 
@@ -212,7 +215,8 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         before, after = then.sense_phase_deg, now.sense_phase_deg
         phase, done = "phase of the sense signal that nothing explains", "explained"
         moved_deg = after.value - before.value
-        if abs(moved_deg) > max(SEEN * math.hypot(after.u, before.u), UNEXPLAINED_DEG):
+        factor = t_quantile(_CHANCE, min(each.dof or math.inf for each in (before, after)))
+        if abs(moved_deg) > max(factor * math.hypot(after.u, before.u), UNEXPLAINED_DEG):
             done = "refused"
             refused.append(
                 f"the phase of the sense signal has changed by {moved_deg:+.2f} deg that carrier, splits and Q "
