@@ -62,9 +62,16 @@ def test_a_bench_file_takes_table_number_and_day_from_the_example(tmp_path: Path
     assert "certificate, 5 levels on 10 V" in known.meter_age_from
 
 
+CONFORMITY = (
+    "<dcc:measurementMetaData><dcc:metaData><dcc:conformity>{}</dcc:conformity></dcc:metaData>"
+    "</dcc:measurementMetaData></dcc:result>"
+)
+
+
 @pytest.mark.parametrize(
     ("was", "now"),
     [
+        ("</dcc:result>", CONFORMITY.format("pass")),
         (STATED, STANDARD),
         (STATED, BEFORE_2_2),
         (ERROR, CORRECTION),
@@ -94,6 +101,8 @@ def test_all_forms_of_a_table_say_the_same(was: str, now: str, tmp_path: Path) -
         ("by hand", "vcfbench", "got one of a gyroscope by vcfbench"),
         ("<dcc:digital", '<!DOCTYPE a [<!ENTITY b "c">]><dcc:digital', "without DOCTYPE and entities"),
         ("</dcc:list>", "", "expected XML"),
+        ("DC voltage", "DC voltage as found", "its tables are as found, before an adjustment"),
+        ("</dcc:result>", CONFORMITY.format("fail"), "DC voltage: conformity fail"),
         ("1 1 1 10 10", "1 1 1 1 10", "0 V on the 1 V range stand twice and differ"),
     ],
 )

@@ -49,6 +49,7 @@ _ALTERNATING: Final = re.compile(r"(?:\b|_)ac(?:v|\b|_)|alternating|wechselspann
 _CORRECTION: Final = re.compile(r"corre|korre", re.IGNORECASE)
 _BEFORE: Final = re.compile(r"beforeAdjustment|before adjustment|as found|vor (der )?justage", re.IGNORECASE)
 
+_RESULTS: Final = "dcc:measurementResults/dcc:measurementResult/dcc:results/dcc:result"
 _IN_A_VOLT: Final = {"": 1.0, "nano": 1e9, "micro": 1e6, "milli": 1e3, "kilo": 1e-3}
 """Divisors: 10 by 1e6 is the float of 1e-5, 10 times 1e-6 is not."""
 _VOLT: Final = re.compile(r"(?:\\(?P<prefix>nano|micro|milli|kilo))?\\volt")
@@ -162,6 +163,8 @@ def _points(root: ET.Element) -> Iterator[CalibrationPoint]:
             if seen.setdefault(at, point) != point:
                 said = f"{at[1]:g} V on the {at[0]:g} V range stand twice and differ (before and after an adjustment?)"
                 raise _NotUnderstoodError(f"{table.name}: {said}")
+    if not seen and any(_BEFORE.search(_words(each)) for each in root.findall(_RESULTS, _NAMES)):
+        raise _NotUnderstoodError("its tables are as found, before an adjustment; expected those as left")
     if not seen:
         raise _NotUnderstoodError("it has no table of direct voltage, in volts, with refTypes of the good practice")
     yield from seen.values()
@@ -169,12 +172,23 @@ def _points(root: ET.Element) -> Iterator[CalibrationPoint]:
 
 def _tables(root: ET.Element) -> Iterator[_Table]:
     """Yield the tables of direct voltage; those of an adjusted meter before its adjustment are left out."""
-    for result in root.findall("dcc:measurementResults/dcc:measurementResult/dcc:results/dcc:result", _NAMES):
+    for result in root.findall(_RESULTS, _NAMES):
         words = _words(result)
         if _BEFORE.search(words):
             continue
         for data in result.findall("dcc:data", _NAMES):
-            yield from filter(_of_direct_voltage, _within(data, words, _name(result), ()))
+            for table in filter(_of_direct_voltage, _within(data, words, _name(result), ())):
+                _require_conformity(table.name, result)
+                yield table
+
+
+def _require_conformity(name: str, result: ET.Element) -> None:
+    """See that the laboratory does not say of a result that the meter, as it left, fails."""
+    for said in map(_text, result.iter(f"{{{_NAMES['dcc']}}}conformity")):
+        if said in {"fail", "conditionalFail", "nopass"}:
+            raise _NotUnderstoodError(
+                f"{name}: conformity {said}; expected a meter that passes as left: have it adjusted"
+            )
 
 
 def _within(element: ET.Element, words: str, name: str, around: Sequence[ET.Element]) -> Iterator[_Table]:
