@@ -261,3 +261,12 @@ def test_unit_is_the_longest_end_of_a_name_that_is_one(name: str, kind: Kind | N
     if factor is not None:
         assert found.unit is not None
         assert found.unit.factor == pytest.approx(factor)
+
+
+def test_rates_in_the_place_of_volts_are_told(tmp_path: Path) -> None:
+    file = tmp_path / "exchanged.csv"
+    rows = [f"{-0.0125 * rate - 0.0414},{rate}" for rate in (-200, -100, 0, 100, 200)]
+    file.write_text("\n".join(["rate_deg_s,output_v", *rows]))
+    assert analyze(file).notices == (
+        "output_v: outputs up to 200 V: are the columns of rates and outputs exchanged?",
+    )

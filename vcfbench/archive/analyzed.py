@@ -21,6 +21,8 @@ from vcfbench.reports.document import Axis, Cell, Column, Figure, Notice, Report
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
+_MOST_V = 40.0
+"""Analogue outputs, and the multimeters on them, end below: rates are larger."""
 _DRAWN = 2000
 """Most points of a series in a figure: a page of 2e5 had 25 MB."""
 _APPLIED = {
@@ -182,6 +184,8 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
         except ConfigError as error:
             raise ConfigError(f"{shown(path)}, column {column}: {error}") from error
         found = results[column]
+        if one.unit == "V" and (largest_v := float(np.abs(one.output).max())) > _MOST_V:
+            notices.append(f"{column}: outputs up to {largest_v:g} V: are the columns of rates and outputs exchanged?")
         doubts = doubts_of_line(found.rate_deg_s, found.output_v, found.line, found.u_fit_scale_factor)
         notices += [f"{column}, at {found.rate_deg_s[each.row]:g} deg/s: {each.words}" for each in doubts]
     comparison = None if pair is None else compare(results[pair[0]], results[pair[1]])
