@@ -267,6 +267,4 @@ def test_rates_in_the_place_of_volts_are_told(tmp_path: Path) -> None:
     file = tmp_path / "exchanged.csv"
     rows = [f"{-0.0125 * rate - 0.0414},{rate}" for rate in (-200, -100, 0, 100, 200)]
     file.write_text("\n".join(["rate_deg_s,output_v", *rows]))
-    assert analyze(file).notices == (
-        "output_v: outputs up to 200 V: are the columns of rates and outputs exchanged?",
-    )
+    assert analyze(file).notices == ("output_v: outputs up to 200 V: are the columns of rates and outputs exchanged?",)
