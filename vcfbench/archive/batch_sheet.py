@@ -285,13 +285,15 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
             )
         for of in groups:
             found = (each.scale_factor for each in of)
-            scales = [1e3 * each.value for each in found if each is not None and each.value is not None]
-            if len(scales) < 2:
+            known = [each for each in found if each is not None and each.value is not None]
+            if len(known) < 2:
                 continue
+            factor, unit = known[0].named.factor, known[0].named.unit
+            scales = [factor * (each.value or 0.0) for each in known]
             middle, spread = mean(scales), stdev(scales)
             relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
             stated = shorthand(middle, spread / math.sqrt(len(scales)))
-            of_all = f"mean {stated} mV/(deg/s), standard deviation {spread:.2g} mV/(deg/s){relative}"
+            of_all = f"mean {stated} {unit}, standard deviation {spread:.2g} {unit}{relative}"
             parts.append(Text(f"Scale factor of {len(scales)} devices: {of_all}."))
     failed = [
         f"{each.device}, {f'{each.procedure}: ' if each.run else ''}{each.why_none}" for each in rows if each.why_none

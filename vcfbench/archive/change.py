@@ -194,7 +194,7 @@ class Pair(Struct, frozen=True):
     def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
         """Return the change without the effects of conditions and instruments; or no figure, and the reason."""
         size = abs(then.value or 0.0)
-        common, cancelled = _common(then, now, self.first, self.other)
+        common, cancelled = covariance(then, now, self.first, self.other)
         u = math.sqrt(max(own.u**2 + own.u_instruments**2 - 2.0 * common, 0.0) + (moved.u * size) ** 2)
         u95 = t_quantile(0.05, u**4 / own.freedom if own.freedom else math.inf) * u
         if (bridge or moved.u) and 1e6 * u95 > STATED_PPM * size:
@@ -272,7 +272,7 @@ def _corrected(known: Measured, by: float, words: str) -> _Moved:
     )
 
 
-def _common(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:
+def covariance(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:
     """Return the covariance of both values by instruments that both have, and these."""
     found, owners = 0.0, []
     earlier = {_key(first, part): part.u for part in then.parts}

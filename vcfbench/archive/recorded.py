@@ -7,14 +7,15 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from vcfbench import errors
-from vcfbench.archive.results import evaluation_of
+from vcfbench.archive.lot import lot_report
+from vcfbench.archive.results import evaluation_of, of_several
 from vcfbench.archive.run import Run, breaks
 from vcfbench.archive.summary import run_summaries
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.amendments import amended, amendments_of
 from vcfbench.records.directory import RunDirectory, find_run
 from vcfbench.records.directory import list_runs as recorded_runs
-from vcfbench.records.journal import JournalRecord
+from vcfbench.records.journal import JournalRecord, read_header
 from vcfbench.records.metadata import equipment_of, metadata_from
 from vcfbench.records.schema import Status
 from vcfbench.reports.text import printable
@@ -125,9 +126,22 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         _measured=evaluation.measured,
         _values=evaluation.values,
     )
+    if of_several(header) is not None:
+        run = replace(run, devices=_of_run(directory))
+        run = replace(run, _own_report=lot_report(run))
     if run.error is not None:
         run.error.run = run
     return run
+
+
+def _of_run(directory: RunDirectory) -> tuple[Run, ...]:
+    """Return the runs of the several devices of a run that are recorded beside it, by their names."""
+    found = []
+    for each in recorded_runs(directory.path.parent):
+        of = read_header(each.journal).get("several")
+        if isinstance(of, dict) and of.get("run") == directory.run:
+            found.append(recorded_run(each, each.read()))
+    return tuple(sorted(found, key=lambda run: run.metadata.dut or ""))
 
 
 def asked_again(record: JournalRecord) -> list[str]:

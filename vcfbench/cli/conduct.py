@@ -19,6 +19,7 @@ from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
 from vcfbench.errors import BenchError
 from vcfbench.records.metadata import metadata_of
+from vcfbench.reports.document import Report
 from vcfbench.reports.progress import LineProgress
 from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.conduct import conduct as conducted
@@ -84,7 +85,11 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
             ending.answered()
     if run.error is not None:
         raise run.error
-    if run.verdict is not None and not run.verdict.passed:
+    for each in run.devices:
+        if each.error is not None:
+            each.error.what = f"device {each.metadata.dut} ended for itself, others finished: {each.error.what}"
+            raise each.error
+    if any(each.verdict is not None and not each.verdict.passed for each in (run, *run.devices)):
         raise typer.Exit(1)  # no error: a limit of the results failed, whether or not anybody could read it
     if unwritten is not None:
         unwritten.hint = None if run.directory is None else f"it is in the record {run.directory}"
@@ -160,7 +165,8 @@ def _show(run: Run, options: RunOptions) -> None:
         if run.directory is not None:
             typer.echo(f"record: {run.directory}")
             if not options.verbose:
-                typer.echo("more: -v, vcfbench runs show last (points, budget), vcfbench report last")
+                last = run.devices[0].name if run.devices else "last"
+                typer.echo(f"more: -v, vcfbench runs show {last} (points, budget), vcfbench report {last}")
         if run.device_entry is not None:
             typer.echo(f"device: {run.device_entry}")
 
@@ -168,7 +174,17 @@ def _show(run: Run, options: RunOptions) -> None:
 def _print_answer(run: Run, options: RunOptions) -> None:
     """Print the values of a run on one screen; its whole report if asked for, or if it states no values."""
     from vcfbench.archive.brief import brief  # noqa: PLC0415  # loads what only an answer needs
+    from vcfbench.archive.lot import lot_report  # noqa: PLC0415  # as above
 
+    for each in run.devices if options.verbose else ():
+        typer.echo(f"\ndevice {each.metadata.dut}")
+        print_report(each.report())
+    if run.devices:
+        print_report(Report([*lot_report(run).parts, *run.remarks]))
+        typer.echo("")
+        for each in run.devices:
+            typer.echo(f"{each.metadata.dut}: {each.directory or 'no record'}")
+        return
     short = None if options.verbose or run.error is not None else brief(run)
     if short is None:
         print_report(run.report())

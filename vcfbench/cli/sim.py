@@ -15,7 +15,7 @@ from vcfbench.procedures.bench_file import load_bench, parse_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.inventory import inventory
 from vcfbench.sim.own_gyro import own_gyro_bench
-from vcfbench.station.writing import table_text
+from vcfbench.station.writing import device_text, table_text
 from vcfbench.testing import soaking
 from vcfbench.testing.soaking import Verdict
 
@@ -84,6 +84,7 @@ def new(
     ] = "none",
     name: Annotated[str | None, option("NAME", "Name of the bench. Default: that of FILE.")] = None,
     stream: Annotated[str | None, option("PROFILE", "Its output is a stream of numbers, by that profile.")] = None,
+    devices: Annotated[int, option("N", "So many of them on one table, with --stream.", min=1, max=64)] = 1,
     **given: float | None,
 ) -> None:
     """Write a simulated bench with your own gyroscope: runs on it find the figures of its data sheet.
@@ -101,19 +102,25 @@ def new(
     figures.setdefault("k_vc_deg_s_per_v", 0.75 * figures["range_deg_s"])
     text = own_gyro_bench(DataSheet(**figures), name or file.stem, imperfections=real)
     quiet = figures["angle_random_walk_deg_sqrt_h"] == 0.0
-    written_anew(file, text if stream is None else _streaming(text, stream, quiet=quiet))
+    if devices > 1 and stream is None:
+        raise ConfigError("--devices: several gyroscopes at once speak numbers here: --stream PROFILE too")
+    written_anew(file, text if stream is None else _streaming(text, stream, devices, quiet=quiet))
     typer.echo(f"{file} is written; next: vcfbench run turntable --bench {file}")
 
 
-def _streaming(text: str, profile: str, *, quiet: bool) -> str:
-    """Return a simulated bench with a table alone, whose gyroscope speaks numbers and feeds itself."""
+def _streaming(text: str, profile: str, devices: int, *, quiet: bool) -> str:
+    """Return a simulated bench with a table alone, whose gyroscopes speak numbers and feed themselves."""
     values = parse_toml(text, "the bench")
     kept = {key: values[key] for key in ("name", "title", "rate_table", "site", "uncertainty", "simulation")}
     kept["limits"] = {key: values["limits"][key] for key in ("max_rate_deg_s", "max_acceleration_deg_s2")}
     kept["procedure"] = {key: each for key, each in values["procedure"].items() if not isinstance(each, dict)}
-    stream = {"profile": profile, "resource": "ASRL9::INSTR", "quiet": quiet}
+    stream = {"profile": profile, "quiet": quiet}
+    if devices == 1:
+        stream["resource"] = "ASRL9::INSTR"
     kept["gyro"] = {**values.get("gyro", {}), "stream": stream}
     made = table_text(kept)
+    for number in range(1, devices + 1) if devices > 1 else ():
+        made += device_text({"name": f"G-{number}", "resource": f"ASRL{8 + number}::INSTR"})
     parse_bench(made, "--stream")
     return made
 

@@ -17,6 +17,9 @@ from vcfbench.steps.meter import Acquire, LookAtOutput, OutputSeen
 from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does
 from vcfbench.typed import typed
 
+_SHOWN = 3
+"""Devices that are named in the words of a step."""
+
 
 class EndedStep(Struct, frozen=True):
     """End of one device in a step of all: the kind of its error, its words, and the readings that were taken."""
@@ -64,6 +67,7 @@ class EachResult(StepResult, Struct, frozen=True):
 
     def describe(self) -> str:
         said = [f"{name} {each.describe()}" for name, each in self.results.items()]
+        said = [said[0], f"and {len(said) - 1} more"] if len(said) > _SHOWN else said
         return "; ".join([*said, *(f"{name} ENDED: {each.what}" for name, each in self.ended.items())])
 
 
@@ -85,7 +89,8 @@ class EachOf(Step, Struct, frozen=True):
         return found
 
     def describe(self) -> str:
-        return f"{self.first.describe()} ({', '.join(self.steps)})"
+        names = ", ".join(self.steps) if len(self.steps) <= _SHOWN else f"{len(self.steps)} devices"
+        return f"{self.first.describe()} ({names})"
 
     @property
     def physical_s(self) -> float:

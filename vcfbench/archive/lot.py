@@ -1,0 +1,91 @@
+"""Several devices of one run under each other: their values, their spread, and the causes that they share."""
+
+import math
+from collections.abc import Sequence
+from itertools import combinations
+from statistics import mean, stdev
+
+from msgspec import Struct
+
+from vcfbench.archive.change import Compared, covariance
+from vcfbench.archive.run import Run
+from vcfbench.archive.value_columns import columns_of
+from vcfbench.reports.document import Column, Part, Report, Table, Text, heads
+from vcfbench.values.printing import shorthand
+from vcfbench.values.value import Value
+
+
+class Spread(Struct, frozen=True):
+    """Spread of one value over devices that were measured together.
+
+    `mean` has the uncertainty `u_mean`, of which `u_common` is by the instruments `owners` that all share: it is in
+    each value and in the mean, and cancels in differences. `spread` is the standard deviation of the devices (n - 1),
+    None of one, `u_own` what of it their measurement makes by itself.
+    """
+
+    unit: str
+    devices: int
+    mean: float
+    u_mean: float
+    u_common: float
+    u_own: float
+    spread: float | None
+    owners: tuple[str, ...]
+
+    def describe(self) -> str:
+        """Say it in a few lines, in ppm of the mean."""
+        ppm = 1e6 / abs(self.mean) if self.mean else math.nan
+        said = [f"Scale factor of {self.devices} devices: mean {shorthand(self.mean, self.u_mean)} {self.unit}."]
+        if self.spread is not None:
+            own = f"of it {ppm * self.u_own:.3g} ppm by the measurement of each"
+            said.append(f"Standard deviation {ppm * self.spread:.3g} ppm, {own}.")
+        if self.owners:
+            common = f"u {ppm * self.u_common:.3g} ppm of each value and of the mean, none of their differences"
+            said.append(f"Common to all: {', '.join(self.owners)}: {common}.")
+        return "\n".join(said)
+
+
+def spread_of(runs: Sequence[Run]) -> Spread | None:
+    """Return the spread of the scale factors of devices that were measured together; None where fewer than two are."""
+    found = [(Compared(each), value) for each in runs if (value := _scale_factor(each)) is not None]
+    if len(found) < 2:
+        return None
+    shared = [covariance(a, b, one, other) for (one, a), (other, b) in combinations(found, 2)]
+    values = [value.value or 0.0 for _, value in found]
+    variances = [(value.u or 0.0) ** 2 for _, value in found]
+    common, n = mean(each for each, _ in shared), len(found)
+    return Spread(
+        unit=found[0][1].unit,
+        devices=n,
+        mean=mean(values),
+        u_mean=math.sqrt((mean(variances) + (n - 1) * common) / n),
+        u_common=math.sqrt(max(common, 0.0)),
+        u_own=math.sqrt(max(mean(variances) - common, 0.0)),
+        spread=stdev(values),
+        owners=tuple(dict.fromkeys(owner for _, owners in shared for owner in owners)),
+    )
+
+
+def _scale_factor(run: Run) -> Value | None:
+    value = run.values.get("scale_factor")
+    return None if value is None or value.value is None or value.u is None else value
+
+
+def lot_report(run: Run) -> Report:
+    """Return the sheet of the devices of a run: a row each, the errors of those that ended, and what they share."""
+    columns = columns_of([list(each.values.values()) for each in run.devices if each.values])
+    lacks = dict.fromkeys(name for column in columns for name in column.example.missing)
+    rows = []
+    for each in run.devices:
+        cells = [cell for column in columns for cell in column.cells(tuple(each.values.values()), "*" * bool(lacks))]
+        verdict = each.status.value if each.error or each.verdict is None else each.verdict.word.upper()
+        rows.append([each.metadata.dut or "", *cells, verdict])
+    head = [Column("device", align="left", verbatim=True), *(of for column in columns for of in column.heads)]
+    said = "; ".join(column.said for column in columns)
+    failed = [f"{each.metadata.dut} ended for itself: {each.error}" for each in run.devices if each.error]
+    spread = spread_of(run.devices)
+    below = [f"* U95 is incomplete: without {', '.join(lacks)}."] if lacks else []
+    words = [*below, *failed, *([] if spread is None else [spread.describe()])]
+    parts: list[Part] = [Table([*head, *heads("<ended")], rows)] if rows else []
+    parts += [Text(f"{said[:1].upper()}{said[1:]}.")] if said else []
+    return Report([*parts, *([Text("\n".join(words))] if words else [])])
