@@ -1,7 +1,7 @@
 """Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
 import math
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -283,24 +283,26 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
             parts.append(
                 Text("\n".join([f"Limits: {'; '.join(limits)}.", *(f"Not kept: {each}." for each in not_kept)]))
             )
-        for of in groups:
-            found = (each.scale_factor for each in of)
-            known = [each for each in found if each is not None and each.value is not None]
-            if len(known) < 2:
-                continue
-            factor, unit = known[0].named.factor, known[0].named.unit
-            scales = [factor * (each.value or 0.0) for each in known]
-            middle, spread = mean(scales), stdev(scales)
-            relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
-            stated = shorthand(middle, spread / math.sqrt(len(scales)))
-            of_all = f"mean {stated} {unit}, standard deviation {spread:.2g} {unit}{relative}"
-            parts.append(Text(f"Scale factor of {len(scales)} devices: {of_all}."))
+        parts += [said for of in groups for said in _spread(of)]
     failed = [
         f"{each.device}, {f'{each.procedure}: ' if each.run else ''}{each.why_none}" for each in rows if each.why_none
     ]
     if failed:
         parts += [Heading("Without results", 2), Text("\n".join(failed), verbatim=True)]
     return Report(parts)
+
+
+def _spread(rows: Sequence[SheetRow]) -> Iterator[Text]:
+    """Yield mean and spread of the scale factors, where there are two at least."""
+    known = [each.scale_factor for each in rows if each.scale_factor is not None]
+    scales = [value.named.factor * value.value for value in known if value.value is not None]
+    if len(scales) < 2:
+        return
+    middle, spread, unit = mean(scales), stdev(scales), known[0].named.unit
+    relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
+    stated = shorthand(middle, spread / math.sqrt(len(scales)))
+    of_all = f"mean {stated} {unit}, standard deviation {spread:.2g} {unit}{relative}"
+    yield Text(f"Scale factor of {len(scales)} devices: {of_all}.")
 
 
 def device_parts(rows: Sequence[SheetRow]) -> list[Part]:
