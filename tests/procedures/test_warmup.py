@@ -170,9 +170,22 @@ def test_values_scatter_as_their_uncertainties_say() -> None:
         assert 0.75 < np.std(column) < 1.3
 
 
+@pytest.mark.parametrize("amplitude", [-0.5, -5.0, 50.0])
+def test_u95_of_a_strong_exponential_is_that_of_its_u(amplitude: float) -> None:
+    """Where the time constants that are tried lie further apart than u, they are tried again in between."""
+    times = [synthetic(np.random.default_rng(seed), 230.0, amplitude, 0.06).time_constant for seed in range(4)]
+    for time in times:
+        assert time is not None
+        assert abs(time.value - 230.0) <= 4.0 * time.u
+        assert time.u95 == pytest.approx(1.96 * time.u, rel=0.1)
+        assert time.u == pytest.approx(times[0].u, rel=0.3)  # type: ignore[union-attr]
+        assert time.u > 0.3 / abs(amplitude)
+
+
 def test_a_warm_up_of_one_time_constant_is_as_uncertain_as_its_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tau ln |a / limit| moves by tau / a, where noise has made the time constant no other."""
     monkeypatch.setattr(warmup, "_TIME_CONSTANTS", 1)
+    monkeypatch.setattr(warmup, "_RESOLVED", 0)
     monkeypatch.setattr(warmup, "_FIT_S", 250.0)
     result = synthetic(np.random.default_rng(2), 250.0, -5.0, 0.1)
     amplitude, u_amplitude = found(result.amplitude)

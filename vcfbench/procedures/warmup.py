@@ -47,6 +47,8 @@ _LONGEST = 3.0
 """Longest time constant that is looked for, in lengths of the record: beyond, the creep is a line in it."""
 _TIME_CONSTANTS = 300
 """Number of time constants that are tried."""
+_UNLIKELY, _RESOLVED = 1e-6, 30
+"""Part of the likelihood that is nothing, and how many time constants must share the rest."""
 _FIT_S = 10.0
 """The curve is fitted to means of so many seconds."""
 
@@ -246,19 +248,27 @@ def _creep(
     what was found is no measure of its uncertainty. So every time constant counts by its best fit, any logarithm being
     as likely beforehand, from a block's length to some records'.
     """
-    tau_s = np.geomspace(_FIT_S, _LONGEST * float(end_s[-1]), _TIME_CONSTANTS)
-    begun, ended = (np.exp(-np.outer(each, 1.0 / tau_s)) for each in (begin_s, end_s))
-    decays = tau_s * (begun - ended) / (end_s - begin_s)[:, None]
     ones, white = np.linalg.solve(root, np.column_stack([np.ones(means.size), means])).T
-    decays = np.linalg.solve(root, decays)
     weight = float(ones @ ones)
-    mean, shares = float(ones @ white) / weight, ones @ decays / weight
-    white, decays = white - mean * ones, decays - np.outer(ones, shares)
-    squares = (decays**2).sum(axis=0)
-    amplitudes = white @ decays / squares
-    chi_square = float(white @ white) - amplitudes**2 * squares
-    likely = np.exp(-0.5 * (chi_square - chi_square.min()))
-    likely /= likely.sum()
+    mean = float(ones @ white) / weight
+    white = white - mean * ones
+    least_s, most_s = _FIT_S, _LONGEST * float(end_s[-1])
+    while True:
+        tau_s = np.geomspace(least_s, most_s, _TIME_CONSTANTS)
+        begun, ended = (np.exp(-np.outer(each, 1.0 / tau_s)) for each in (begin_s, end_s))
+        decays = np.linalg.solve(root, tau_s * (begun - ended) / (end_s - begin_s)[:, None])
+        shares = ones @ decays / weight
+        decays -= np.outer(ones, shares)
+        squares = (decays**2).sum(axis=0)
+        amplitudes = white @ decays / squares
+        chi_square = float(white @ white) - amplitudes**2 * squares
+        likely = np.exp(-0.5 * (chi_square - chi_square.min()))
+        likely /= likely.sum()
+        among = np.flatnonzero(likely > _UNLIKELY)
+        if among.size > _RESOLVED:
+            break
+        # A warm-up far above the noise is known to less than a step between the time constants: look there again
+        least_s, most_s = (float(tau_s[max(0, min(tau_s.size - 1, at))]) for at in (among[0] - 1, among[-1] + 1))
 
     def known(values: Floats, variances: Floats) -> tuple[float, float]:
         middle = float(likely @ values)
