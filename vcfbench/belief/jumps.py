@@ -381,13 +381,13 @@ def _what(found: Jump, windows: Sequence[Seen]) -> str:
     return f"{what} was off by {size}{known} at {where}, and is not any more"
 
 
-def watched(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+def watched(settings: ProcedureSettings, work: Routine[T], steps: frozenset[int] | None = None) -> Routine[T]:
     """Do `work`, see each of its windows, and see at its end that the output stood still and answered.
 
-    MeasurementError: a setting did not give what it gave before, there was a step, a pulse or a walk of the output, or
-    the output did not answer to what was set.
+    Of `steps` alone, where they are told. MeasurementError: a setting did not give what it gave before, there was a
+    step, a pulse or a walk of the output, or the output did not answer to what was set.
     """
-    walk = Walk(settings, Limits.of(settings))
+    walk = Walk(settings, Limits.of(settings), steps=steps)
     try:
         step = next(work)
         while True:

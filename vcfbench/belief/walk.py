@@ -153,6 +153,8 @@ class Walk(Struct):
     """Squares of that scatter, all windows together."""
     correlation: Correlation = field(default_factory=Correlation)
     """That of the readings with the next ones."""
+    steps: frozenset[int] | None = None
+    """Steps of the points that are held against each other; None: all."""
 
     @property
     def variance_v2(self) -> float:
@@ -180,6 +182,8 @@ class Walk(Struct):
             begin_s + step.physical_s,
             self.up,
         )
+        if self.steps is not None and point.step not in self.steps:
+            return None
         self.correlation.add([each.voltage_v for each in result.readings])
         self.add(seen)
         return seen

@@ -6,7 +6,8 @@ rates by a share of what the line has there; the limit is bisected. Where the be
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from functools import partial
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -15,10 +16,11 @@ from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.analysis.input_limits import Limit, Line, limit_of
 from vcfbench.belief.agreement import SLOPES
+from vcfbench.belief.jumps import watched
 from vcfbench.belief.walk import require_answer
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions import routines, v_vc
-from vcfbench.instructions.procedure import Procedure, roles
+from vcfbench.instructions.procedure import Procedure, Watched, roles
 from vcfbench.instructions.scale_factor import (
     LevelSettings,
     ScaleFactorBy,
@@ -38,12 +40,17 @@ from vcfbench.uncertainty.window_sum import noise_v, output_of, windows_without_
 from vcfbench.values.printing import incomplete
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
-_LINE, _RAISED, _BEYOND, _BACK = 1, 2, 3, 4
-"""Steps of the points: small rates, the search, beyond the limit, at the small rate again."""
+_LINE, _RAISED, _BEYOND, _BACK, _AGAIN = 1, 2, 3, 4, 5
+"""Steps of the points: small rates, the search, beyond the limit, at the small rate again; and what is compared with
+those before, at the end: small rates and the last of each search."""
+_HELD = frozenset({_LINE, _RAISED, _AGAIN})
+"""Steps whose windows must give the same at the same rate: what comes right after the limit need not."""
 
 
 class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the input rate limits, beside those of all procedures."""
+
+    smooth: ClassVar[bool] = False
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "small rate of both signs, through which the line goes")] = 50.0
@@ -137,9 +144,9 @@ class RateLimitsResult(Struct, frozen=True):
                     yield titled(said_of, found)
 
 
-@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
+@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest, partial(watched, steps=_HELD))
 def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
-    """Take the line, then either side to its limit, beyond, and back."""
+    """Take the line, then either side to its limit, beyond, and back; and see what moved meanwhile."""
     if not settings.by_table:
         yield from v_vc.ready_v_vc_meter(settings, V_VC_RANGE_V)
         yield from routines.v_vc_on(settings.settle_s)
@@ -151,6 +158,7 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
     line = _line(settings, points)
     for each in (each for each in points if each.rate_deg_s):
         _require_same_leads(settings, line, each)
+    again: list[float] = []
     for sign in (1.0, -1.0):
         yield steps.Note(f"{'Positive' if sign > 0.0 else 'Negative'} rates until the output falls short of the line")
         good, bad, most = settings.level_deg_s, math.inf, settings.most_deg_s
@@ -163,6 +171,10 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
             points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
             points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
             _require_same_leads(settings, line, points[-1])
+        again += [sign * each for each in (settings.level_deg_s, good, bad) if math.isfinite(each)]
+    yield steps.Note("Small rates and the last of each search again, to compare")
+    for rate_deg_s in again:
+        points.append((yield from _point(settings, _AGAIN, rate_deg_s, points)))
 
 
 def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) -> None:
@@ -207,7 +219,7 @@ def _point(settings: RateLimitsSettings, step: int, rate_deg_s: float, before: S
             more = {"v_vc_tolerance_v": v_vc.v_vc_tolerance_v(settings, v_vc_v)}
     elif rate_deg_s != previous_deg_s:
         yield from routines.go_to_rate(settings, rate_deg_s, previous_deg_s=previous_deg_s)
-    raised = step in {_RAISED, _BEYOND}  # a clipped output does not scatter as is expected
+    raised = abs(rate_deg_s) > settings.level_deg_s  # a clipped output does not scatter as is expected
     window = {**routines.window_of(settings), **({"noise_v": None} if raised else {})}
     kinds = (steps.AcquireClipped, steps.AcquireClippedWithVvc) if raised else (steps.Acquire, steps.AcquireWithVvc)
     result = yield kinds[bool(more)](step, rate_deg_s, v_vc_v, table_deg_s, **more, **window)
@@ -226,7 +238,7 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     points, scale = [each.point for each in windows], scale_factor_used(settings)
     slope = line.slope if settings.by_table else scale.value
     own = [each for each, point in enumerate(points) if point.rate_deg_s * sign > 0.0]
-    tried = [each for each in own if points[each].step != _BACK]
+    tried = [each for each in own if points[each].step not in {_BACK, _AGAIN}]
     inputs = [settings.input_of(points[each]) for each in tried]
     of_line = sum(points[each].step == _LINE for each in tried)
     found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried], of_line)
@@ -300,4 +312,5 @@ RATE_LIMITS = Procedure(
     either=roles("rate_source", "rate_table"),
     uses=roles("power", "oscilloscope", "v_vc_meter"),
     unforeseen=dict.fromkeys(("limit", "clipped", "comes_back"), "it goes with where the output ends"),
+    watched=Watched(_HELD),
 )
