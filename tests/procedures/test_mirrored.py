@@ -7,6 +7,7 @@ with its offset and curve turns the scale factor. Noise is that of the same seed
 from __future__ import annotations
 
 import math
+import re
 from functools import cache
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -139,6 +140,24 @@ USUAL = ("four steps",)
 EVERY = pytest.mark.exhaustive
 DRAWN = [pytest.param(case, "both", marks=[] if case in USUAL else [EVERY]) for case in CASES]
 DRAWN += [pytest.param("four steps", mirror, marks=[EVERY]) for mirror in ("K_Vc", "scale factor")]
+
+
+def below_0(found: Any, path: str = "") -> Iterator[str]:
+    """Yield where an uncertainty, or a scatter, is below 0; contributions have the signs of their effects."""
+    if isinstance(found, dict):
+        for key, each in found.items():
+            if isinstance(each, float) and each < 0.0 and re.match(r"(u|std|u95|expanded_u)(_|$)", key):
+                yield f"{path}.{key}: {each}"
+            if key not in {"parts", "contributions"}:
+                yield from below_0(each, f"{path}.{key}")
+    elif isinstance(found, list | tuple):
+        for place, each in enumerate(found):
+            yield from below_0(each, f"{path}[{place}]")
+
+
+@pytest.mark.parametrize(("case", "mirror"), DRAWN)
+def test_no_uncertainty_of_a_mirrored_gyroscope_is_below_0(case: str, mirror: str) -> None:
+    assert list(below_0(results(case, *MIRRORS[mirror]))) == []
 
 
 @pytest.mark.parametrize(("case", "mirror"), DRAWN)

@@ -167,7 +167,7 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     noise = block_noise(blocks, std_v, settings.samples, window_s, max(slot_s, window_s))
     slopes, table = [each.slope for each in seen], settings.by.value == "table"
     (of_plus, both), (_, of_minus) = noise.covariance_v2
-    u_slope = math.sqrt((of_plus + of_minus - 2.0 * both) / settings.cycles) / (2.0 * fmean(e.level for e in seen))
+    u_slope = math.sqrt(0.25 * (of_plus + of_minus - 2.0 * both) / settings.cycles / fmean(e.level for e in seen) ** 2)
     of_slope = Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
     mean, volts = fmean(slopes), fmean(slopes) if table else scale.value
     units = "V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean
