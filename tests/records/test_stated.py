@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vcfbench.errors import ConfigError
-from vcfbench.records.stated import stated, values_of
+from vcfbench.records.stated import BEYOND_SHEETS, left_out, stated, values_of
 from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart, Unstated, Value
 
@@ -34,6 +34,13 @@ def test_values_are_found_in_fields_mappings_and_tuples_by_place() -> None:
     assert [part.source for part in found["by_axis.x"].parts] == ["readings"]
     assert found["drift"].u95 == pytest.approx(3.182, abs=1e-3)
     assert (found["bias_v"].kind, found["bias_v"].u95) == ("bias", None)
+
+
+def test_what_no_uncertainty_contains_is_said_of_all_that_state_one() -> None:
+    known = Own(Value("gain", 2.0, "V", u=0.1), {}, (), None)
+    assert left_out(known) == (BEYOND_SHEETS,)
+    assert left_out({"gain": {"value": 2.0, "unit": "V", "u": 0.1}, "holds_not": ["drift"]}) == (BEYOND_SHEETS, "drift")
+    assert left_out(Own(Value("gain", 2.0, "V"), {}, (), None)) == ()
 
 
 def test_impossible_number_and_double_name_are_refused() -> None:

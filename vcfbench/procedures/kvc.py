@@ -44,6 +44,7 @@ from vcfbench.records.device_values import Characteristics, Sensitivity
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.records.devices import Certificate, CurveShare, KvcCurve, NewEntry
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import BEYOND_SHEETS
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -144,7 +145,7 @@ class KVcResult(Struct, frozen=True, kw_only=True):
 
 
 _HOLDS_NOT = (
-    "instruments beyond their data sheets and certificates: each is taken to be within",
+    BEYOND_SHEETS,
     "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
     "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
     "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: those of the run",

@@ -49,16 +49,22 @@ class InParts(Protocol):
     not_measured: Sequence[Any]
 
 
+BEYOND_SHEETS = "instruments beyond their data sheets and certificates: each is taken to be within"
+
+
 def left_out(results: object) -> Sequence[str]:
-    """Return what the uncertainties of results do not contain, as far as they say that."""
+    """Return what the uncertainties of results do not contain: what none contains, and what these say."""
     if isinstance(results, Mapping):  # of a record whose code is not known
         statement = results.get("uncertainty")
         of_line = statement.get("not_in_u") if isinstance(statement, Mapping) else None
-        return of_line or results.get("holds_not") or ()
-    if isinstance(results, HoldsNot):
-        return results.holds_not
-    within = (results, *(getattr(results, name) for name in field_names(results) or ()))
-    return next((each.not_in_u for each in within if isinstance(each, LeavesOut)), ())
+        own = of_line or results.get("holds_not") or ()
+    elif isinstance(results, HoldsNot):
+        own = results.holds_not
+    else:
+        within = (results, *(getattr(results, name) for name in field_names(results) or ()))
+        own = next((each.not_in_u for each in within if isinstance(each, LeavesOut)), ())
+    known = [each for each in values_of(results).values() if each.u95 is not None or each.form != "plus-minus"]
+    return own if not known or BEYOND_SHEETS in own else (BEYOND_SHEETS, *own)
 
 
 def values_of(results: object) -> dict[str, Value]:

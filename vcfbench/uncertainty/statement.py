@@ -13,6 +13,7 @@ from msgspec import Struct, structs
 
 from vcfbench.analysis.budget import Budget, Model, Result, Source, convolved_coverage_factor, evaluate
 from vcfbench.instructions.schedule import earth_left_deg_s
+from vcfbench.records.stated import BEYOND_SHEETS
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.uncertainty.measurand import finite
 from vcfbench.uncertainty.phases import PhaseErrors
@@ -250,7 +251,7 @@ _BY_V_VC = {
 _RAILS = "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)"
 _OWN_SUPPLY = "what the device's own supply does: nobody measured it"
 _OUTSIDE = (
-    "instruments beyond their data sheets and certificates: each is taken to be within",
+    BEYOND_SHEETS,
     "lack of fit: how far the outputs are from a line is in the non-linearity",
     "turn-on to turn-on and remounting: one power-on, one mounting",
     "acceleration (g), vibration, magnetic fields: those of the run",

@@ -31,6 +31,7 @@ from vcfbench.instructions import v_vc
 from vcfbench.instructions.v_vc import v_vc_tolerance_v
 from vcfbench.procedures.health.check import by_phases, gaps_of, missing_of, unmeasured
 from vcfbench.procedures.online.settings import OnlineSettings
+from vcfbench.records.stated import BEYOND_SHEETS
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
@@ -48,7 +49,7 @@ _SURE = math.cos(math.radians(60.0))
 
 UNKNOWN_SIGN = "its sign: nothing tells it (expected.scale_factor_v_per_deg_s, a certificate, a meter on V_Vc)"
 _HOLDS_NOT = (
-    "instruments beyond their data sheets and certificates: each is taken to be within",
+    BEYOND_SHEETS,
     "what K_Vc itself is made of: see what this method cannot see",
     "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
     "curvature of fifth order and higher; harmonics of the generator where V_Vc is not measured",

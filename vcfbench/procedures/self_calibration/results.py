@@ -42,6 +42,7 @@ from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.records.devices import NewEntry, SelfCalibration
 from vcfbench.records.schema import Point
+from vcfbench.records.stated import BEYOND_SHEETS
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import Rate, said, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -81,7 +82,7 @@ ORDER = 3
 """Order of the polynomial whose slope at rest is the scale factor of small signals."""
 
 _HOLDS_NOT = (
-    "instruments beyond their data sheets and certificates: each is taken to be within",
+    BEYOND_SHEETS,
     "what K_Vc itself is made of: see what this method cannot see",
     "what the meters drifted between two entries: the same meter is taken to be off by the same",
     "lack of fit, of the certificate's curve and of the line here",
