@@ -21,6 +21,7 @@ import os
 import sys
 import tempfile
 from collections import defaultdict
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,12 +31,13 @@ import numpy as np
 from msgspec import structs
 
 import vcfbench
-from vcfbench.archive.unseen import refusable, unseen_of
+from vcfbench.archive.unseen import in_records, refusable, unseen_of
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, require_no_jump
 from vcfbench.belief.walk import Walk
-from vcfbench.errors import BenchError, MeasurementError
+from vcfbench.errors import BenchError
 from vcfbench.instructions.titles import BUILT_IN
-from vcfbench.steps.step import abandon
+from vcfbench.steps import ModulatedRecord, SineResponse
+from vcfbench.steps.step import StepResult, abandon
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -52,6 +54,8 @@ SETTINGS: Mapping[str, Mapping[str, Any]] = {
     "temperature": {"split": False},
 }
 
+
+RECORDS = (SineResponse, ModulatedRecord)
 
 _SHORT = 0.04
 """Share of a run that a short fault takes."""
@@ -85,7 +89,7 @@ KINDS: Mapping[str, tuple[str, InTime, tuple[str, ...]]] = {
     "ramp that ends": (OFFSET, _risen, ("ramp", "step")),
     "gain": (GAIN, _after, ("change",)),
     "gain for a while": (GAIN, _while, ("change",)),
-    "gain, shortly": (GAIN, _shortly, ("change",)),
+    "gain, shortly": (GAIN, _shortly, ("change", "pulse")),
     "creeping gain": (GAIN, _rising, ("creep",)),
     "V_Vc's offset": (V_VC_OFFSET, _after, ("step",)),
     "V_Vc's gain": (V_VC_GAIN, _after, ("change",)),
@@ -105,14 +109,30 @@ class Tried:
         self.rows = unseen_of(run)
         none = np.zeros(len(run.points))
         self.clean = found.values(none, none)
-        begin, end = self.of.course.windows[0].begin_s, self.of.course.windows[-1].end_s
-        self.in_windows = [
-            (np.linspace(each.begin_s, each.end_s, 10) - begin) / max(end - begin, 1e-9)
-            for each in self.of.course.windows
-        ]
+        self.records = [each for each in found.measured.found(StepResult) if isinstance(each[1], RECORDS)]
+        if self.of_records:  # one after the other, as long as each other
+            shares = np.linspace(0.0, 1.0, len(self.records) + 1)
+            self.in_windows = [np.linspace(*each, 10) for each in pairwise(shares)]
+        else:
+            begin, end = self.of.course.windows[0].begin_s, self.of.course.windows[-1].end_s
+            self.in_windows = [
+                (np.linspace(each.begin_s, each.end_s, 10) - begin) / max(end - begin, 1e-9)
+                for each in self.of.course.windows
+            ]
 
         ends = [each[-1] for each in self.in_windows[:-1]]
         self.gaps = [0.5 * (end + each[0]) for end, each in zip(ends, self.in_windows[1:], strict=True)]
+
+    @property
+    def of_records(self) -> bool:
+        """True if there are records of sines and no windows: then a step is one within each record."""
+        return not self.of.course.windows and bool(self.records)
+
+    def has(self, unit: str) -> bool:
+        """Tell whether there is anything that a fault of `unit` moves."""
+        points = (each.point.v_vc_measured_v is not None for each in self.of.course.windows)
+        records = (bool(getattr(each, "v_vc_v", ())) for _, each in self.records)
+        return unit in {OFFSET, GAIN} or any(records if self.of_records else points)
 
     def times(self, rng: np.random.Generator) -> tuple[float, float]:
         """Draw beginning and end of a fault: in gaps, because one in the first window is nearly one all through."""
@@ -135,27 +155,33 @@ class Tried:
         """Return how the run ends with a fault, times as shares of the run."""
         unit, in_time, _ = KINDS[kind]
         course = [size * float(np.mean(in_time(t, begin, end))) for t in self.in_windows]
+        line = {"kind": kind, "size": size, "begin": round(begin, 4), "end": round(end, 4)}
+        if self.of_records:
+            return {**line, **self._ended(kind, size, lambda: self._of_records(unit, course))}
         points = [each.point for each in self.of.course.windows]
         of = {GAIN: [each.output_v for each in points], V_VC_GAIN: [each.v_vc_measured_v or 0.0 for each in points]}
         moves = np.multiply(course, of.get(unit, [1.0] * len(points))).tolist()
         none = [0.0] * len(points)
         output_v, v_vc_v = (none, moves) if unit in {V_VC_OFFSET, V_VC_GAIN} else (moves, none)
-        line = {"kind": kind, "size": size, "begin": round(begin, 4), "end": round(end, 4)}
-        try:
+
+        def values() -> Mapping[str, float]:
             self._go_through(output_v, v_vc_v)
             place = [at for at, each in enumerate(self.of.course.places) if each is not None]
-            values = self.of.values(np.array(output_v)[place], np.array(v_vc_v)[place])
-        except MeasurementError as error:
-            return {**line, "outcome": "refused", "why": error.what[:80]}
+            return self.of.values(np.array(output_v)[place], np.array(v_vc_v)[place])
+
+        return {**line, **self._ended(kind, size, values)}
+
+    def _of_records(self, unit: str, course: Sequence[float]) -> Mapping[str, float]:
+        return self.of.evaluated(self.of.settings, self.of.measured.changed(in_records(unit, course)))
+
+    def _ended(self, kind: str, size: float, evaluated: Callable[[], Mapping[str, float]]) -> Line:
+        try:
+            values = evaluated()
+        except BenchError as error:
+            return {"outcome": "refused", "why": error.what[:80]}
         off = {name: abs(values[name] - self.clean[name]) / u95 for name, u95 in self.of.u95.items()}
         worst = max(off, key=off.__getitem__)
-        return {
-            **line,
-            "outcome": "complete",
-            "worst": worst,
-            "off": round(off[worst], 3),
-            "told": self.told(kind, size),
-        }
+        return {"outcome": "complete", "worst": worst, "off": round(off[worst], 3), "told": self.told(kind, size)}
 
     def _go_through(self, output_v: Sequence[float], v_vc_v: Sequence[float]) -> None:
         """Go through the plan; where it asks for something else now, what it watches is asked alone."""
@@ -191,14 +217,14 @@ def tried(name: str, kinds: Sequence[str], asked: argparse.Namespace) -> Iterato
             settings |= device
         run = vcfbench.run(name, "lab", seed=seed, settings=settings, runs=directory)
         again = refusable(run)
-        if again is None or len(again.course.windows) < 2:
+        if again is None or not (len(again.course.windows) > 1 or any(again.measured.found(each) for each in RECORDS)):
             yield {"procedure": name, "outcome": "no windows"}
             return
         case = Tried(run)
         yield {"procedure": name, "outcome": "list", "rows": len(case.rows), "windows": len(case.in_windows)}
-        v_vc = any(each.point.v_vc_measured_v is not None for each in case.of.course.windows)
-        for kind, (unit, _, _) in KINDS.items():
-            if (kinds and kind not in kinds) or (unit in {V_VC_OFFSET, V_VC_GAIN} and not v_vc):
+        for kind, (unit, _, told_as) in KINDS.items():
+            no_step = case.of_records and unit in {OFFSET, V_VC_OFFSET} and "step" not in told_as
+            if (kinds and kind not in kinds) or not case.has(unit) or no_step:
                 continue
             told, largest = case.sizes(kind)
             ladder = [1.5 * told] * (above if told else 0) if above else largest * np.geomspace(0.03, 10.0, asked.sizes)

@@ -14,7 +14,7 @@ from msgspec import structs, to_builtins
 import vcfbench
 from experiments.unseen import KINDS, Tried
 from vcfbench.archive.reported import full_report
-from vcfbench.archive.unseen import K_VC, V_VC_SET, _effect, refusable, unseen_of, unseen_words
+from vcfbench.archive.unseen import K_VC, V_VC_SET, _effect, in_records, refusable, unseen_of, unseen_words
 from vcfbench.belief import jumps
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import Course, _probes
@@ -25,6 +25,7 @@ from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
 from vcfbench.station.file import embedded_text
+from vcfbench.steps import Done, ModulatedRecord, SineResponse
 from vcfbench.testing.gyroscopes import drawn_bench
 from vcfbench.values.value import Value
 
@@ -41,6 +42,15 @@ def taken(tmp: Path, procedure: str, **settings: Any) -> Run:
 @pytest.fixture(scope="module")
 def turntable(tmp_path_factory: pytest.TempPathFactory) -> Tried:
     return Tried(taken(tmp_path_factory.mktemp("unseen"), "turntable"))
+
+
+LIMITS = {"warm_up_s": 60.0, "samples": 4, "growth": 3.0, "resolution_deg_s": 5.0}
+"""Short rate limits."""
+
+
+@pytest.fixture(scope="module")
+def limits(tmp_path_factory: pytest.TempPathFactory) -> Tried:
+    return Tried(taken(tmp_path_factory.mktemp("unseen"), "rate-limits", **LIMITS))
 
 
 @pytest.fixture(scope="module")
@@ -105,6 +115,7 @@ def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
         ("g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}),
         ("repeatability", {"power_cycles": 3, "samples": 3}),
         ("threshold", {"at_most_s": 60.0, "samples": 3}),
+        ("rate-limits", LIMITS),
         *(
             pytest.param(name, {}, marks=pytest.mark.exhaustive)
             for name in ("power", "vibration", "virtual-coriolis", "kvc")
@@ -132,6 +143,15 @@ def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_
     assert step.size < 1e-3
     for begin in case.gaps[8::8]:
         line = case.with_fault("step", 1.5 * step.size, begin, 1.0)
+        assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
+
+
+@pytest.mark.parametrize("kind", ["step", "ramp", "V_Vc's gain"])
+def test_what_moves_between_the_rates_of_a_search_is_refused(limits: Tried, kind: str) -> None:
+    told, _ = limits.sizes(kind)
+    assert 0.0 < told < 3e-3
+    for begin in limits.gaps[8::12]:
+        line = limits.with_fault(kind, 1.5 * told, begin, 1.0)
         assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
 
 
@@ -172,6 +192,47 @@ def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> No
     rows = unseen_of(taken(tmp_path, "zero", duration_s=200.0))
     assert [(each.kind, each.size) for each in rows] == [("step", None), ("pulse", None), ("ramp", None)]
     assert rows[0].effects["output_v"] == pytest.approx(0.5e-3, rel=0.02)
+
+
+def test_fault_in_records_is_a_step_in_each_or_another_gain() -> None:
+    sine, both = SineResponse(0.1, 0.02, (1.0, 2.0)), ModulatedRecord(0.1, 0.02, 0.0, (1.0, 2.0), 0.0, (3.0, 4.0), None)
+    faults = {OFFSET: (1.0, 2.5), GAIN: (1.5, 3.0), V_VC_GAIN: (1.0, 2.0)}
+    for unit, expected in faults.items():
+        spoilt = in_records(unit, [0.5, 1.0])
+        seen = spoilt(sine)
+        assert isinstance(seen, SineResponse)
+        assert seen.voltages_v == expected
+        assert spoilt(Done()) == Done()
+        moved = spoilt(both)
+        assert isinstance(moved, ModulatedRecord)
+        assert moved.v_vc_v == ((6.0, 8.0) if unit == V_VC_GAIN else both.v_vc_v)
+        assert moved.interval_s == both.interval_s
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize(
+    ("procedure", "settings", "known", "any_size"),
+    [
+        (
+            "online",
+            {"k_vc": "150", "duration_s": 60.0},
+            set(),
+            {("change", GAIN), ("change", V_VC_GAIN)},
+        ),
+        ("bandwidth", {}, {("change", GAIN), ("creep", GAIN)}, {("step", OFFSET)}),
+    ],
+)
+def test_records_of_sines_say_what_gains_that_change_between_them_do(
+    tmp_path: Path, procedure: str, settings: dict[str, Any], known: set[Any], any_size: set[Any]
+) -> None:
+    """Those of a sweep by the closed form that they leave, those of `online` by nothing."""
+    case = Tried(taken(tmp_path, procedure, **settings))
+    sizes = {(each.kind, each.unit): each.size for each in case.rows}
+    assert known <= {key for key, size in sizes.items() if size is not None}
+    assert any_size <= {key for key, size in sizes.items() if size is None}
+    for kind in ("gain", "creeping gain") if known else ():
+        line = case.with_fault(kind, 1.5 * case.sizes(kind)[0], case.gaps[len(case.gaps) // 3], 1.0)
+        assert line["outcome"] == "refused", line
 
 
 @pytest.mark.exhaustive

@@ -1,6 +1,6 @@
 """What a run cannot have seen, with its size: worked out when a report, a certificate or a person asks for it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.archive.output_unit import in_output_unit, unit_of_record
 from vcfbench.archive.run import Run
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
-from vcfbench.belief.unseen import MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
+from vcfbench.belief.unseen import MATTERS, MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
@@ -22,6 +22,7 @@ from vcfbench.procedures.layers import recorded_settings
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Part, Table, Text, texts
+from vcfbench.steps import ModulatedRecord, SineResponse
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.values.printing import grouped
@@ -34,6 +35,7 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("pulse", OFFSET): "a shift of the output for a while",
     ("ramp", OFFSET): "a ramp of the output to the end",
     ("change", GAIN): "a change of the multimeter's gain",
+    ("pulse", GAIN): "another gain of the multimeter for one record",
     ("creep", GAIN): "a creeping gain of the multimeter",
     ("step", V_VC_OFFSET): "a step of what the meter on V_Vc reads",
     ("pulse", V_VC_OFFSET): "a shift of what the meter on V_Vc reads for a while",
@@ -41,9 +43,15 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
     ("change", K_VC): "a change of K_Vc by what the run does not look at (what this method cannot see)",
     ("change", V_VC_SET): "V_Vc that arrives otherwise than it was set, as at a terminator of 50 ohm",
+    ("pulse", V_VC_GAIN): "another gain of the meter on V_Vc for one record",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
+_SIZES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # Of a fault in records, V or shares
+_IN_RECORDS: Final = (
+    *(("step", unit) for unit in (OFFSET, V_VC_OFFSET)),
+    *((kind, unit) for unit in (GAIN, V_VC_GAIN) for kind in ("change", "pulse", "creep")),
+)
 _EXPLAINED: Final = (
     "Each is the largest that the run would not have refused with 95 %, by its own tests, noise and plan, wherever it "
     "moves a value; what it may do to a value is that at the worst time. None of it is in U95. Less than a third of "
@@ -100,7 +108,7 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
     bent = frozenset(name for name in found.u95 if run.values[name].form != "plus-minus")
     between = unseen(found.course, found.u95, found.values, bent) if windows > 1 else ()
     within = _in_a_record(found) if windows == 1 else ()
-    return (*between, *within, *_of_knowledge(found))
+    return (*between, *within, *_in_records(found), *_of_knowledge(found))
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
@@ -114,6 +122,48 @@ def _in_a_record(found: Refusable) -> Iterator[Unseen]:
         after = found.evaluated(found.settings, found.measured.moved_within(UNIT * shape))
         if moved := _beyond(found, before, after):
             yield Unseen(kind, None, OFFSET, moved)
+
+
+def _in_records(found: Refusable) -> Iterator[Unseen]:
+    """Yield the effects of a step within each record of a sine, and of gains that change between them.
+
+    They are those at the smallest of some sizes that the results refuse; where they refuse none, those of 1 mV, 0.1 %.
+    """
+    number = sum(len(found.measured.found(kind)) for kind in (SineResponse, ModulatedRecord))
+    over, before = np.linspace(0.0, 1.0, number), found.evaluated(found.settings, found.measured)
+    one = (np.arange(number) == number // 3).astype(float)
+    courses = {"step": np.ones(number), "change": (over >= _HALF).astype(float), "pulse": one, "creep": over}
+    for kind, unit in _IN_RECORDS if number else ():
+        refused = None
+        for size in _SIZES:
+            spoilt = found.measured.changed(in_records(unit, (size * courses[kind]).tolist()))
+            try:
+                after = found.evaluated(found.settings, spoilt)
+            except BenchError:
+                refused = size
+                continue
+            most = (refused or UNIT) / size
+            grown = {name: before[name] + most * (each - before[name]) for name, each in after.items()}
+            if moved := _beyond(found, before, grown, MATTERS_UNREFUSED if refused is None else MATTERS):
+                yield Unseen(kind, refused, unit, moved)
+            break
+
+
+def in_records(unit: str, sizes: Sequence[float]) -> Callable[[StepResult], StepResult]:
+    """Return what puts a fault into records of sines, one after the other: a step in its middle, or another gain."""
+    left = iter(sizes)
+
+    def spoilt(result: StepResult) -> StepResult:
+        if not isinstance(result, SineResponse | ModulatedRecord):
+            return result
+        field = "output_v" if isinstance(result, ModulatedRecord) else "voltages_v"
+        field = "v_vc_v" if unit in {V_VC_OFFSET, V_VC_GAIN} else field
+        size, volts = next(left), np.array(getattr(result, field, ()))
+        later = np.arange(len(volts)) >= _HALF * len(volts)
+        volts = volts + size * later if unit in OFFSETS else volts * (1.0 + size)
+        return replace(result, **{field: tuple(volts.tolist())}) if len(volts) else result
+
+    return spoilt
 
 
 def _of_knowledge(found: Refusable) -> Iterator[Unseen]:
@@ -133,10 +183,12 @@ def _of_knowledge(found: Refusable) -> Iterator[Unseen]:
             yield Unseen("change", size, unit, moved)
 
 
-def _beyond(found: Refusable, before: Mapping[str, float], after: Mapping[str, float]) -> Mapping[str, float]:
-    """Return the amount by which values moved, those that did so by enough of their U95."""
+def _beyond(
+    found: Refusable, before: Mapping[str, float], after: Mapping[str, float], share: float = MATTERS_UNREFUSED
+) -> Mapping[str, float]:
+    """Return the amount by which values moved, those that did so by more than this share of their U95."""
     moved = {name: abs(after[name] - before[name]) for name in found.u95}
-    return {name: each for name, each in moved.items() if each > MATTERS_UNREFUSED * found.u95[name]}
+    return {name: each for name, each in moved.items() if each > share * found.u95[name]}
 
 
 def _half_width(value: Value) -> float | None:

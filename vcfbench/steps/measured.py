@@ -132,6 +132,12 @@ class Measured(Sequence[Point]):
         moved.within_v = readings_v
         return moved
 
+    def changed(self, change: Callable[[StepResult], StepResult]) -> Measured:
+        """Return the run with each result that is no point as `change` makes it, in their order."""
+        changed = _Moved(self, [(0.0, 0.0)] * len(self))
+        changed.change = change
+        return changed
+
     @property
     def _paused(self) -> bool:
         """True if some points count from another reference than the rest."""
@@ -244,12 +250,13 @@ class Foreseen(Measured):
 
 
 class _Moved(Measured):
-    """Data of a run, each point moved by so much output and V_Vc, V; records that are no windows stay as they are.
+    """Data of a run, each point moved by so much output and V_Vc, V; other results are as `change` makes them.
 
     The readings of a window move with its mean, or each by its own of `within_v`.
     """
 
     within_v: NDArray[np.float64] | None = None
+    change: Callable[[StepResult], StepResult] | None = None
 
     def __init__(self, of: Measured, moves: Sequence[tuple[float, float]]) -> None:
         self.growth = of.growth  # the journal is read once
@@ -274,8 +281,13 @@ class _Moved(Measured):
         for each in readings.windows:
             moved_v = by_number.get(each.number, (0.0,))[0] if self.within_v is None else self.within_v
             windows.append(replace(each, voltage_v=each.voltage_v + moved_v))
-        kept = ((step, each.moved(*points[id(each)]) if id(each) in points else each) for step, each in found)
-        return Readings(tuple(windows)), tuple(kept)
+
+        def moved(each: StepResult) -> StepResult:
+            if id(each) in points:
+                return each.moved(*points[id(each)])
+            return each if self.change is None else self.change(each)
+
+        return Readings(tuple(windows)), tuple((step, moved(each)) for step, each in found)
 
 
 def _between(lines: _Lines, begin: int, end: int | None) -> Iterator[Mapping[str, Any]]:
