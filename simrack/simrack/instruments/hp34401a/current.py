@@ -13,7 +13,7 @@ _AC_LIMITS = MappingProxyType({1.0: 4e-4, 3.0: 6e-4})
 
 def open_dc_input_a(errors: CurrentErrors, range_a: float) -> float:
     """Return the direct current that an open input shows."""
-    return errors.dc_range_share * _DC_LIMITS[range_a] * range_a
+    return errors.dc_range_share * _DC_LIMITS.get(range_a, _DC_LIMITS[0.01]) * range_a
 
 
 def open_ac_input_a(errors: CurrentErrors, range_a: float) -> float:

@@ -35,6 +35,10 @@ _UNZEROED, _UNZEROED_V = 2e-6, 5e-6
 _LOOKED_AT_V = 1.0
 """On ranges up to this the peaks of a direct voltage are looked at: no source of the bench overloads the others so."""
 _PEAK_LOOKS = 1 << 12
+_SAMPLE_STEP = 4e-4
+"""Resolution of a sample as a part of its range: ten steps of a converter of 16 bits (a DMM6500's, unverified)."""
+_SAMPLES_AT_ONCE = 1 << 12
+"""Samples of a slice."""
 _AC_READING_S = 0.02
 """50 readings a second with the settling delays defeated (p. 219)."""
 _RANGING_S = 0.02
@@ -232,6 +236,41 @@ class Inputs:
         if function.name == "VOLT:RAT":
             return self._ratio(function, window.mean_v, scale, start_s, setup.nplc)
         return MeterReading(end, lambda: self._resistive(function, window.mean_v(), scale))
+
+    def digitised(
+        self,
+        function: Function,
+        times: tuple[float, float, range],
+        range_: float,
+        keep: Callable[[list[tuple[float, float]]], None],
+        *,
+        high_impedance: bool,
+    ) -> MeterReading:
+        """Start samples amid intervals: `times` are start, interval, and which `keep` gets, but for the last."""
+        start_s, interval_s, wanted = times
+        stop_s = start_s + wanted.stop * interval_s
+        looked_at, loading = self._world.capture(start_s, stop_s), self.loading(range_, high_impedance=high_impedance)
+        scale = _Scale(range_, function.over_range_of(range_), _SAMPLE_STEP * range_)
+        open_a = open_dc_input_a(self._errors.current, range_) if function.unit == "A" else 0.0
+
+        def labour() -> Generator[None, None, float]:
+            import numpy as np  # noqa: PLC0415  (only where samples are taken)
+
+            taken: list[tuple[float, float]] = []
+            for first in range(wanted.start, wanted.stop, _SAMPLES_AT_ONCE):
+                keep(taken)
+                at_s = start_s + (np.arange(first, min(first + _SAMPLES_AT_ONCE, wanted.stop)) + 0.5) * interval_s
+                if function.unit == "A":
+                    shown = [self._shown(open_a, scale.resolution) for _ in at_s]
+                else:
+                    true = (looked_at.samples(self._node, at_s) * loading).tolist()
+                    shown = [self._as_read(each, scale, each, autozero=False) for each in true]
+                taken = list(zip(shown, at_s.tolist(), strict=True))
+                yield
+            keep(taken[:-1])
+            return taken[-1][0]
+
+        return MeterReading.in_slices(stop_s, labour)
 
     def _scale(self, function: Function, range_: float, nplc: float) -> _Scale:
         fraction, added = function.fraction_of(nplc), 0.0

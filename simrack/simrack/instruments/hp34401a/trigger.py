@@ -80,14 +80,14 @@ class TriggerSystem:
         """Number of readings of a sequence, infinity for ever."""
         return self.sample_count * self.trigger_count
 
-    def start(self, *, stored: bool) -> TriggerSequence:
+    def start(self, *, stored: bool, arming_s: float = _ARMING_S) -> TriggerSequence:
         """Leave idle; -213 when measuring already. Readings of READ? that the memory would not hold go out at once."""
         if self.sequence is not None:
             raise ScpiError(-213)
         if stored:
             self.memory = []
         streamed = not stored and self.readings_to_come > self.capacity
-        armed = self._clock.now() + _ARMING_S
+        armed = self._clock.now() + arming_s
         self.sequence = TriggerSequence(self.trigger_count, self.sample_count, stored, streamed, armed)
         if self.source == "IMM":
             self.fire()

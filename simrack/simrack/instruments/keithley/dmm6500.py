@@ -6,30 +6,25 @@ of numbers but for theirs, error texts, which of the words of the trigger model 
 
 Not simulated: the command set TSP (``*LANG`` would count from the next power-on; its lines are -113, and a ``print`` is
 answered by what is wrong, so that nobody waits), buffers with readings of their own
-(one that is made holds those of defbuffer1), readings that are digitised, the scanner, trigger models but SimpleLoop;
+(one that is made holds those of defbuffer1), the analog trigger, the scanner, ready-made trigger models but SimpleLoop;
 temperature and capacitance have nothing to measure.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from datetime import datetime, timedelta
+from collections.abc import Mapping
 from functools import partial
-from statistics import fmean, stdev
 from typing import Any, ClassVar
 
-import numpy as np
+from msgspec.structs import replace
 
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import zero_command
-from simrack.instruments.keithley import common
+from simrack.instruments.keithley import common, digitizing_commands, reading_buffer, trigger_model
 from simrack.instruments.truevolt.kinds import MeterKind
-from simrack.instruments.truevolt.measuring_commands import once_idle
 from simrack.scpi import Interface
-
-ROWS = scpi.Rows()
 
 _SHEET = specifications.KEITHLEY_DMM6500
 _BUFFER = 100_000
@@ -48,193 +43,28 @@ _WORDS = common.Words(
     more=("DIOD", "CAP"),
     number=_NR3,
 )
-_BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
 _BEGUN_S = 1_767_225_600
-_PRECISION = ("FORMat:ASCii:PRECision",)
 
 Errors6500 = common.errors_of(_SHEET)
-_NAMED = (scpi.Text(required=False),)
-_BUFFERS = ("defbuffer1", "defbuffer2")
-_ELEMENTS = scpi.Choice(("READing", "RELative", "UNIT", "TSTamp", "SECFractional", "CHANnel", "STATus"), required=False)
-"""Of those that the manual lists; the others are -141."""
 
 
-def _formatted(meter: KeithleyDMM6500Twin, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str:
-    """Return readings with the elements asked for; time counts from the first of the buffer (forms unverified)."""
-    begun_s = meter.stored[0][1] if meter.stored else 0.0
-
-    def element(name: str, value: float, instant_s: float) -> str:
-        match name:
-            case "READ":
-                return f"{value:.{(meter.engine.remembered.get(_PRECISION, 0) or 7) - 1}E}"
-            case "UNIT":
-                return {"V": "Volt", "A": "Amp", "OHM": "Ohm", "HZ": "Hertz", "S": "Second"}.get(
-                    meter.function.unit, ""
-                )
-            case "TST":
-                return _stamp(instant_s)
-            case "SECF":
-                return f"{instant_s % 1.0:.9f}"
-        return {"REL": f"{instant_s - begun_s:.6f}", "CHAN": "0", "STAT": "0"}[name]
-
-    return ",".join(element(name, *entry) for entry in entries for name in elements or ("READ",))
-
-
-def _stamp(instant_s: float) -> str:
-    """Return a bench time as the clock of a meter shows it that was switched on at the beginning of 2026."""
-    return _date(instant_s).strftime("%Y/%m/%d %H:%M:%S.%f")[:-3]
-
-
-def _date(instant_s: float) -> datetime:
-    return _BEGUN + timedelta(seconds=instant_s)
+_OF_READINGS = (*reading_buffer.NAMED, reading_buffer.ELEMENTS)
 
 
 def _error_suffix(number: int, instant_s: float) -> str:
     """Return type and time of an event (records of a real one: ``;0;0 0``, ``;1;2018/05/26 14:00:14.871``)."""
-    return f";1;{_stamp(instant_s)}" if number else ";0;0 0"
-
-
-def _require_buffer(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
-    if buffer is not None and buffer not in (*_BUFFERS, *meter.made):
-        raise scpi.ScpiError(-224)
-
-
-def _take(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
-    _require_buffer(meter, buffer)
-    if meter.digitizing != "NONE":
-        raise scpi.ScpiError(-221)
-    meter.triggering.trigger_count = 1.0
-    meter.triggering.sample_count = meter.samples
-    meter.triggering.delay_auto = True
-    meter.triggering.start(stored=True)
-
-
-@ROWS.query("READ", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
-def _read(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> Any:
-    _take(meter, buffer)
-    return once_idle(meter, lambda: _last(meter, elements))
+    return f";1;{reading_buffer.stamp(instant_s)}" if number else ";0;0 0"
 
 
 def _measure(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str, name: str) -> Any:
     meter.choose(meter.functions[name])
-    return _read(meter, buffer, *elements)
+    return reading_buffer.read(meter, buffer, *elements)
 
 
-def _last(meter: KeithleyDMM6500Twin, elements: tuple[str, ...]) -> str:
-    if not meter.stored:
-        raise scpi.ScpiError(-230)
-    return _formatted(meter, meter.stored[-1:], elements)
-
-
-_STATISTICS: Mapping[str, Any] = {"AVERage": fmean, "STDDev": stdev, "MAXimum": max, "MINimum": min, "PK2Pk": np.ptp}
-
-
-def _statistic(of: Any, meter: KeithleyDMM6500Twin, buffer: str | None) -> str:
-    """TRACe:STATistics: of the readings in a buffer (manual, p. 13-198 to 13-203; form unverified)."""
-    _require_buffer(meter, buffer)
-    if not meter.stored:
-        raise scpi.ScpiError(-230)
-    return f"{float(of([value for value, _ in meter.stored])):.6E}"
-
-
-_OF_A_BUFFER: Mapping[str, Any] = {
-    "ACTual": lambda meter, _buffer: len(meter.stored),
-    "ACTual:END": lambda meter, _buffer: len(meter.stored),
-    "ACTual:STARt": lambda meter, _buffer: min(len(meter.stored), 1),
-    **{f"STATistics:{word}": partial(_statistic, of) for word, of in _STATISTICS.items()},
-}
-_PLACE = scpi.Integer(limits=scpi.Limits(1, _BUFFER), named=False)
-
-
-@ROWS.query("TRACe:DATA", query_parameters=(_PLACE, _PLACE, *_NAMED, _ELEMENTS), repeat=True)
-def _data(meter: KeithleyDMM6500Twin, start: int, end: int, buffer: str | None = None, *elements: str) -> str:
-    _require_buffer(meter, buffer)
-    if not 1 <= start <= end <= len(meter.stored):
-        raise scpi.ScpiError(-222)
-    return _formatted(meter, meter.stored[start - 1 : end], elements)
-
-
-@ROWS.do(
-    "TRACe:MAKE", (scpi.Text(), scpi.Integer(limits=scpi.Limits(10, 7_000_000), named=False), scpi.Word(required=False))
-)
-def _make_buffer(meter: KeithleyDMM6500Twin, name: str, points: int, _style: str | None) -> None:
-    meter.made[name] = points
-
-
-@ROWS.do(
-    "TRIGger:LOAD",
-    (
-        *(scpi.Text(), scpi.Integer(limits=scpi.Limits(1, 268_435_455), named=False, required=False)),
-        *(scpi.Number(unit="S", limits=scpi.Limits(0.0, 10_000.0), required=False), scpi.Text(required=False)),
-    ),
-)
-def _load(meter: KeithleyDMM6500Twin, model: str, count: int | None, delay_s: float | None, buffer: str | None) -> None:
-    _require_buffer(meter, buffer)
-    if model.upper() == "EMPTY":
-        meter.loop = None
-        return
-    if model.upper() != "SIMPLELOOP":
-        raise scpi.ScpiError(-224)
-    if count is None:
-        raise scpi.ScpiError(-109)
-    meter.loop = (count, delay_s or 0.0)
-
-
-@ROWS.do("INITiate[:IMMediate]")
-def _initiate(meter: KeithleyDMM6500Twin) -> None:
-    if meter.loop is None:
-        raise scpi.ScpiError(-221)
-    count, delay_s = meter.loop
-    meter.triggering.sample_count, meter.triggering.trigger_count = 1, float(count)
-    meter.triggering.delay_s, meter.triggering.delay_auto = delay_s, False
-    meter.triggering.start(stored=True)
-
-
-@ROWS.query("FETCh", query_parameters=(*_NAMED, _ELEMENTS), repeat=True)
-def _fetch(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str) -> str:
-    _require_buffer(meter, buffer)
-    return _last(meter, elements)
-
-
-@ROWS.do("TRACe:TRIGger", _NAMED)
-def _trace(meter: KeithleyDMM6500Twin, buffer: str | None) -> Any:
-    """TRACe:TRIGger: make readings; later commands wait for them."""
-    _take(meter, buffer)
-    return once_idle(meter, lambda: None)
-
-
-@ROWS.do(
-    "TRACe:POINts",
-    (scpi.Integer(limits=scpi.Limits(10, 7_000_000)), *_NAMED),
-    query=lambda meter, _buffer: meter.points,
-    query_parameters=_NAMED,
-    reply=scpi.signed_integer,
-    reads=True,
-)
-def _resize(meter: KeithleyDMM6500Twin, points: int, buffer: str | None) -> None:
-    """TRACe:POINts: a buffer of another size begins empty."""
-    _require_buffer(meter, buffer)
-    meter.points = points
-    meter.stored.clear()
-
-
-@ROWS.do(
-    "TRACe:FILL:MODE",
-    (scpi.Choice(("CONTinuous", "ONCE")), *_NAMED),
-    query=lambda meter, _buffer: meter.fill,
-    query_parameters=_NAMED,
-    reply=str,
-    reads=True,
-)
-def _fill(meter: KeithleyDMM6500Twin, mode: str, buffer: str | None) -> None:
-    _require_buffer(meter, buffer)
-    meter.fill = mode
-
-
-@ROWS.do("TRACe:CLEar", _NAMED)
-def _clear(meter: KeithleyDMM6500Twin, buffer: str | None) -> None:
-    _require_buffer(meter, buffer)
-    meter.stored.clear()
+def _measure_digitized(meter: KeithleyDMM6500Twin, buffer: str | None = None, *elements: str, name: str) -> Any:
+    if name:
+        meter.choose_digitizing(name)
+    return reading_buffer.read_digitized(meter, buffer, *elements)
 
 
 _SECONDS = scpi.Number(
@@ -253,13 +83,19 @@ def _refuse_tsp(meter: KeithleyDMM6500Twin) -> str:
 
 
 _COMMANDS = (
-    *ROWS,
+    *reading_buffer.ROWS,
+    *digitizing_commands.ROWS,
+    *trigger_model.ROWS,
     *scpi.COMMON_COMMANDS,
     scpi.Command(
         "*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set, reads=True
     ),
     scpi.Command("TSP", do=_refuse_tsp, query=_refuse_tsp),
-    common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),  # PyMeasure's tests of a real one, QCoDeS' driver
+    # without quotation marks (PyMeasure's tests of a real one, QCoDeS' driver); NONE while one digitises (manual)
+    replace(
+        common.function_command("[SENSe:]FUNCtion[:ON]", str, _NAMES),
+        query=lambda meter: _NAMES[meter.function.name] if meter.digitizing == "NONE" else "NONE",
+    ),
     scpi.attribute(
         "[SENSe:]VOLTage[:DC]:INPutimpedance",
         scpi.Choice(("MOHM10", "AUTO")),
@@ -288,12 +124,6 @@ _COMMANDS = (
         )
     ),
     scpi.attribute("[SENSe:]VOLTage[:DC]:UNIT", scpi.Choice(("VOLT", "DB", "DBM")), "unit"),
-    scpi.attribute(
-        "[SENSe:]DIGitize:FUNCtion[:ON]",
-        scpi.Text(),
-        "digitizing",
-        convert=lambda text: text.upper().removesuffix("AGE").removesuffix("RENT"),
-    ),
     *(
         common.integration(name, f"{_FUNCTIONS[name].header}:APERture", _SECONDS, _NR3, lambda meter: 1 / meter.line_hz)
         for name in _INTEGRATING
@@ -309,24 +139,20 @@ _COMMANDS = (
         scpi.Command(
             f"MEASure:{_FUNCTIONS[name].header}",
             query=partial(_measure, name=name),
-            query_parameters=(*_NAMED, _ELEMENTS),
+            query_parameters=_OF_READINGS,
             repeat=True,
         )
         for name in _NAMES
     ),
     *(
-        scpi.Command(f"TRACe:{header}", query=query, query_parameters=_NAMED, reply=str)
-        for header, query in _OF_A_BUFFER.items()
+        scpi.Command(header, query=partial(_measure_digitized, name=name), query_parameters=_OF_READINGS, repeat=True)
+        for header, name in (
+            ("MEASure:DIGitize", ""),
+            ("MEASure:DIGitize:VOLTage", "VOLT"),
+            ("MEASure:DIGitize:CURRent", "CURR"),
+        )
     ),
-    scpi.Command("TRACe:DELete", (scpi.Text(),), do=lambda meter, name: meter.made.pop(name, None)),
-    scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
-    scpi.Command(
-        "TRIGger:STATe",
-        query=lambda meter: "IDLE;IDLE;1" if meter.triggering.sequence is None else "RUNNING;RUNNING;1",
-        reads=True,
-    ),
-    scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
-    scpi.remembered(_PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
+    scpi.remembered(reading_buffer.PRECISION[0], scpi.Integer(limits=scpi.Limits(0, 16, 0)), 0, scpi.bare_integer),
     scpi.Command("SYSTem:EVENtlog:NEXT", query=scpi.next_error),
     scpi.Command("SYSTem:ERRor:COUNt", query=lambda meter: len(meter.engine.errors), reads=True),
     scpi.Command(
@@ -344,7 +170,9 @@ _COMMANDS = (
         (scpi.Number(),),
         repeat=True,
         do=common.ignored,
-        query=lambda meter, text: _date(meter.clock.now()).ctime() if text else int(_BEGUN_S + meter.clock.now()),
+        query=lambda meter, text: (
+            reading_buffer.date(meter.clock.now()).ctime() if text else int(_BEGUN_S + meter.clock.now())
+        ),
         query_parameters=(scpi.Integer(required=False),),
         reads=True,
     ),
@@ -384,7 +212,7 @@ _COMMANDS = (
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
 
-class KeithleyDMM6500Twin(common.SimulatedKeithley):
+class KeithleyDMM6500Twin(trigger_model.ModelledMeter):
     """The meter; arguments as of the 34401A."""
 
     own_name: ClassVar = "DMM6500"
@@ -416,36 +244,16 @@ class KeithleyDMM6500Twin(common.SimulatedKeithley):
     def reset(self) -> None:
         """*RST."""
         self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in _NAMES}
-        self.samples, self.points, self.format, self.fill = 1, _BUFFER, "ASC", "CONT"
+        self.format = "ASC"
         self.formulas = {name: common.Formula() for name in ("VOLT", "RES", "FRES")}
-        self.unit, self.digitizing = "VOLT", "NONE"
-        self.stored: list[tuple[float, float]] = []
-        """Readings and the bench times at which they were made."""
-        self.made: dict[str, int] = {}
-        self.loop: tuple[int, float] | None = None
+        self.unit = "VOLT"
         super().reset()
         for name in _INTEGRATING[:-1]:  # a cycle: DEF (manual, p. 13-108; so has PyMeasure's suite the aperture)
             setup, fraction = self.setups[name], self.functions[name].fraction_of(1.0)
             setup.nplc, setup.resolution = 1.0, fraction
-
-    def forget(self) -> None:
-        """A setting changes: the measurement ends."""
-        self.triggering.abort()
-
-    def choose(self, function: Function) -> None:
-        """Go to a function that measures, which ends digitising."""
-        self.digitizing = "NONE"
-        super().choose(function)
 
     def delay_s(self) -> float:
         """Return the delay before a reading; synchronised to the line it waits for the mains' next period."""
         own = self.kept[self.function.name]
         delay_s = super().delay_s() if own.auto_delay or not self.triggering.delay_auto else 0.0
         return delay_s + (-(self.clock.now() + delay_s) % (1.0 / self.line_hz) if own.line_sync else 0.0)
-
-    def _finish_reading(self, value: float) -> float:
-        reading = super()._finish_reading(value)
-        if len(self.stored) < self.points or self.fill == "CONT":
-            self.stored.append((reading, self.clock.now()))
-            del self.stored[: -self.points]
-        return reading
