@@ -58,6 +58,25 @@ def test_fit_and_its_u_are_those_of_scipy() -> None:
     assert found.u["readings"] == pytest.approx(float(of_half @ covariance @ of_half) ** 0.5, rel=1e-3)
 
 
+@pytest.mark.parametrize("base", [-0.65, -0.21, 0.2, 0.37, 0.9])
+def test_steps_that_begin_beyond_the_band_cross_it(base: float) -> None:
+    """A generator whose ranges leave a gap cannot be set to the middle of a band of half width 0.15."""
+    sigma, half = 3e-3, 0.15
+
+    def answer(x: np.ndarray) -> np.ndarray:
+        return of_band(base + x, -0.0125, -half, half) - of_band(np.array(base), -0.0125, -half, half)
+
+    noise = -0.0125 * sigma * np.random.default_rng(8).standard_normal(BOTH.size)
+    found = fit_dead_band(BOTH, answer(BOTH) + noise, {"": (0.0125 * sigma) ** 2 * np.eye(BOTH.size)})
+    assert found.half_width == pytest.approx(half, abs=4.0 * found.u[""])
+    assert found.u[""] < 2.0 * sigma
+
+
+def test_what_no_dead_band_answers_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no dead band answers the steps so"):
+        fit_dead_band(BOTH, BOTH + 0.1 * np.sin(20.0 * BOTH), {"": 1e-6 * np.eye(BOTH.size)})
+
+
 def test_none_is_as_often_below_zero_as_above_and_u_is_its_scatter() -> None:
     draw, sigma = np.random.default_rng(6), 3e-3
     halves = [

@@ -1,15 +1,22 @@
 """Limits of the input: the dead band, in which the output shows nothing, and where it stops to follow a line."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Self
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
 
+_PARAMETERS = 3
+_DOUBTED = 4.0
+"""Chi-square so many of its standard deviations above its mean is held against other models; twice as many is refused.
+"""
+_BENT = 2e-3
+"""Part of an output by which modulator and output stage may leave a line within the steps."""
 _NEAR = 1.01
 """Ratio of two inputs between which the slope at a limit is taken: nearer, the steps of their source are seen."""
 _LEAST = 1e-3
@@ -24,11 +31,19 @@ class DeadBand(Struct, frozen=True):
     u: Mapping[str, float]
 
 
+class _Fit(Struct, frozen=True):
+    """A response to steps that was fitted: the band, and what is left of the outputs, squared over their variance."""
+
+    band: DeadBand
+    chi_square: float
+
+
 def fit_dead_band(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> DeadBand:
     """Fit steps of both signs: generalised least squares of one slope, and an edge of its own on either side.
 
     Inputs within the edges show nothing, hence say no more, and are left out. Where there is no dead band its half
-    width comes out as noise of either sign: it is no less likely to be below 0 than above.
+    width comes out as noise of either sign: it is no less likely to be below 0 than above. Where the steps do not begin
+    within the band, they cross all of it on one side: that is fitted if nothing else describes them.
 
     Args:
         x: steps of the input.
@@ -36,25 +51,68 @@ def fit_dead_band(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> De
         covariances: of `y`, by source.
 
     Raises:
-        ConfigError: too few steps lie beyond the edges.
+        ConfigError: too few steps lie beyond the edges, or no dead band answers them so.
     """
-    total, seen = np.sum(list(covariances.values()), axis=0), np.ones(x.size, dtype=bool)
+    found = _from_within(x, y, covariances)
+    dof = x.size - _PARAMETERS
+    if found.chi_square <= dof + _DOUBTED * math.sqrt(2.0 * dof):
+        return found.band
+    across = min(_from_outside(x, y, covariances), key=lambda each: each.chi_square, default=found)
+    if across.chi_square < found.chi_square - _DOUBTED**2:
+        found = across
+    if found.chi_square > dof + 2.0 * _DOUBTED * math.sqrt(2.0 * dof):
+        raise ConfigError(
+            f"no dead band answers the steps so: what is left of {x.size} outputs is "
+            f"{math.sqrt(found.chi_square / dof):.2g} times their noise"
+        )
+    return found.band
+
+
+def _from_within(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> _Fit:
+    """Return the fit of steps that begin within the band."""
+    seen = np.ones(x.size, dtype=bool)
     sides = np.stack([x > 0.0, x < 0.0], axis=1).astype(np.float64)
     while True:
         if min(np.unique(x[seen & (sign * x > 0.0)]).size for sign in (1.0, -1.0)) < 2:
             raise ConfigError("fewer than two steps to either side lie beyond the dead band: larger steps are needed")
-        terms = np.column_stack([x, -sides])[seen]
-        weighted = np.linalg.solve(total[np.ix_(seen, seen)], terms).T
-        making = np.linalg.solve(weighted @ terms, weighted)
-        slope, plus, minus = (making @ y[seen]).tolist()
+        terms = np.column_stack([x, -sides]) * seen[:, None]
+        found, (slope, plus, minus) = _fitted(terms, y, covariances, seen, (0.0, 0.5, -0.5))
         beyond = seen & (np.sign(x) * (x - sides @ np.array([plus, minus]) / slope) > 0.0)
         if (beyond == seen).all():
-            break
+            return found
         seen = beyond
-    half = 0.5 * (plus - minus) / slope
-    per = np.array([-half, 0.5, -0.5]) / slope @ making
-    u = {name: math.sqrt(float(per @ each[np.ix_(seen, seen)] @ per)) for name, each in covariances.items()}
-    return DeadBand(slope, half, u)
+
+
+def _from_outside(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> Iterator[_Fit]:
+    """Yield the fits of steps that begin beyond the band: those to one side reach it, rest in it, and leave it."""
+    for sign in (1.0, -1.0):
+        order = np.flatnonzero(sign * x < 0.0)
+        order = order[np.argsort(np.abs(x[order]))]
+        for reaches in range(1, order.size - 1):
+            for leaves in range(reaches, order.size - 1):
+                within, after = np.zeros(x.size), np.zeros(x.size)
+                within[order[reaches:leaves]], after[order[leaves:]] = -sign, sign
+                terms = np.column_stack([x * (within == 0.0), within, after])
+                columns = [0, 1, 2] if within.any() else [0, 2]  # a step may end on either side of the band alone
+                half = [0.0, 0.0, 0.5] if within.any() else [0.0, 0.5]
+                yield _fitted(terms[:, columns], y, covariances, np.ones(x.size, dtype=bool), half)[0]
+
+
+def _fitted(
+    terms: Floats, y: Floats, covariances: Mapping[str, Floats], used: NDArray[np.bool_], half: Sequence[float]
+) -> tuple[_Fit, list[float]]:
+    """Return a fit, and its coefficients: the slope, and voltages of which `half` make the band's half width."""
+    total = np.sum(list(covariances.values()), axis=0)
+    weighted = np.linalg.solve(total[np.ix_(used, used)], terms[used]).T
+    making = np.linalg.solve(weighted @ terms[used], weighted)
+    coefficients = making @ y[used]
+    slope = float(coefficients[0])
+    width = float(np.dot(half, coefficients)) / slope
+    per = (np.array(half) - width * np.eye(len(half))[0]) / slope @ making
+    u = {name: math.sqrt(float(per @ each[np.ix_(used, used)] @ per)) for name, each in covariances.items()}
+    left = y - terms @ coefficients
+    chi_square = float(left @ np.linalg.solve(total + np.diag((_BENT * y) ** 2), left))
+    return _Fit(DeadBand(slope, width, u), chi_square), coefficients.tolist()
 
 
 class Line(Struct, frozen=True):
