@@ -70,6 +70,8 @@ class MeasuredTrace:
         self._thresholds = thresholds
         self._levels_v: tuple[float, float] | None = None
         self._edges: TraceEdges | None = None
+        self._span_v = 0.0
+        """From the lower to the upper threshold of edges."""
 
     # --- voltages
 
@@ -161,6 +163,11 @@ class MeasuredTrace:
         width, period = self.positive_width(), self.period()
         return None if width is None or period is None else 100.0 * width / period
 
+    def negative_duty_cycle(self) -> float | None:
+        """Return negative width over period, percent."""
+        width, period = self.negative_width(), self.period()
+        return None if width is None or period is None else 100.0 * width / period
+
     def rise_time(self) -> float | None:
         """Return lower to upper threshold of the rising edge nearest the reference, s."""
         edge, edges = self._nearest(rising=True), self.edges()
@@ -170,6 +177,11 @@ class MeasuredTrace:
         """Return upper to lower threshold of the falling edge nearest the reference, s."""
         edge, edges = self._nearest(rising=False), self.edges()
         return None if edge is None else float(edges.lower_s[edge] - edges.upper_s[edge])
+
+    def slew_rate(self, *, rising: bool | None) -> float | None:
+        """Return the volts from threshold to threshold of the edge nearest the reference over their time, V/s."""
+        edge, edges = self._nearest(rising=rising), self.edges()
+        return None if edge is None else self._span_v / float(edges.upper_s[edge] - edges.lower_s[edge])
 
     def time_of_maximum(self) -> float | None:
         """Return when the first maximum occurs, s."""
@@ -250,6 +262,7 @@ class MeasuredTrace:
             if not limits.absolute:
                 base, top = yield from self.leveling()
                 lower, middle, upper = (base + (top - base) * each / 100.0 for each in (lower, middle, upper))
+            self._span_v = upper - lower
             places = np.zeros(0, dtype=np.int_)
             if lower < middle < upper:
                 places = yield from self._places(lambda volts, _: (volts >= upper) | (volts <= lower), middle)
@@ -316,10 +329,10 @@ class MeasuredTrace:
         edges = self.edges()
         return np.asarray(edges.middle_s[edges.rising == rising])
 
-    def _nearest(self, *, rising: bool) -> int | None:
-        """Return which edge is nearest the reference."""
+    def _nearest(self, *, rising: bool | None) -> int | None:
+        """Return which edge is nearest the reference; None is either."""
         edges = self.edges()
-        places = np.flatnonzero(edges.rising == rising)
+        places = np.flatnonzero(edges.rising | True if rising is None else edges.rising == rising)
         return int(places[np.abs(edges.middle_s[places]).argmin()]) if len(places) else None
 
     def _cycle(self) -> tuple[float, float] | None:

@@ -75,7 +75,7 @@ def _measured_of(
     return model.look(lambda: scpi.Pending.worked_out(measure()))
 
 
-def _install(
+def install(
     model: SimulatedDso7104B,
     name: str,
     sources: Sequence[str | None],
@@ -148,7 +148,7 @@ def measurement(
     return scpi.Command(
         f"MEASure:{name}",
         (declarations.OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, name, (source,), of, prepare),
+        do=lambda model, source: install(model, name, (source,), of, prepare),
         query=lambda model, source: measured(model, source, of, prepare),
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     )
@@ -166,12 +166,12 @@ def averaging(name: str, of: Callable[[MeasuredTrace, set[str]], float | None]) 
         source, given, prepare = sorted_out(words)
         return measured(model, source, lambda trace: of(trace, given), prepare)
 
-    def install(model: SimulatedDso7104B, *words: str | None) -> None:
+    def put(model: SimulatedDso7104B, *words: str | None) -> None:
         source, given, prepare = sorted_out(words)
-        _install(model, name, (source,), lambda trace: of(trace, given), prepare)
+        install(model, name, (source,), lambda trace: of(trace, given), prepare)
 
     words = (_Averaging(required=False),) * 3
-    return scpi.Command(f"MEASure:{name}", words, do=install, query=read, query_parameters=words)
+    return scpi.Command(f"MEASure:{name}", words, do=put, query=read, query_parameters=words)
 
 
 def _of_cycle(trace: MeasuredTrace, words: set[str]) -> bool:
@@ -185,7 +185,7 @@ def _pair_measurement(
     return scpi.Command(
         f"MEASure:{name}",
         (declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
-        do=lambda model, *sources: _install(model, name, sources, of, prepare),
+        do=lambda model, *sources: install(model, name, sources, of, prepare),
         query=lambda model, first, second: _measured_pair(model, first, second, of, prepare),
         query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
     )
@@ -291,7 +291,7 @@ def _define(model: SimulatedDso7104B, what: str, *values: Any) -> None:
     query_parameters=(declarations.OPTIONAL_SOURCE, declarations.OPTIONAL_SOURCE),
 )
 def _install_delay(model: SimulatedDso7104B, *sources: str | None) -> None:
-    _install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges), EDGES)
+    install(model, "DELay", sources, lambda one, two: one.delay_to(two, *model.state.measure.delay_edges), EDGES)
 
 
 MEASURE_COMMANDS = (
@@ -319,7 +319,7 @@ MEASURE_COMMANDS = (
     scpi.Command(
         "MEASure:COUNter",
         (declarations.OPTIONAL_SOURCE,),
-        do=lambda model, source: _install(model, "COUNter", (source,), MeasuredTrace.mean_frequency, EDGES),
+        do=lambda model, source: install(model, "COUNter", (source,), MeasuredTrace.mean_frequency, EDGES),
         query=counted,
         query_parameters=(declarations.OPTIONAL_SOURCE,),
     ),

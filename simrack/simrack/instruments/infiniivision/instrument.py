@@ -8,13 +8,16 @@ and sample rates are general knowledge of the data sheets.
 Beside a DSO7104B it has the voltmeter (from the record on the screen, three digits; its frequency from the counter),
 annotation, and an MSO the settings of digital channels: headers of the maker's SCPI description of the 2000 X-Series
 and of the 3000T guide. All but the voltmeter is kept and told; defaults, and that the voltmeter switched off answers
-9.9E+37, are unverified. So is what its own measurements count, and that a bit rate is one over the shortest width. Not
-simulated beside what a DSO7104B's twin leaves out: slew rate, measurements of spectra, what is on digital channels, the
-generator inside, reference waveforms, the second math trace.
+9.9E+37, are unverified. So is what its own measurements count, and that a bit rate is one over the shortest width. The
+negative duty cycle is of the 4000 X guide (p. 596), the slew rate of the M9241A's of the same series (p. 504; that a
+falling edge's is negative is unverified), ``YATX`` has the form of users' programs. Not simulated beside what a
+DSO7104B's twin leaves out: measurements of spectra, what is on digital channels, the generator inside, reference
+waveforms, the second math trace.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, ClassVar, Self
 
@@ -23,6 +26,7 @@ from msgspec.structs import replace
 
 from simrack import scpi
 from simrack.instruments.dso7104b import COMMANDS, Dso7104BTwin, ScopeErrors
+from simrack.instruments.dso7104b.declarations import OPTIONAL_SOURCE, SECONDS
 from simrack.instruments.dso7104b.installed import INVALID
 from simrack.instruments.dso7104b.kinds import KIND_7000B, ScopeKind
 from simrack.instruments.dso7104b.measurements import MeasuredTrace
@@ -30,6 +34,7 @@ from simrack.instruments.dso7104b.measuring_commands import (
     EDGES,
     averaging,
     counted,
+    install,
     measured,
     measurement,
 )
@@ -120,7 +125,31 @@ def _area_v_s(trace: MeasuredTrace, words: set[str]) -> float | None:
     return None if mean_v is None or lasts_s is None else mean_v * lasts_s
 
 
+_SLOPES = {"RIS": True, "FALL": False, "EITH": None}
+
+
+def _slew(slope: str | None) -> Callable[[MeasuredTrace], float | None]:
+    return partial(MeasuredTrace.slew_rate, rising=_SLOPES[slope or "RIS"])
+
+
+_SLEW = (OPTIONAL_SOURCE, scpi.Choice(("RISing", "FALLing", "EITHer"), required=False))
+_AT = (SECONDS, OPTIONAL_SOURCE)
 _MEASUREMENTS = (
+    measurement("NDUTy", MeasuredTrace.negative_duty_cycle, EDGES),
+    scpi.Command(
+        "MEASure:SLEWrate",
+        _SLEW,
+        do=lambda model, source, slope: install(model, "SLEWrate", (source,), _slew(slope), EDGES),
+        query=lambda model, source, slope: measured(model, source, _slew(slope), EDGES),
+        query_parameters=_SLEW,
+    ),
+    scpi.Command(
+        "MEASure:YATX",
+        _AT,
+        do=lambda model, at_s, source: install(model, "YATX", (source,), lambda trace: trace.voltage_at(at_s)),
+        query=lambda model, at_s, source: measured(model, source, lambda trace: trace.voltage_at(at_s)),
+        query_parameters=_AT,
+    ),
     averaging("AREa", _area_v_s),
     measurement("BRATe", _bit_rate_hz, EDGES),
     measurement("BWIDth", _burst_s, EDGES),

@@ -77,6 +77,10 @@ def test_a_dso_has_no_digital_channels(header: str) -> None:
         ("BWID", 4.0 / F),
         ("ARE", 0.1 * 5 / F),
         ("ARE? CYCL,CHAN1", 0.1 / F),
+        ("NDUT", 50.0),
+        ("SLEW", 0.8 * 3.0 * F * math.pi / math.asin(0.8)),
+        ("SLEW? CHAN1,FALL", -0.8 * 3.0 * F * math.pi / math.asin(0.8)),
+        (f"YATX? {0.25 / F:.6e},CHAN1", 1.6),
     ],
 )
 def test_its_own_measurements_count_and_integrate_what_is_on_the_screen(header: str, expected: float) -> None:
