@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from shutil import copytree, rmtree
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,7 @@ from tests.test_resume import cut
 from tests.test_streams import FAULTS, LEFT_ALONE, TABLE
 from vcfbench.archive.lot import spread_of
 from vcfbench.archive.verified import verify_run
-from vcfbench.errors import BenchError, ConfigError
+from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
@@ -25,7 +26,10 @@ from vcfbench.runs.conduct import conduct
 from vcfbench.runs.request import Request, prepare
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
+from vcfbench.sim.simulation import physical_parameters
+from vcfbench.station.file import embedded_text
 from vcfbench.station.writing import bench_text
+from vcfbench.testing import serve_simulated
 from vcfbench.values.sources import TABLE_RATE
 
 if TYPE_CHECKING:
@@ -56,6 +60,13 @@ def several(count: int = 3, profile: str = "vn100", **more: Any) -> BenchDescrip
         ],
     }
     return checked_bench(values | more, "several.toml")
+
+
+def meters() -> BenchDescription:
+    """Return the paper's bench with two gyroscopes, a multimeter on each."""
+    gain = {"simulation": {"override": {"output_stage": {"gain": 9.0}}}}
+    device = [{"name": "A", "resource": "GPIB0::22::INSTR"}, {"name": "B", "resource": "GPIB0::23::INSTR", **gain}]
+    return checked_bench(tomllib.loads(embedded_text("paper")) | {"device": device}, "meters.toml")
 
 
 def with_fault(device: int, fault: dict[str, float], at_s: float) -> Any:
@@ -320,3 +331,28 @@ def test_the_command_shows_a_sheet_and_the_record_of_each(tmp_path: Path) -> Non
     assert len([line for line in found.stdout.splitlines() if line.startswith(("A: ", "B: ", "C: "))]) == 3
     refused = warm.run(["vcfbench", "sim", "new", "x.toml", "--devices", "3"], tmp_path)
     assert "--stream PROFILE too" in refused.stderr
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("of", ["streams", "meters"])
+def test_served_devices_give_the_same_scale_factors(of: str, tmp_path: Path) -> None:
+    bench = several(2) if of == "streams" else meters()
+    here = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+    with serve_simulated(bench, seed=1) as lab:
+        there = vcfbench.run("turntable", lab.on_wires(), settings=QUICK, runs=tmp_path)
+    for one, other in zip(here.devices, there.devices, strict=True):
+        k, k_there = (each.values["scale_factor"] for each in (one, other))
+        assert abs((k.value or 0.0) - (k_there.value or 0.0)) < (k.u95 or 0.0)
+
+
+def test_multimeters_of_each_device_read_at_the_same_time(tmp_path: Path) -> None:
+    bench = meters()
+    run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+    assert (run.bench_seconds or 0.0) < 40.0
+    one, other = (each.values["scale_factor"].value or 0.0 for each in run.devices)
+    assert other / one == pytest.approx(9.0 / physical_parameters(bench).output_stage.gain, rel=2e-3)
+    assert all(verify_run(str(each.directory)).wrong is None for each in run.devices)
+    with pytest.raises(PlanError, match="without gaps is taken of one device"):
+        vcfbench.dry_run("zero", bench, settings={"mode": "gapless"})
+    with pytest.raises(ConfigError, match="kvc goes its own way with each device"):
+        vcfbench.dry_run("kvc", bench)

@@ -20,25 +20,26 @@ class Spread(Struct, frozen=True):
 
     `mean` has the uncertainty `u_mean`, of which `u_common` is by the instruments `owners` that all share: it is in
     each value and in the mean, and cancels in differences. `spread` is the standard deviation of the devices (n - 1),
-    None of one, `u_own` what of it their measurement makes by itself.
+    `u_own` the part of it by their measurement. `unit` is `factor` times that of the numbers.
     """
 
     unit: str
+    factor: float
     devices: int
     mean: float
     u_mean: float
     u_common: float
     u_own: float
-    spread: float | None
+    spread: float
     owners: tuple[str, ...]
 
     def describe(self) -> str:
         """Say it in a few lines, in ppm of the mean."""
         ppm = 1e6 / abs(self.mean) if self.mean else math.nan
-        said = [f"Scale factor of {self.devices} devices: mean {shorthand(self.mean, self.u_mean)} {self.unit}."]
-        if self.spread is not None:
-            own = f"of it {ppm * self.u_own:.3g} ppm by the measurement of each"
-            said.append(f"Standard deviation {ppm * self.spread:.3g} ppm, {own}.")
+        mean = shorthand(self.factor * self.mean, abs(self.factor) * self.u_mean)
+        said = [f"Scale factor of {self.devices} devices: mean {mean} {self.unit}."]
+        own = f"of it {ppm * self.u_own:.3g} ppm by the measurement of each"
+        said.append(f"Standard deviation {ppm * self.spread:.3g} ppm, {own}.")
         if self.owners:
             common = f"u {ppm * self.u_common:.3g} ppm of each value and of the mean, none of their differences"
             said.append(f"Common to all: {', '.join(self.owners)}: {common}.")
@@ -54,8 +55,10 @@ def spread_of(runs: Sequence[Run]) -> Spread | None:
     values = [value.value or 0.0 for _, value in found]
     variances = [(value.u or 0.0) ** 2 for _, value in found]
     common, n = mean(each for each, _ in shared), len(found)
+    named = found[0][1].named
     return Spread(
-        unit=found[0][1].unit,
+        unit=named.unit,
+        factor=named.factor,
         devices=n,
         mean=mean(values),
         u_mean=math.sqrt((mean(variances) + (n - 1) * common) / n),

@@ -163,6 +163,16 @@ def on_wires(description: BenchDescription, resources: Mapping[str, str], contro
         resources: resource string of each role.
         control: host and port of the control port.
     """
+    if description.several:
+        parts = []
+        common = {role: where for role, where in resources.items() if not role.startswith("multimeter")}
+        for number, each in enumerate(description.each, 1):
+            own = next(
+                (role for role, where in description.stream_resources.items() if where == each.output_resource),
+                "multimeter" if number == 1 else f"multimeter-{number}",
+            )
+            parts.append(on_wires(each, {**common, "multimeter": resources[own]}, control))
+        return parts[0].with_devices(description.several, parts)
     roles = {role: structs.replace(getattr(description, role), resource=where) for role, where in resources.items()}
     for role, where in resources.items():  # a simulated serial line needs no pauses, and they would shift the readings
         if where.startswith("ASRL"):

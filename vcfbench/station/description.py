@@ -5,6 +5,7 @@ must decide itself (resources, limits, latitude) has no default. Every role may 
 Settings of procedures are those of their own classes (:mod:`vcfbench.station.settings`).
 """
 
+from collections.abc import Sequence
 from datetime import date
 from operator import index
 from typing import Annotated, Any, Literal, Self
@@ -353,6 +354,14 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         own = next(each for each in self.devices or () if each.name == name)
         kept = {key: getattr(own, key) for key in own.__struct_fields__ if key != "name"}
         return replace(self, **kept, devices=UNSET)
+
+    def with_devices(self, names: Sequence[str], of: Sequence[Self]) -> Self:
+        """Return the bench with several gyroscopes, each on a bench `of` its own; the first is this one."""
+        kept = [key for key in Device.__struct_fields__ if key != "name"]
+        both = zip(names, of, strict=True)
+        return replace(
+            self, devices=tuple(Device(name=name, **{key: getattr(own, key) for key in kept}) for name, own in both)
+        )
 
     @property
     def each(self) -> tuple[Self, ...]:

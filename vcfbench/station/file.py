@@ -11,7 +11,7 @@ from vcfbench.drivers.rate_table.dialect import TableSettings, spoken
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml, read_text, shown
 from vcfbench.station.consistency import invalid_values, shared_wires
-from vcfbench.station.description import BenchDescription, Device
+from vcfbench.station.description import BenchDescription
 from vcfbench.station.layering import merged
 from vcfbench.station.stream_profiles import with_stream
 from vcfbench.strict import converted, refusal, unknown_key, words
@@ -121,9 +121,7 @@ def _with_devices(
             at = {"resource": table["resource"]}
             own = merged(own, {"gyro": {"stream": at}} if is_stream else {"multimeter": at})
         found[name] = checked_bench(merged(common, own), f"{where} ({name})", *checks, folder=folder)
-    fields = [key for key in Device.__struct_fields__ if key != "name"]
-    devices = tuple(Device(name=name, **{key: getattr(each, key) for key in fields}) for name, each in found.items())
-    description = replace(next(iter(found.values())), devices=devices)
+    description = next(iter(found.values())).with_devices([*found], [*found.values()])
     for invalid_value in shared_wires(description):
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
     return description

@@ -11,7 +11,7 @@ from msgspec import Struct, field
 
 from vcfbench.errors import BenchError, PlanError
 from vcfbench.steps.each import DeviceEnded, EachOf, EachResult, EndedStep
-from vcfbench.steps.meter import Acquire, LookAtOutput
+from vcfbench.steps.meter import Acquire, AcquireGapless, LookAtOutput
 from vcfbench.steps.no_result import as_bench_error
 from vcfbench.steps.step import Plan, Step, StepResult, abandon
 from vcfbench.steps.stream import LookAtStream
@@ -175,4 +175,9 @@ def _step_of(of: list[_Part]) -> Step:
     asked = {each.name: each.asked for each in of}
     first = next(iter(asked.values()))
     assert first is not None  # noqa: S101  # only those that ask are here
+    if isinstance(first, AcquireGapless):
+        raise PlanError(
+            "a record without gaps is taken of one device at a time",
+            hint="mode = corrected, or a bench file for each device alone",
+        )
     return EachOf(type(first).__name__, asked) if isinstance(first, OF_EACH) else first
