@@ -88,8 +88,8 @@ def _from_outside(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> It
     for sign in (1.0, -1.0):
         order = np.flatnonzero(sign * x < 0.0)
         order = order[np.argsort(np.abs(x[order]))]
-        for reaches in range(1, order.size - 1):
-            for leaves in range(reaches, order.size - 1):
+        for reaches in range(1, order.size):
+            for leaves in range(reaches, order.size):
                 within, after = np.zeros(x.size), np.zeros(x.size)
                 within[order[reaches:leaves]], after[order[leaves:]] = -sign, sign
                 terms = np.column_stack([x * (within == 0.0), within, after])
