@@ -14,6 +14,9 @@ from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.null_comparison.plan import nulled
+from vcfbench.procedures.virtual_coriolis.plan import _match
+from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
+from vcfbench.records.schema import Point
 from vcfbench.station.file import embedded_text
 from vcfbench.steps import Acquire, Window
 
@@ -54,3 +57,32 @@ def test_an_output_that_does_not_answer_to_v_vc_is_not() -> None:
     for seed in range(20):
         with pytest.raises(MeasurementError):
             matched(seed, 0.01, answers=0.0)
+
+
+def stepped(seed: int) -> float:
+    """Match in step 2 with a generator whose range changes near the match; return what is left over the span."""
+    rng, settings = np.random.default_rng(seed), VirtualCoriolisSettings(station=SETTINGS.station)
+    end_v = settings.match_rate_deg_s / settings.k_vc_guess_deg_s_per_v * rng.uniform(0.95, 1.05)
+    gain, true_k_vc = 1.0 + rng.uniform(-0.02, 0.02, 2), settings.k_vc_guess_deg_s_per_v * rng.uniform(0.97, 1.03)
+
+    def taken(step: int, rate_deg_s: float, v_vc_v: float) -> Point:
+        arrives_deg_s = rate_deg_s + true_k_vc * v_vc_v * gain[int(v_vc_v > end_v)]
+        return Point(step, rate_deg_s, v_vc_v, 0.0125 * arrives_deg_s + 2e-6 * rng.standard_normal(), 6e-6, 10)
+
+    plan = _match(settings, [taken(1, rate, 0.0) for rate in (0.0, settings.match_rate_deg_s)])
+    result: Any = None
+    while True:
+        try:
+            step = plan.send(result)
+        except StopIteration as ended:
+            matching = ended.value[1]
+            return float(abs(matching.residual_v / matching.span_v))
+        result = step.predict(settings.expected_gyro())
+        if isinstance(step, Acquire) and isinstance(result, Window):
+            result = structs.replace(result, point=taken(2, 0.0, step.v_vc_v))
+
+
+def test_a_range_of_the_generator_that_ends_near_the_match_is_left_or_the_nearer_end_is_used() -> None:
+    left = [stepped(seed) for seed in range(100)]
+    assert max(left) < 0.1
+    assert sum(each < 5e-4 for each in left) > 80

@@ -125,11 +125,13 @@ class Matching(Struct, frozen=True):
         The chord, not the secant through the last two tries: those lie within each other's noise once the outputs are
         equal. MeasurementError: the output does not answer to V_Vc.
         """
-        best = self.best
-        answer_v, level_v = best.output_v - self.zero_virtual.output_v, best.v_vc_v - self.zero_virtual.v_vc_v
-        if level_v == 0.0 or abs(answer_v) <= max(3.0 * best.u_output_v, 1e-3 * abs(self.span_v)):
+        return self._slope_to(self.best)
+
+    def _slope_to(self, attempt: Mean) -> float:
+        answer_v, level_v = attempt.output_v - self.zero_virtual.output_v, attempt.v_vc_v - self.zero_virtual.v_vc_v
+        if level_v == 0.0 or abs(answer_v) <= max(3.0 * attempt.u_output_v, 1e-3 * abs(self.span_v)):
             raise MeasurementError(
-                f"the output does not answer to V_Vc: {answer_v:+.4g} V for {best.v_vc_v:.6g} V",
+                f"the output does not answer to V_Vc: {answer_v:+.4g} V for {attempt.v_vc_v:.6g} V",
                 instrument="rate_source",
                 step="2",
                 hint="check the V_Vc lead and the generator's output",
@@ -140,6 +142,12 @@ class Matching(Struct, frozen=True):
     def v_vc_equal_v(self) -> float:
         """V_Vc at equal outputs, interpolated along the chord from the best try, V."""
         return self.best.v_vc_v - self.residual_v / self.slope
+
+    @property
+    def next_v(self) -> float:
+        """V_Vc to be tried next, V: along the chord of the last try, which is on the range that a generator has now."""
+        last = self.tries[-1]
+        return last.v_vc_v - (last.output_v - self.target_v) / self._slope_to(last)
 
     @property
     def level_v(self) -> float:

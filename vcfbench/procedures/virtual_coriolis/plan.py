@@ -75,7 +75,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
         matching = Matching.of([*table, *points], settings.match, settings.match_rate_deg_s)
         if number > 0 and matching.equal():  # one lucky guess proves nothing
             break
-        v_vc_v = matching.v_vc_equal_v
+        v_vc_v = matching.next_v
     if not matching.usable():
         raise MeasurementError(
             f"the output does not reach the output of step 1: {matching.residual_v:+.4g} V left after "
