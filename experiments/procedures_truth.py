@@ -668,7 +668,12 @@ def _rate_limits(
             low, high = (low, middle) if lacks > 0.01 else (middle, high)
         each, truth = getattr(found, name), sign * low * (1.0 if by == "table" else per_input / slope)
         if each.limit is None:
-            yield Stated(f"{name} bound, below the limit", abs(truth), abs(each.at_least_deg_s))
+            reached = abs(truth)
+            if by != "table":  # the generator's last range makes of its 10 V what it does
+                of_source: Any = bench.simulation.errors.rate_source
+                last = of_source["ranges"][-1]
+                reached *= 1.0 + last["gain_error"] + sign * last["offset_error_v"] / most
+            yield Stated(f"{name} bound, below the limit", reached, abs(each.at_least_deg_s))
             continue
         yield from stated(f"{name} limit", each.limit, truth)
         yield from stated(f"after beyond less before, {name}", each.comes_back, 0.0)

@@ -107,7 +107,7 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
 
 
 class RateLimit(Struct, frozen=True):
-    """Limit of one sign, or the bound where the bench ended before it.
+    """Limit of one sign, or the bound where the bench ended before it: the largest rate, less its U95.
 
     `at` is the input of either, V_Vc in V or deg/s. `clipped` is the output beyond, `rises_beyond` its slope there over
     the line's, `comes_back` the output at the small rate afterwards less that before.
@@ -244,7 +244,11 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried], of_line)
     if found is None:
         most = max(inputs, key=abs)
-        return RateLimit(None, line.slope * most / slope, most)
+        of_slope = dict(enumerate(line.weights(most, 0.0)))
+        noise = noise_v(settings, windows, of_slope, points[: len(CHOPPED)])
+        parts = [*noise, *_of_inputs(settings, Limit(most, 0.0, 0, 1.0, 1.0), line)]
+        reached = as_rate(measurand(line.slope * most, "V", parts), slope, 0.0 if settings.by_table else scale.u)
+        return RateLimit(None, math.copysign(max(abs(reached.value) - reached.u95, 0.0), reached.value), most)
     # An error of the output moves the line's output at the limit by itself over how fast the output leaves the line
     weights = {each: -weight for each, weight in enumerate(line.weights(found.at, settings.may_lack))}
     noise = noise_v(settings, windows, {**weights, tried[found.first]: 1.0}, points[: len(CHOPPED)])
