@@ -157,7 +157,7 @@ def test_an_entry_is_withdrawn_with_a_reason_and_the_history_says_it(store: Devi
     assert ": the leads were swapped" in shown
     answer = json.loads(call("G-1", *where, "--json").stdout)
     assert {each["entry"]: each["counts"] for each in answer["entries"]} == {"0001": True, "0002": False, "0003": False}
-    for words, wanted in ((("G-1",), "expected a reason"), ((), "SERIAL: expected the serial number of the device")):
+    for words, wanted in ((("G-1",), "expected a reason"), ((), "SERIAL: give the serial number of the device")):
         refused = call(*words, *where, "--withdraw", "0001")
         assert refused.exit_code == 2
         assert wanted in refused.stderr

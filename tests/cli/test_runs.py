@@ -230,7 +230,7 @@ def test_what_is_stored_is_shown_only_if_it_is_of_these_points(
 
 def test_a_record_without_name_is_not_the_only_one(station: Station) -> None:
     call("run", "turntable", "--quiet")
-    assert "got nothing" in str(call("runs", "show", "").exception)
+    assert "expected the name of a run" in str(call("runs", "show", "").exception)
     assert station.opened
 
 

@@ -15,7 +15,7 @@ from vcfbench.validation.article import article as made
 def article(
     seed: Annotated[int, option(None, "Seed of the simulated bench.", min=0)] = 1,
     output: Annotated[
-        Path | None, output_option("Where the document goes: .html, .pdf or .md; without it none is written.")
+        Path | None, output_option("File of the document: .html, .pdf or .md; without it no document is written.")
     ] = None,
     *,
     json: Json_ = False,

@@ -64,7 +64,7 @@ def discover(
             unasked = f"{port.port}: {port.description}, not asked (--probe-serial asks)"
             typer.echo(unasked if port.found is None else _answer_line(port.found))
         if not (found.resources or found.tried or found.serial_ports):
-            typer.echo("nothing found: no VISA resource, no serial port")
+            typer.echo("found no VISA resource and no serial port")
         if stanza.strip():
             typer.echo("\n# for a bench file (vcfbench bench show --template has the rest):\n")
             typer.echo(stanza.rstrip())

@@ -54,7 +54,7 @@ def new(
     *,
     timeout: options.AnswerTime_ = 1.0,
     probe_serial: options.ProbeSerial_ = False,
-    yes: Annotated[bool, flag("Ask nothing: use what is found and proposed.", "--yes", "-y")] = False,
+    yes: Annotated[bool, flag("No questions: use the instruments found and the proposals.", "--yes", "-y")] = False,
     trace: options.Trace_ = None,
 ) -> None:
     """Make the bench file of a station: find the instruments, ask for limits and latitude, write the file.
@@ -86,13 +86,13 @@ def new(
             if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
                 _ask_for(key, words, draft)
     elif LATITUDE not in given:  # 0, the equator, would be a wrong Earth's rate that nobody sees
-        raise ConfigError(f"{LATITUDE}: expected the latitude of the bench, got none", hint=f"--set {LATITUDE}=48.1")
+        raise ConfigError(f"{LATITUDE}: expected the latitude of the bench", hint=f"--set {LATITUDE}=48.1")
     text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
     parse_bench(text, str(file))
     written_anew(file, text)
     typer.echo(f"{file} is written; next: vcfbench bench check --bench {file}")
     unseen = "[limits], [wiring] and [site]" if yes else "[wiring]"
-    typer.echo(f"nobody has looked at its {unseen}: do, before anything moves", err=True)
+    typer.echo(f"check its {unseen} before anything moves", err=True)
 
 
 def _found(
@@ -160,5 +160,5 @@ def _answer(words: str, proposed: str | None, choices: list[str] | None = None) 
     try:
         return str(Prompt.ask(words, console=Console(stderr=True), choices=choices, default=default))
     except EOFError:
-        what = "the answers ended before the questions; nothing was written"
-        raise ConfigError(what, hint="--yes takes the proposals") from None
+        what = "the input ended before the last question; no file was written"
+        raise ConfigError(what, hint="--yes accepts the proposals") from None

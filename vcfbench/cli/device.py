@@ -96,7 +96,7 @@ def device(
     """Show certificates, self-calibrations, static records and runs of a gyroscope, oldest first."""
     if add is not None:
         if serial is not None:
-            raise ConfigError(f"SERIAL: expected none with --add, got {serial!r}: the record says whose it is")
+            raise ConfigError(f"SERIAL: leave {serial!r} out with --add: the record has the serial number")
         typer.echo(keep_of_device(add, runs, devices).path)
         return
     if withdraw is not None:
@@ -126,7 +126,7 @@ def device(
 def _withdraw(store: DeviceStore, serial: str | None, entry: str, reason: str, by: str | None) -> Path:
     """Withdraw an entry and return the file that says so."""
     if serial is None:
-        raise ConfigError("SERIAL: expected the serial number of the device, got none")
+        raise ConfigError("SERIAL: give the serial number of the device")
     return store.withdraw(serial, entry, reason=reason, by=by or logged_in()).path
 
 
@@ -217,7 +217,7 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
             last_e_n[each.procedure], kinds[each.procedure] = each.e_n, slope.kind
     known = sorted(point for points in found.values() for point in points if point[1])
     if not known:
-        raise ConfigError(f"device {serial}: no entry and no run has a scale factor, there is nothing to draw")
+        raise ConfigError(f"device {serial}: no entry and no run has a scale factor to draw")
     begun, first = known[0][0], dict[str, float]()
     for _, value, name in sorted((done, value, name) for name, points in found.items() for done, value, _ in points):
         first.setdefault(kinds[name], value)
@@ -258,7 +258,7 @@ def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:
     if json:
         print_json({"devices": serials, "failed_since": failed})
     else:
-        print_verdicts("\n".join(lines) or f"no devices in {store.root}, and none in the runs in {runs}")
+        print_verdicts("\n".join(lines) or f"no devices in {store.root} or in the runs in {runs}")
 
 
 def _failed(since: Entry) -> str:

@@ -78,7 +78,7 @@ Port_ = Annotated[
 ]
 Yes_ = Annotated[
     bool,
-    flag("Ask nothing: manual work on a real bench is done, programs that bench file or record name may run.", "--yes"),
+    flag("No questions: manual work on a real bench is done, programs named by bench file or record may run.", "--yes"),
 ]
 Trace_ = Annotated[Path | None, option("FILE", "Write every byte to and from the instruments to FILE.", "--trace")]
 Library_ = Annotated[str, option(None, "PyVISA library; @vcfbench is simulated.", "--library")]

@@ -246,7 +246,7 @@ def new_key(file: Annotated[Path, argument("FILE", "Where the private key goes; 
     """Make a key that signs records: name FILE in [laboratory] of the bench file, or in VCFBENCH_SIGNING_KEY."""
     public = signing.new_key(file)
     typer.echo(
-        f"{shown(file)}: keep it where nobody else can read it\n{shown(public)}: give it to who verifies records"
+        f"{shown(file)}: keep it where only its owner can read it\n{shown(public)}: give it to those who verify records"
     )
 
 

@@ -41,7 +41,7 @@ def safe(
     """
     if bench is None:  # a simulated bench that is safe would be said to be yours
         raise ConfigError(
-            "no bench was given, so nothing was switched off",
+            "name a bench: nothing was switched off",
             hint="vcfbench safe --bench FILE, the bench file of the station; or name it in VCFBENCH_BENCH",
         )
     description = read_bench(bench)

@@ -17,7 +17,7 @@ from vcfbench.validation.validate import write_validation
 def validate(
     bench: Annotated[Path | None, option("FILE", "Bench file of your own bench: checked too.")] = None,
     output: Annotated[
-        Path | None, output_option("Where the document goes: .html, .pdf or .md; without it none is written.")
+        Path | None, output_option("File of the document: .html, .pdf or .md; without it no document is written.")
     ] = None,
     by: Annotated[str, option("NAME", "Who validates; without it the user.")] = "",
     runs: Annotated[int, option(None, "Calibrations that are held against the truth.", min=30, max=10_000)] = RUNS,
