@@ -85,7 +85,7 @@ def test_a_check_is_of_its_revision(record: Path) -> None:
         ({"ambient_temperature_c": "23"}, "ambient_temperature_c: it cannot be amended"),
         ({"dut": "a b"}, "dut: serial number 'a b'"),
         ({"dut": "G-017"}, "dut: it is G-017 already"),
-        ({}, "expected a field to amend, got none"),
+        ({}, "name a field to amend"),
     ],
 )
 def test_what_cannot_be_amended_is_refused_by_name(changes: dict[str, str], words: str, record: Path) -> None:
@@ -114,7 +114,7 @@ def test_a_run_that_goes_on_is_running_and_neither_resumed_nor_amended(record: P
     try:
         assert (vcfbench.load_run(record).status, summary_of(RunDirectory(record)).status) == ("running", "running")
         assert [each.run for each in vcfbench.run_summaries(record.parent, status="running")] == [record.name]
-        with pytest.raises(ConfigError, match="goes on: there is nothing to resume before it ends"):
+        with pytest.raises(ConfigError, match="is still running: resume it after its end"):
             vcfbench.resume(record)
         with pytest.raises(BenchError, match="is being written: its run goes on"):
             amend_run(record, {"dut": "G-018"}, reason="label")

@@ -78,7 +78,7 @@ def test_no_common_rates_give_no_figure_but_a_run(narrow: Run) -> None:
 def test_two_devices_share_no_curve(wide: Run, narrow: Run) -> None:
     found = changed(wide, structs.replace(narrow, metadata=structs.replace(narrow.metadata, dut="H")))
     assert found.value is None
-    assert "other rates, of devices that nobody knows to be one" in found.reason
+    assert "other rates, and --dut does not say that it is one device" in found.reason
 
 
 @pytest.mark.parametrize("name", ["bias", "bias_deg_s", "nonlinearity"])

@@ -122,7 +122,7 @@ def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> 
 
 def test_what_shares_nothing_is_refused_in_words() -> None:
     nothing = Run("other", Status.COMPLETE)
-    with pytest.raises(ConfigError, match=r"share neither results nor points: own \(own\) has gain, offset_v; other"):
+    with pytest.raises(ConfigError, match=r"no common points: own \(own\) has gain, offset_v; other"):
         compare_runs(made(2.0, 0.3), nothing)
     with pytest.raises(ConfigError, match="expected 2 to 26 runs to compare, got 1"):
         compare_runs(nothing)

@@ -459,7 +459,7 @@ def _number(cell: str, where: str, head: Head) -> float:
         if "," in cell:
             meant = "a comma of thousands, or a decimal one" if _THOUSANDS.fullmatch(cell) else "a decimal comma"
             raise ConfigError(
-                f"{where}: {shown!r} has {meant}; write it with a point, or none", hint="--decimal comma, or point"
+                f"{where}: {shown!r} has {meant}; write a point, or no separator", hint="--decimal comma, or point"
             )
         two = _TWO_NUMBERS.fullmatch(cell)
         raise ConfigError(f"{where}: {shown!r} is not a number", hint=f"--separator '{two[1]}'" if two else None)

@@ -143,9 +143,7 @@ def _parted(rates: Floats) -> Iterator[Doubt]:
     above = rates > middle
     crossed = np.flatnonzero(above[1:] != above[:-1])
     if crossed.size >= _FEW:
-        words = (
-            f"nothing between readings {apart:.3g} deg/s apart, {crossed.size} times crossed: wrapped, or two states"
-        )
+        words = f"{crossed.size} jumps of {apart:.3g} deg/s without a reading between: wrapped, or two states"
         yield Doubt(int(crossed[0]) + 1, words)
 
 

@@ -246,7 +246,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     if name.unit is None or name.unit.kind is not Kind.TIME:
         raise ConfigError(
             f"{head.file}, column {name.written}: expected a unit of time in its name, got {name.unknown or 'none'}",
-            hint=f"--unit {name.written}=s, or ms, us, ns; --time none does not look at it",
+            hint=f"--unit {name.written}=s, or ms, us, ns; --time none ignores it",
         )
     return place, name.unit.factor
 
@@ -258,7 +258,7 @@ def _piece(
     try:
         pace = pace_of(numbers.values[:, 1] * unit_s)
     except ConfigError as error:
-        raise ConfigError(f"{file}: {error}", hint="--time none --rate 100 does not look at the times") from error
+        raise ConfigError(f"{file}: {error}", hint="--time none --rate 100 ignores the times") from error
     if rate_hz is not None and abs(rate_hz * pace.interval_s - 1.0) > _AGREE:
         raise ConfigError(
             f"{file}: --rate says {rate_hz:g} readings a second, the times say {1.0 / pace.interval_s:.6g}",
@@ -281,6 +281,6 @@ def _piece(
     if piece.size < _FEWEST:
         raise ConfigError(
             f"{file}: expected {_FEWEST} readings without a break in their times, got {piece.size}",
-            hint="--time none --rate 100 does not look at the times",
+            hint="--time none --rate 100 ignores the times",
         )
     return piece, pace.interval_s, pace.begin, notices

@@ -198,7 +198,7 @@ class Pair(Struct, frozen=True):
         u = math.sqrt(max(own.u**2 + own.u_instruments**2 - 2.0 * common, 0.0) + (moved.u * size) ** 2)
         u95 = t_quantile(0.05, u**4 / own.freedom if own.freedom else math.inf) * u
         if (bridge or moved.u) and 1e6 * u95 > STATED_PPM * size:
-            why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "nothing is known of the conditions' effect"
+            why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "the effect of the conditions is not known"
             return Difference(None, reason=f"{why}{': ' * bool(moved.said)}{moved.said}{bridge}")
         value = own.value - sum(part for _, part in moved.parts) * (then.value or 0.0)
         lacks = f"incomplete, without {', '.join(moved.missing)}" if moved.missing else ""
@@ -319,7 +319,7 @@ def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
             return over(both, two / one, u, "the rates of both")
     dut = {each.run.metadata.dut for each in both_runs}
     if None in dut or len(dut) > 1:
-        return "of another measurand: other rates, of devices that nobody knows to be one"
+        return "of another measurand: other rates, and --dut does not say that it is one device"
     if high - low <= 0.0:
         return "the runs have no range of rates in common"
     narrower = min(levels, key=lambda each: each[0] - each[-1])

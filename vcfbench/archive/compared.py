@@ -130,7 +130,7 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
         for run, values in zip(runs, of_each, strict=True):
             few = f"{', '.join([*values][:5])}{', ...' if len(values) > 5 else ''}" if values else "no results"
             has.append(f"{_name(run)} ({run.procedure}) has {few}")
-        raise ConfigError(f"there is nothing to compare, the runs share neither results nor points: {'; '.join(has)}")
+        raise ConfigError(f"the runs have no common results and no common points: {'; '.join(has)}")
     settings = [dict(_flat(run.header.get("settings", {}))) for run in runs]
     keys = [key for key in settings[0] if not key.startswith("station.") and key != "dut"]  # the device is equipment
     alike = [key for key in keys if all(key in each for each in settings)]

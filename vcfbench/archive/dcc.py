@@ -64,7 +64,7 @@ def dcc_of(run: Run, words: CertificateWords, document: tuple[str, bytes] | None
     stated = run.values.values()
     values = [each for each in stated if each.u95 is not None or each.form != "plus-minus"]
     if not values:
-        raise ConfigError(f"run {run.name}: a certificate needs results with uncertainties, and these have none")
+        raise ConfigError(f"run {run.name}: a certificate needs results with uncertainties; these results have no U95")
     for prefix, space in (("dcc", _DCC), ("si", _SI), ("xsi", _XSI)):
         ET.register_namespace(prefix, space)
     root = ET.Element(f"{{{_DCC}}}digitalCalibrationCertificate", {"schemaVersion": SCHEMA_VERSION})

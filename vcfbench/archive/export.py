@@ -64,7 +64,7 @@ def export_run(
     """
     where = run.directory if isinstance(run, Run) else run
     if where is None:
-        raise ConfigError("the run has no record, so there is nothing to export")
+        raise ConfigError("the run has no record to export")
     directory = directory_of(where, runs)
     if outline_of(directory.journal) is None and (damage := directory.read().damage) is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged, nothing is exported: {damage}")
