@@ -169,7 +169,7 @@ def test_a_turntable_calibration_by_hand_comes_to_its_values_and_a_record(bench:
     ),
 )
 def test_what_nobody_confirms_is_not_safe(bench: Path, tmp_path: Path, gone: str, named: str) -> None:
-    said = rf"NOT SAFE: {named} at hand://bench-2/{named}: could not be told .*nobody confirmed that it is safe"
+    said = rf"NOT SAFE: {named} at hand://bench-2/{named}: could not be told .*not confirmed as safe"
     with pytest.raises(NotSafe if named else MeasurementError, match=said if named else "gone home"):
         vcfbench.run("turntable", bench, operator=Person(gone), runs=tmp_path / "runs")
 

@@ -49,7 +49,7 @@ def test_an_age_in_between_has_the_accuracy_of_the_longer_interval() -> None:
 def test_what_a_sheet_does_not_say_is_not_made_up() -> None:
     with pytest.raises(ValueError, match=r"34401A has the ranges 0\.1, 1, 10, 100, 1000 V, not 5 V"):
         HP_34401A.accuracy_of(5.0, 1)
-    with pytest.raises(ValueError, match="at most 365 days after calibration: a 34401A promises nothing beyond"):
+    with pytest.raises(ValueError, match="at most 365 days after calibration: a 34401A has no limits beyond"):
         HP_34401A.accuracy_of(10.0, 400)
     with pytest.raises(ValueError, match=r"34461A integrates over 0\.02, 0\.2, 1, 10, 100 cycles, not 0\.06"):
         KEYSIGHT_34461A.resolution_v(10.0, 0.06)

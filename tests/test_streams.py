@@ -222,7 +222,7 @@ def test_invalid_description_names_key_value_and_expectation(change: dict[str, A
 
 def test_a_meter_beside_a_stream_is_refused() -> None:
     values = {**TABLE, "gyro": {"stream": {"resource": "x", **MINIMAL}}, "multimeter": {"model": "34401A"}}
-    with pytest.raises(ConfigError, match="multimeter: expected none beside"):
+    with pytest.raises(ConfigError, match="multimeter: remove it"):
         checked_bench(values, "stream.toml")
 
 

@@ -107,7 +107,7 @@ class ZaberDialect(TableDialect):
 
     def __init__(self, settings: TableSettings) -> None:
         if settings.steps_per_deg is None:
-            raise ConfigError("rate_table.steps_per_deg: expected the stage's microsteps per degree, got nothing")
+            raise ConfigError("rate_table.steps_per_deg: give the stage's microsteps per degree")
         self.steps_per_deg = settings.steps_per_deg
         self.axis = settings.axis
         self._number = -1

@@ -166,7 +166,7 @@ def script_of(table: Mapping[str, Any]) -> FaultScript:
     """Return the script that a table ``seed = 3``, ``[[fault]]`` describes; ValueError says which entry is none."""
     seed, entries = table.get("seed", 0), table.get("fault", [])
     if set(table) - {"seed", "fault"} or type(seed) is not int or not isinstance(entries, list):
-        raise ValueError("expected seed and [[fault]] and nothing else")
+        raise ValueError("expected only seed and [[fault]]")
     return FaultScript(tuple(_fault(entry, number) for number, entry in enumerate(entries, start=1)), seed)
 
 

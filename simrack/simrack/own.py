@@ -199,7 +199,7 @@ def _usual(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return ",".join(map(_usual, value))
     if value is None:
-        raise TypeError("it returned None where an answer is due")
+        raise TypeError("it returned None instead of an answer")
     return str(value) if isinstance(value, int) else value
 
 

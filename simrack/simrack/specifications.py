@@ -71,7 +71,7 @@ class VoltmeterSpecification(Struct, frozen=True):
 
     def beyond(self, range_v: float) -> str:
         """Say up to which age something is promised of a range."""
-        return f"at most {max(self.accuracy[range_v])} days after calibration: a {self.model} promises nothing beyond"
+        return f"at most {max(self.accuracy[range_v])} days after calibration: a {self.model} has no limits beyond"
 
     def standard_deviation(self, range_v: float, age_days: float) -> Accuracy:
         """Return the standard uncertainties of reading and range that the limits stand for, as parts of both.

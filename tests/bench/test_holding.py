@@ -50,7 +50,7 @@ ENDS = {
     "the script ends": ("", 0),
     "it leaves": ("sys.exit(7)", 7),
     "it is terminated": ("os.kill(os.getpid(), signal.SIGTERM)\nraise ValueError('too late')", 4),
-    "nothing referred to it any more": ("bench = None\nprint('went on', flush=True)", 0),
+    "its last reference is gone": ("bench = None\nprint('went on', flush=True)", 0),
 }
 
 
@@ -126,7 +126,7 @@ def test_unreferenced_bench_is_made_safe_with_warnings_as_errors(
     with pytest.raises(ResourceWarning, match="<Bench paper, open> was never closed"):
         bench.__del__()
     assert holding.closed
-    assert "still open when nothing referred to it any more; it was made safe" in capsys.readouterr().err
+    assert "still open when its last reference is gone; it was made safe" in capsys.readouterr().err
 
 
 def test_closing_raises_what_is_not_safe_and_does_so_once() -> None:

@@ -34,7 +34,9 @@ def test_what_is_needed_and_not_there_is_said() -> None:
         needed_roles(PAPER, {"chamber"})
     with pytest.raises(ConfigError, match=r"^chamber: "):
         needed_roles(PAPER, ["power", "chamber"])
-    words = "^multimeter: it was not opened, for nothing said that it is needed of bench paper; name it in the `needs`"
+    words = (
+        "^multimeter: it was not opened, because the procedure does not name it: bench paper; name it in the `needs`"
+    )
     with pytest.raises(ConfigError, match=words):
         raise absent("multimeter", PAPER)
 

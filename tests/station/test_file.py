@@ -338,7 +338,7 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("wiring", "rails", "positive"), "N25V", "wiring.rails.positive: expected 'P6V' or 'P25V'"),
         (("wiring", "rails", "positive"), "P6V", "procedure.positive_rail_v: expected at most 6.18 V"),
         (("wiring", "rails", "negative"), "P25V", "wiring.rails.negative: expected 'N25V'"),
-        (("wiring", "oscilloscope", "channel_1"), "sense", "wiring.oscilloscope: expected a channel that sees 'drive'"),
+        (("wiring", "oscilloscope", "channel_1"), "sense", "wiring.oscilloscope: expected a channel on 'drive'"),
         (("procedure", "nplc"), 100, "procedure.sample_interval_s: expected at least 4 s"),
         (("procedure", "drive", "phase_deg"), [5, 5], "procedure.drive.phase_deg: expected a window [low, high]"),
         (("procedure", *VC, "match_rate_deg_s"), 0.05, "procedure.virtual-coriolis.match_rate_deg_s: expected"),

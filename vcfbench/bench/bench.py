@@ -177,7 +177,7 @@ class Bench(Struct, frozen=True, eq=False):
                 words = f"{self!r} was never closed; it is made safe now"
                 warnings.warn(words, ResourceWarning, stacklevel=2, source=self)
             finally:  # a warning may be an error
-                self.holding.abandon("nothing referred to it any more")
+                self.holding.abandon("its last reference is gone")
 
 
 class _SeenBench(Bench, frozen=True, eq=False):
@@ -280,7 +280,7 @@ def open_bench(
         watch.end()
     except BaseException as error:
         if isinstance(error, BenchError) and (left := _left_by(stand)):
-            died = f"{', '.join(sorted(set(left.values())))} died with this bench and nothing made it safe"
+            died = f"{', '.join(sorted(set(left.values())))} died with this bench, which stayed live"
             error.hint = f"{error.hint}; {died}" if error.hint else died
         holding.leave(error)
         raise
@@ -294,8 +294,8 @@ def _without_watchdog(description: BenchDescription, stops: StopSignals, why: st
         return
     with suppress(OSError, ValueError, AttributeError):  # nobody may be there to read it
         sys.stderr.write(
-            f"vcfbench: {why} of bench {description.name}; its bench file says go on: "
-            "nobody makes it safe if this program dies too\n"
+            f"vcfbench: {why} of bench {description.name}; it goes on as its bench file says: "
+            "if this program dies too, the bench stays live\n"
         )
         sys.stderr.flush()
 

@@ -56,7 +56,7 @@ class Console:
         """
         self._signals.safe_point()
         if not (message.isascii() and message.isprintable()):
-            raise ConfigError(f"{message!r} has characters that instruments do not know; nothing was sent")
+            raise ConfigError(f"{message!r} has characters beyond ASCII; nothing was sent")
         # the header of a question ends in '?'; in the tables' own languages that tells nothing
         header = "".join(message.split(maxsplit=1)[:1])
         asks = header.endswith("?") and ";" not in message and not isinstance(self._plain, PlainLine)

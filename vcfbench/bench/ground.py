@@ -162,7 +162,7 @@ def _adjust(bench: SimulatedBench, name: str, value: Any) -> None:
     known = adjustments_of(bench.world, bench.devices)
     change = known[name].write if name in known else None
     if change is None:
-        raise ConfigError(f"{name}: the simulated bench has nothing of that name that hands could change")
+        raise ConfigError(f"{name}: the simulated bench has no such quantity to change by hand")
     try:
         change(value)
     except ValueError as error:

@@ -33,7 +33,7 @@ class E36312A(E3631A):
         Left("OUTP:PAIR", "OFF", "OUTPut subsystem: never two outputs as one"),
         Left("OUTP:TRAC", "OFF", "OUTPut subsystem"),
         Left("OUTP:COUP:CHAN", "NONE", "OUTPut subsystem: coupled outputs are switched together"),
-        Left("OUTP:DEL:RISE", "0,(@1,2,3)", "OUTPut subsystem: until then it is on and gives nothing"),
+        Left("OUTP:DEL:RISE", "0,(@1,2,3)", "OUTPut subsystem: until then it is on without output"),
         Left("OUTP:DEL:FALL", "0,(@1,2,3)", "OUTPut subsystem"),
         Left("VOLT:SENS", "INT,(@1,2,3)", "SOURce subsystem: not at open sense terminals"),
         # The current limit that is set regulates; levels above a protection's would trip it
@@ -64,7 +64,7 @@ class E36312A(E3631A):
         self._session.write(f"OUTP ON,(@{','.join(map(str, numbers))})")
         others = [output for output, on in self._states(None).items() if on and output not in self._configured]
         if others:
-            what = f"{' and '.join(others)} came on though nobody asked for it"
+            what = f"{' and '.join(others)} came on without a command"
             raise self._error(InstrumentError, what, command=self.switch_question)
 
     def _verify_switch(self, wanted: str) -> None:

@@ -120,11 +120,11 @@ class _ByHand:
         try:
             said = self._confirmed()
         except BenchError as error:
-            return SafeReport(self.name, self.resource, safe=False, detail=f"nobody confirmed that it is safe: {error}")
+            return SafeReport(self.name, self.resource, safe=False, detail=f"not confirmed as safe: {error}")
         return SafeReport(self.name, self.resource, safe=True, detail=said)
 
     def _confirmed(self) -> str:
-        return "read by hand, it drives nothing"
+        return "read by hand, it has no output"
 
     def close(self) -> None:
         """Ask nobody any more."""

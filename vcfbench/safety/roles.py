@@ -61,7 +61,7 @@ def absent(role: str, description: BenchDescription) -> ConfigError:
         what = f"bench {description.name} has none"
         return ConfigError(what, instrument=role, hint=f"its bench file needs a table [{role}]")
     return ConfigError(
-        f"it was not opened, for nothing said that it is needed of bench {description.name}",
+        f"it was not opened, because the procedure does not name it: bench {description.name}",
         instrument=role,
         hint="name it in the `needs` of the procedure, or of open_bench",
     )

@@ -49,7 +49,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
         yield InvalidValue("gyro.ratiometric", expected, description.gyro.ratiometric)
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if wiring.oscilloscope.channel_of(node) is None:
-            yield InvalidValue("wiring.oscilloscope", f"a channel that sees {node!r}, for the start-up check", None)
+            yield InvalidValue("wiring.oscilloscope", f"a channel on {node!r}, for the start-up check", None)
     yield from turned_windows(description.expected, "expected")
     yield from turned_windows(description.acceptance, "acceptance")
     yield from _served(description)
@@ -111,7 +111,7 @@ def _stream(description: BenchDescription) -> Iterator[InvalidValue]:
         return
     for role in ("rate_source", "v_vc_meter", "vibration_source"):
         if getattr(description, role) is not None:
-            yield InvalidValue(role, "none beside [gyro.stream]: such a device has no input for V_Vc", role)
+            yield InvalidValue(role, "no such table with [gyro.stream]: the device has no input for V_Vc", role)
     for key, expected, came in description.stream.contradictions():
         yield InvalidValue(f"gyro.stream.{key}", expected, came)
 

@@ -391,7 +391,7 @@ def with_certificate(part: MultimeterRole, role: str, source: str, folder: Path)
     found = read_meter_dcc(folder / str(part.calibration_dcc))
     where = f"{source}: {role}"
     if part.calibration:
-        raise refusal(f"{where}.calibration", "nothing beside calibration_dcc, which holds the table", "one more")
+        raise refusal(f"{where}.calibration", "no such table with calibration_dcc, which has it", "one more")
     _require_same(found, part, where)
     beside = (("certificate", part.certificate, found.number), ("calibrated", part.calibrated, found.calibrated))
     for key, stated, own in beside:

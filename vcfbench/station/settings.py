@@ -255,7 +255,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         """
         channel = None if self.oscilloscope is None else self.oscilloscope.channel_of(node)
         if channel is None:
-            raise ConfigError(f"wiring.oscilloscope: expected a channel that sees {node!r}, got none")
+            raise ConfigError(f"wiring.oscilloscope: expected a channel on {node!r}, got none")
         return channel
 
 

@@ -34,7 +34,7 @@ def with_stream(values: Mapping[str, Any], source: str, folder: Path) -> Mapping
     meter = {"model": "stream", "resource": stated.get("resource"), "timeout_s": stated.get("timeout_s", 2.0)}
     beside = values.get("multimeter", meter)
     if not isinstance(beside, Mapping) or beside.get("model") != "stream":
-        raise ConfigError(f"{source}: multimeter: expected none beside [gyro.stream], which is the output")
+        raise ConfigError(f"{source}: multimeter: remove it: [gyro.stream] is the output")
     return {**values, "gyro": {**gyro, "stream": stated}, "multimeter": {**beside, **meter}}
 
 

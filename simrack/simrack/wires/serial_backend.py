@@ -63,7 +63,7 @@ class _Port(Struct, frozen=True):
         wake_s = self.device.wake_at()
         if deadline_s is None:
             if wake_s is None:
-                raise serial.SerialException("read without time-out, and the simulated device has nothing to send")
+                raise serial.SerialException("no data, and this read without time-out would never end")
             self.clock.sleep_until(wake_s)
             return True
         now_s = self.clock.now()

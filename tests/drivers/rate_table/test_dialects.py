@@ -389,7 +389,7 @@ def test_aaaa_that_does_not_wind_back_is_not_enabled() -> None:
 
 
 def test_a_zaber_stage_must_be_told_its_steps() -> None:
-    with pytest.raises(ConfigError, match=r"rate_table\.steps_per_deg: expected the stage's microsteps per degree"):
+    with pytest.raises(ConfigError, match=r"rate_table\.steps_per_deg: give the stage's microsteps per degree"):
         spoken("zaber", TableSettings())
 
 

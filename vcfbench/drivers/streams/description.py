@@ -199,7 +199,7 @@ class Stream(_Table, frozen=True, kw_only=True):
         if self.kind != "rate" and self.counter is None:
             yield "counter", f"a counter: of {self.kind}s the device's clock and dropped frames are errors", None
         if self.value.type.startswith("float") and self.resolution is None:
-            yield "resolution", f"the step of the last digit, {self.unit}: nothing tells it of a float", None
+            yield "resolution", f"the step of the last digit, {self.unit}: a float does not show it", None
         if self.counter is not None and self.counter.type.startswith("float"):
             yield "counter.type", "a whole number", self.counter.type
         yield from self.mistakes_of_bytes() if self.length is not None else self.mistakes_of_lines()

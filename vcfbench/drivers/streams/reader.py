@@ -208,7 +208,7 @@ class StreamReader:
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Return that it drives nothing."""
-        return SafeReport(self.name, self.resource, safe=True, detail="a stream, it drives nothing")
+        return SafeReport(self.name, self.resource, safe=True, detail="a stream, it has no output")
 
     def close(self) -> None:
         """Give the connection back."""
