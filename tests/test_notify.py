@@ -88,7 +88,7 @@ def test_a_failure_is_told_and_a_record_names_no_program(tmp_path: Path) -> None
 )
 def test_its_failure_is_said_and_changes_nothing(command: tuple[str, ...], words: str, tmp_path: Path) -> None:
     clock = WallClock()
-    with pytest.warns(UserWarning, match=f"nobody was notified: .*{words}"):
+    with pytest.warns(UserWarning, match=f"the notification failed: .*{words}"):
         run = vcfbench.run("turntable", bench(*command, timeout_s=0.3), settings=QUICK, runs=tmp_path)
     assert run.status == "complete"
     assert clock.now() < 20.0

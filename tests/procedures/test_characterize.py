@@ -317,7 +317,7 @@ def test_once_something_has_failed_all_is_switched_off() -> None:
         ({"parts": ["zero", "nothing"]}, r"parts\[1\]: expected a procedure: warmup, "),
         ({"parts": ["zero", "zero"]}, r"parts: expected each procedure once"),
         ({"parts": ["characterize"]}, r"parts\[0\]: expected a procedure"),
-        ({"parts": ["self-calibration"]}, r"parts\[0\]: expected a procedure that builds on nothing"),
+        ({"parts": ["self-calibration"]}, r"parts\[0\]: expected a procedure that uses no entry"),
     ],
 )
 def test_what_cannot_be_is_refused_with_its_place(settings: dict[str, Any], words: str) -> None:

@@ -194,4 +194,4 @@ def test_an_age_that_is_told_goes_before_the_day_of_the_calibration() -> None:
 def test_ages_that_cannot_be_are_refused() -> None:
     assert "multimeter.calibrated: expected a day that is past" in refusal(lambda: settings_of(TURNTABLE, on_day(-3)))
     old = refusal(lambda: settings_of(TURNTABLE, on_day(0, stated=800.0)))
-    assert old == "uncertainty.meter_age_days: at most 365 days after calibration: a 34401A promises nothing beyond"
+    assert old == "uncertainty.meter_age_days: at most 365 days after calibration: a 34401A has no limits beyond"

@@ -96,7 +96,7 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, got 2: wait, more"),
         (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
         (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', got 'w w'"),
-        (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': expected a title, one line, got none"),
+        (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': give a title of one line"),
         (GOOD.replace("settings=WaitSettings", "settings=int"), "expected settings that are ProcedureSettings"),
         ("\0", "wait.py cannot be run"),
     ],

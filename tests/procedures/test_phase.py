@@ -156,7 +156,7 @@ def test_records_begin_anywhere_in_the_drives_period() -> None:
 def test_a_channel_that_sees_nothing_is_missed_before_anything_is_opened() -> None:
     paper = vcfbench.load_bench()
     wiring = structs.replace(paper.wiring, oscilloscope=structs.replace(paper.wiring.oscilloscope, channel_4=None))
-    with pytest.raises(ConfigError, match="a channel that sees 'output'"):
+    with pytest.raises(ConfigError, match="a channel on 'output'"):
         vcfbench.dry_run("phase", structs.replace(paper, wiring=wiring))
 
 

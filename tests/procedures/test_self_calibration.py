@@ -290,7 +290,7 @@ def test_a_number_will_do(tmp_path: Path) -> None:
         ({"dut": "G-404"}, "has no certificate"),
         ({"k_vc": "0"}, "other than 0"),
         ({"k_vc": "nowhere.json"}, "nowhere.json"),
-        ({"k_vc": "150", "virtual_rates_deg_s": [0.0, 10.0]}, "none of them 0"),
+        ({"k_vc": "150", "virtual_rates_deg_s": [0.0, 10.0]}, "without 0"),
         (
             {"k_vc": "15"},
             r"virtual_rates_deg_s: .* V of V_Vc, the bench allows .* \(limits.max_v_vc_v\)",

@@ -118,7 +118,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', got {self.name!r}")
         force_setattr(self, "title", self.title or BUILT_IN.get(self.name, ""))
         if not self.title:
-            raise ConfigError(f"procedure {self.name!r}: expected a title, one line, got none")
+            raise ConfigError(f"procedure {self.name!r}: give a title of one line")
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
         for asked, what in ((self.needs, "needs"), (self.either, "either"), (self.uses, "uses")):

@@ -111,7 +111,7 @@ class PageContent:
                     ended = {"parts": [], "error": str(error)}
                 view.finished({**view.end, **ended})
             elif view.end is None and not being_written(follower.path) and not follower.read_on() and view.end is None:
-                view.finished({"status": "incomplete", "error": "the record ends here, nobody writes it any more"})
+                view.finished({"status": "incomplete", "error": "the record ends here: its program has stopped"})
         except OSError as error:
             raise ConfigError(f"the record cannot be read: {error.strerror}") from error
         return follower.view

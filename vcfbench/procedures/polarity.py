@@ -233,7 +233,7 @@ def _silence(silent: Sequence[What]) -> tuple[str, ...]:
     loose: dict[What, str] = {
         "table": "the output does not feel the table: is the gyroscope on it, and its axis along the table's?",
         "V_Vc": "the output does not feel V_Vc: a lead of the generator is off",
-        "meter on V_Vc": "the meter on V_Vc reads nothing: a lead of it is off",
+        "meter on V_Vc": "the meter on V_Vc shows no response: one of its leads is off",
         "bias": "the output at rest is not what is expected of it, nearly 0 V",
         "carrier": "the carrier is neither as expected nor half a cycle from it",
     }
@@ -260,7 +260,7 @@ def _explained(wrong: set[What], seen: set[What]) -> tuple[tuple[str, ...], tupl
             break
     fewest = next((count for count, choices in enumerate(by_count) if choices), None)
     if fewest is None:
-        return ("none of the causes that are known turns just these signs",), ()
+        return ("no known cause explains these signs",), ()
     return by_count[fewest] if fewest else (), by_count[2] if fewest < 2 else ()
 
 

@@ -204,5 +204,5 @@ REPEATABILITY = Procedure(
     needs=roles("power", "multimeter"),
     either=roles("rate_source", "rate_table"),
     uses=roles("oscilloscope"),
-    in_one_piece="its switch-ons are alike only where nothing comes between them",
+    in_one_piece="a pause between its switch-ons would change their cooling",
 )

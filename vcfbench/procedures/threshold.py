@@ -95,7 +95,7 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
         yield from super().contradictions()
         largest, *_, smallest = self.sizes_deg_s if len(self.sizes_deg_s) > 2 else (1.0, 0.0)
         if not smallest:
-            yield InvalidValue("steps_deg_s", "three different sizes or more, none of them 0", list(self.steps_deg_s))
+            yield InvalidValue("steps_deg_s", "three different sizes or more, without 0", list(self.steps_deg_s))
         if self.at_rate_deg_s < 2.0 * largest:
             yield InvalidValue("at_rate_deg_s", f"at least twice the largest step, {largest:g}", self.at_rate_deg_s)
         most_deg_s = self.station.limits.max_rate_deg_s

@@ -146,7 +146,7 @@ def amend(
         metadata = _changed(metadata, field, now)
         changes.append(Change(field, was, now))
     if not changes:
-        raise ConfigError("amend: expected a field to amend, got none", hint="--set dut=G-018")
+        raise ConfigError("amend: name a field to amend", hint="--set dut=G-018")
     made = {"revision": len(before) + 2, "by": by, "reason": reason, "changes": to_builtins(changes)}
     append_line(path, {"type": "amendment", **made}, key)
     return amendments_at(path)[-1]

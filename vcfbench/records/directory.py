@@ -139,7 +139,7 @@ def find_run(runs: Path, name: str) -> RunDirectory:
             future, so the clock was set back since it began.
     """
     if not name:
-        raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last', got nothing")
+        raise ConfigError(f"{shown(runs)}: expected the name of a run, its beginning or end, or 'last'")
     if name == "last" and (known := list_runs(runs)):
         newest, started = known[-1], _began(known[-1])
         if started > utc_now() + _CLOCKS_DIFFER:

@@ -167,7 +167,7 @@ def _perform(under_way: UnderWay, signals: StopSignals) -> None:
             )
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):
-                request.warn(f"{each} died with this bench and nothing made it safe; its table stands now")
+                request.warn(f"{each} died with this bench, which stayed live; its table stands now")
             under_way.perform(bench, watchers, signals)
     except BaseException as error:
         under_way.take_error(_as_bench_error(error))

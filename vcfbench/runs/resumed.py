@@ -125,7 +125,7 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
             hint=f"if their run was broken off: vcfbench resume {several.get('run')}",
         )
     if record.status is Status.RUNNING:
-        raise ConfigError(f"{directory.run} goes on: there is nothing to resume before it ends")
+        raise ConfigError(f"{directory.run} is still running: resume it after its end")
     if record.status is Status.COMPLETE:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
     if not record.header:

@@ -142,7 +142,7 @@ class UnderWay(Struct):
             return
         with suppress(Exception):
             if (failure := notify(description.notify, outcome_of(self.as_run()))) is not None:
-                request.warn(f"nobody was notified: {failure}")
+                request.warn(f"the notification failed: {failure}")
 
     def begin_record(self) -> None:
         """Make the record's directory, before any instrument is touched: a run that cannot be recorded need not begin.

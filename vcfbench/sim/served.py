@@ -151,7 +151,7 @@ def served_places(control: str) -> tuple[str, dict[str, str]]:
         with Control(int(port)) as session:
             instruments = session.request("status")["instruments"]
     except ControlError as error:
-        raise ConnectFailed(f"nothing is served there: {error}", instrument=_CONTROL, resource=control) from error
+        raise ConnectFailed(f"no bench is served there: {error}", instrument=_CONTROL, resource=control) from error
     return f"127.0.0.1:{port}", {wires["tcp"]: role for role, wires in instruments.items() if wires["tcp"]}
 
 

@@ -247,7 +247,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
                 yield InvalidValue(f"parts[{index}]", f"a procedure: {', '.join(_BY_NAME)}", name)
                 return
             if type(PROCEDURES[name].settings().station) is not Station:
-                expected = "a procedure that builds on nothing that is kept of the device"
+                expected = "a procedure that uses no entry of the device"
                 yield InvalidValue(f"parts[{index}]", expected, name)
                 return
         if len(set(self.parts)) < len(self.parts):

@@ -71,7 +71,7 @@ class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
         if self.magnitudes_deg_s[0] == 0.0 or len(self.magnitudes_deg_s) < 2:
-            expected = "at least two rates of different size, none of them 0"
+            expected = "at least two rates of different size, without 0"
             yield InvalidValue("virtual_rates_deg_s", expected, list(self.virtual_rates_deg_s))
 
 

@@ -59,5 +59,5 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         if self.k_vc_by is KvcBy.CURVE:
             yield from invalid_match_rates(self, self.match_rates_deg_s, 3)
             if self.magnitudes_deg_s[-1] < largest:
-                expected = f"at least one of {largest:g} deg/s or more: a curve tells nothing beyond its rates"
+                expected = f"at least one of {largest:g} deg/s or more: a curve holds only within its rates"
                 yield InvalidValue("match_rates_deg_s", expected, list(self.match_rates_deg_s))

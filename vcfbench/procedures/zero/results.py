@@ -127,7 +127,7 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             expected = f"at most {1e6 * self.aperture_s:g} s, a million integration times"
             yield InvalidValue("duration_s", expected, self.duration_s)
         if self.mode is Mode.GAPLESS and self.station.stream:
-            expected = "corrected or dead-time: nothing keeps a stream while its frames are read"
+            expected = "corrected or dead-time: a stream has no memory for gapless bursts"
             yield InvalidValue("mode", expected, self.mode.value)
         least_hz = 0.5 / self.aperture_s
         if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:

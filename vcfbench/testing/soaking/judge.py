@@ -57,11 +57,11 @@ def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[st
     if ended.opened_deg_s > _COASTING_DEG_S and not {each.kind for each in faults} & _DROPPING:
         yield f"its servo was opened at {ended.opened_deg_s:.3g} deg/s"
     if abs(ended.rate_deg_s) > _RATE_DEG_S and "rate_table" not in said:
-        yield f"left turning at {ended.rate_deg_s:.3g} deg/s, and nobody says so"
+        yield f"left turning at {ended.rate_deg_s:.3g} deg/s without a report"
     if abs(ended.v_vc_v) > _V_VC_V and "rate_source" not in said:
-        yield f"V_Vc left at {ended.v_vc_v:.3g} V, and nobody says so"
+        yield f"V_Vc left at {ended.v_vc_v:.3g} V without a report"
     if max(map(abs, ended.rails_v)) > _RAIL_V and "power" not in said:
-        yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V, and nobody says so"
+        yield f"rails left at {ended.rails_v[0]:.3g} V and {ended.rails_v[1]:.3g} V without a report"
     # one that is said not to be safe has a fault that goes on, or was broken off by a third signal
     ill = {each.instrument for each in faults if each.kind not in {"error", "identity"}}
     for each in error.reports if isinstance(error, NotSafe) and ended.signals < 3 else ():
