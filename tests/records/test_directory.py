@@ -85,7 +85,7 @@ def test_last_run_is_refused_after_clock_was_set_back(tmp_path: Path) -> None:
 
 def test_no_name_is_no_run(tmp_path: Path) -> None:
     begun(tmp_path, "only", "2024-01-01T00:00:00+00:00")
-    with pytest.raises(ConfigError, match="or .last.$"):
+    with pytest.raises(ConfigError, match=r"or .last.$"):
         find_run(tmp_path, "")
 
 
