@@ -20,6 +20,8 @@ from simrack.rack import Rack
         ("DMM6500", ['TRIG:LOAD "Empty"', "SYST:ERR:COUN?"], "0"),
         ("DMM6500", ['TRIG:LOAD "SimpleLoop", 2', 'TRIG:LOAD "Empty"', "INIT", "SYST:ERR?"], "-221"),
         ("DMM6500", ['TRIG:LOAD "SimpleLoop"', "SYST:ERR?"], "-109"),
+        ("33522B", ["INIT2:CONT OFF", "INIT2:IMM", "SYST:ERR?"], "+0"),
+        ("33522B", ["INIT", "SYST:ERR?"], "-213"),
     ],
 )
 def test_words_of_drivers_are_known(model: str, messages: list[str], answer: str) -> None:

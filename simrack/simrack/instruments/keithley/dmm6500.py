@@ -161,7 +161,6 @@ _COMMANDS = (
         query_parameters=(scpi.Choice(("ALL", "ERRor", "WARNing", "INFormational"), required=False),),
         reads=True,
     ),
-    scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON", reads=True),
     scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
     # its clock: seconds since 1970, or after a 1 as text (both from memory of the manual, unverified)
@@ -244,7 +243,6 @@ class KeithleyDMM6500Twin(trigger_model.ModelledMeter):
     def reset(self) -> None:
         """*RST."""
         self.kept = {name: common.KeptOfFunction(average=False, digits=6) for name in _NAMES}
-        self.format = "ASC"
         self.formulas = {name: common.Formula() for name in ("VOLT", "RES", "FRES")}
         self.unit = "VOLT"
         super().reset()

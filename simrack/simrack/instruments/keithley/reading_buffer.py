@@ -24,6 +24,8 @@ PRECISION = ("FORMat:ASCii:PRECision",)
 _BUFFER = 100_000
 _MOST_SAMPLES = 1_000_000
 """Of one run that are kept; a real one keeps 7 million, for which this computer would need a gigabyte."""
+_FORMAT, _ORDER = ("FORMat[:DATA]",), ("FORMat:BORDer",)
+_BINARY = {"REAL": "f8", "SREAL": "f4"}
 _BEGUN = datetime(2026, 1, 1)  # noqa: DTZ001  (the meter knows no zone)
 
 
@@ -105,9 +107,20 @@ ELEMENTS = scpi.Choice(("READing", "RELative", "UNIT", "TSTamp", "SECFractional"
 """Of those that the manual lists; the others are -141."""
 
 
-def formatted(meter: BufferingMeter, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str:
-    """Return readings with the elements asked for; time counts from the first of the buffer (forms unverified)."""
+def formatted(meter: BufferingMeter, entries: Sequence[tuple[float, float]], elements: tuple[str, ...]) -> str | bytes:
+    """Return readings with the elements asked for; time counts from the first of the buffer (forms unverified).
+
+    Binary ones have ``#0`` before them, and can be no more than readings and times: 1133 (DMM7510 manual, p. 6-50).
+    """
     begun_s = meter.stored[0][1] if meter.stored else 0.0
+    if (kind := _BINARY.get(meter.engine.remembered.get(_FORMAT, "ASC"))) is not None:
+        if not {"READ", "REL"}.issuperset(elements):
+            raise scpi.ScpiError(1133, "Syntax error, expected valid name parameters")
+        order = ">" if meter.engine.remembered.get(_ORDER) == "NORM" else "<"
+        rows = [
+            [value if name == "READ" else at_s - begun_s for name in elements or ("READ",)] for value, at_s in entries
+        ]
+        return b"#0" + np.array(rows, dtype=order + kind).tobytes()
 
     def element(name: str, value: float, instant_s: float) -> str:
         match name:
@@ -164,7 +177,7 @@ def read_digitized(meter: BufferingMeter, buffer: str | None = None, *elements: 
     return once_idle(meter, lambda: last(meter, elements))
 
 
-def last(meter: BufferingMeter, elements: tuple[str, ...]) -> str:
+def last(meter: BufferingMeter, elements: tuple[str, ...]) -> str | bytes:
     """Return the last reading of the buffer (-230 where there is none)."""
     if not meter.stored:
         raise scpi.ScpiError(-230)
@@ -192,7 +205,7 @@ _PLACE = scpi.Integer(limits=lambda meter: scpi.Limits(1, meter.points), named=F
 
 
 @ROWS.query("TRACe:DATA", query_parameters=(_PLACE, _PLACE, *NAMED, ELEMENTS), repeat=True)
-def _data(meter: BufferingMeter, start: int, end: int, buffer: str | None = None, *elements: str) -> str:
+def _data(meter: BufferingMeter, start: int, end: int, buffer: str | None = None, *elements: str) -> str | bytes:
     require_buffer(meter, buffer)
     if not 1 <= start <= end <= len(meter.stored):
         raise scpi.ScpiError(-222)
@@ -207,7 +220,7 @@ def _make_buffer(meter: BufferingMeter, name: str, points: int, _style: str | No
 
 
 @ROWS.query("FETCh", query_parameters=(*NAMED, ELEMENTS), repeat=True)
-def _fetch(meter: BufferingMeter, buffer: str | None = None, *elements: str) -> str:
+def _fetch(meter: BufferingMeter, buffer: str | None = None, *elements: str) -> str | bytes:
     require_buffer(meter, buffer)
     return last(meter, elements)
 
@@ -219,6 +232,8 @@ def _trace(meter: BufferingMeter, buffer: str | None, *, digitizing: bool) -> An
 
 
 ROWS += [
+    scpi.remembered(_FORMAT[0], scpi.Choice(("ASCii", "REAL", "SREAL")), "ASC"),
+    scpi.remembered(_ORDER[0], scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
     *(
         scpi.Command(f"TRACe:{header}", query=query, query_parameters=NAMED, reply=str)
         for header, query in _OF_A_BUFFER.items()

@@ -94,6 +94,12 @@ def _of_second(command: scpi.Command) -> tuple[scpi.Command, ...]:
     return (replace(command, pattern=header, part="second"),) if header else ()
 
 
+def _initiate(model: _Model) -> None:
+    """INITiate: -213 while triggers are taken anyway (SCPI-99; what a real one says is unverified)."""
+    if model.state.continuous:
+        raise scpi.ScpiError(-213)
+
+
 # --- functions ------------------------------------------------------------------------------------------------------
 
 
@@ -319,6 +325,7 @@ OWN = (
     *(replace(_EDGE, pattern=f"[SOURce:]FUNCtion:PULSe:TRANsition:{edge}") for edge in ("LEADing", "TRAiling")),
     scpi.Command("[SOURce:]PHASe:SYNChronize", do=lambda _: None),
     scpi.Command("ABORt", do=lambda _: None),
+    scpi.Command("INITiate[:IMMediate][:ALL]", do=_initiate),
     scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "state.continuous", scpi.boolean),
     mode_switch("[SOURce:]BPSK:STATe", "BPSK"),
     setting(

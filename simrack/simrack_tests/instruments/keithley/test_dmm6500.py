@@ -69,6 +69,16 @@ def test_what_cannot_be_is_refused(message: str, error: int, bench: Bench) -> No
     assert bench.talk.ask("*OPC?") == "1"
 
 
+@pytest.mark.parametrize(("words", "kind"), [("REAL", "<f8"), ("SREAL", "<f4"), ("REAL;:FORM:BORD NORM", ">f8")])
+def test_readings_may_be_binary(words: str, kind: str, bench: Bench) -> None:
+    bench.talk.write(f"COUN 3;:TRAC:TRIG;:FORM {words}")
+    answer = (bench.talk.ask('TRAC:DATA? 1,3,"defbuffer1",READ,REL') or "").encode("latin-1")
+    assert answer[:2] == b"#0"
+    assert np.frombuffer(answer[2:], kind).reshape(3, 2)[:, 0] == pytest.approx([1.0] * 3)
+    bench.talk.write('FETC? "defbuffer1",UNIT')
+    assert (bench.talk.ask("SYST:ERR?") or "").startswith("1133,")
+
+
 def test_nothing_is_wired_to_the_current_input(bench: Bench) -> None:
     bench.talk.write("DIG:CURR:RANG 50E-6")
     assert bench.talk.ask("DIG:CURR:RANG?") == "0.0001"
