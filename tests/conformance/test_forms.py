@@ -1,36 +1,10 @@
-"""Every row of every model's commands with its fewest and its most arguments: a handler that takes them."""
+"""Forms of commands that manuals and programs have, and the models had not."""
 
 from __future__ import annotations
-
-import inspect
 
 import pytest
 
 from tests.conformance import walk
-
-
-@pytest.mark.parametrize("model", [*walk.MODELS, *walk.SUCCESSORS])
-def test_each_row_takes_its_fewest_and_its_most_arguments(model: str) -> None:
-    """What its handler cannot be called with would be silence, as `SYST:TIME?` of the DMM6500 was."""
-    wrong = []
-    for command in walk.bench(model).device.engine.table.commands:  # type: ignore[attr-defined]
-        suffixes = sum(
-            word.suffixes is not None and word.suffixes[0] < word.suffixes[1]
-            for words, _ in command.parts()
-            for word in words
-        )
-        forms = [(command.do, command.parameters, command.repeat)]
-        forms.append((command.query, command.query_parameters or (), command.repeat and command.do is None))
-        for handler, parameters, repeats in forms:
-            least = sum(each.required for each in parameters) if repeats else len(parameters)
-            for count in {least, len(parameters) + 2 * repeats} if handler is not None else ():
-                try:
-                    inspect.signature(handler).bind(None, *[None] * (suffixes + count))  # type: ignore[arg-type]
-                except TypeError as error:
-                    wrong.append(f"{command.pattern} with {count}: {error}")
-                except ValueError:  # a builtin has no signature
-                    continue
-    assert wrong == []
 
 
 @pytest.mark.parametrize(
