@@ -11,6 +11,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
@@ -244,7 +245,7 @@ def _named(shared: SharedResult) -> tuple[str, str]:
 
 def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Text]:
     """Yield for each scale factor the explained part of its change, and the rest."""
-    for each in (one for one in comparison.results if one.unit == "V/(deg/s)" and one.values[0]):
+    for each in (one for one in comparison.results if one.unit.endswith("/(deg/s)") and one.values[0]):
         ppm, words = 1e6 / each.values[0], _named(each)[0]
         for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):
             if d.value is not None and d.u95 is not None and d.e_n is not None:
@@ -260,27 +261,29 @@ def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[
         return
     first, *others = comparison.points
     yield Heading("Points", 2)
-    columns = [Column("step"), Column("rate", "deg/s", ".6g"), Column("output A", "V", ".5f")]
+    unit = unit_of_record(comparison.runs[0].header)
+    factor, small, digits = (1e3, "mV", ".3f") if unit == "V" else (1.0, unit, ".5f")
+    columns = [Column("step"), Column("rate", "deg/s", ".6g"), Column("output A", unit, ".5f")]
     for letter in letters[1:]:
-        columns += [Column(f"{letter} - A", "mV", "+.3f"), Column("u of readings", "mV", ".3f")]
+        columns += [Column(f"{letter} - A", small, f"+{digits}"), Column("u of readings", small, digits)]
     rows = []
     for place, point in enumerate(first):
-        unlike = [_of_points(point, points[place]) for points in others]
+        unlike = [_of_points(point, points[place], factor) for points in others]
         rows.append((point.step, point.rate_deg_s, point.output_v, *(value for each in unlike for value in each)))
     yield Table(columns, rows)
     series = []
     for letter, points in zip(letters[1:], others, strict=True):
         for step, pairs in groupby(zip(first, points, strict=True), key=lambda pair: pair[0].step):
-            of_step = [(a.rate_deg_s, *_of_points(a, b)) for a, b in pairs]
+            of_step = [(a.rate_deg_s, *_of_points(a, b, factor)) for a, b in pairs]
             rates, values, u = zip(*of_step, strict=True)
             series.append(Series(f"{letter} - A, step {step}", rates, values, u))
-    yield Figure("Differences of the points", Axis("rate", "deg/s"), Axis("output", "mV"), series)
+    yield Figure("Differences of the points", Axis("rate", "deg/s"), Axis("output", small), series)
 
 
-def _of_points(one: Point, other: Point) -> tuple[float, float]:
-    """Return the difference of two points and its standard uncertainty from the scatter of the readings alone, mV."""
+def _of_points(one: Point, other: Point, factor: float) -> tuple[float, float]:
+    """Return `factor` times the difference of two points and its u from the scatter of the readings alone."""
     u = math.hypot(one.std_v / math.sqrt(max(one.n, 1)), other.std_v / math.sqrt(max(other.n, 1)))
-    return 1e3 * (other.output_v - one.output_v), 1e3 * u
+    return factor * (other.output_v - one.output_v), factor * u
 
 
 def _differing(title: str, rows: Mapping[str, tuple[str, ...]], letters: Sequence[str]) -> Iterator[Part]:

@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.errors import BenchError
 from vcfbench.files import shown
 from vcfbench.page.view import View
@@ -38,6 +39,7 @@ def introduce(view: View, prepared: Prepared) -> None:
         "bench": description.name,
         "simulated": description.simulated,
         "limits": _limits(msgspec.to_builtins(description.limits)),
+        "unit": prepared.settings.station.output_unit,
     }
     view.points += prepared.points()
     view.version += 1
@@ -50,6 +52,7 @@ class _Reading(Struct, frozen=True, gc=False):
 
 class _Chunk(Struct, frozen=True):
     readings: list[_Reading]
+    device: str = ""
 
 
 _CHUNK = msgspec.json.Decoder(_Chunk)
@@ -64,6 +67,7 @@ class JournalFollower:
         self.path = path
         self._offset = 0
         self._began_s = 0.0
+        self._device = ""
         self._lock = Lock()
 
     def read_on(self) -> bool:
@@ -83,7 +87,10 @@ class JournalFollower:
 
     def _take(self, line: bytes) -> None:
         if line.startswith(b'{"type":"readings"'):
-            self._read(_CHUNK.decode(line).readings)
+            chunk = _CHUNK.decode(line)
+            self._device = self._device or chunk.device
+            if chunk.device == self._device:  # of several devices the first is shown
+                self._read(chunk.readings)
             return
         values = _LINE.decode(line)
         match values.get("type"):
@@ -98,11 +105,17 @@ class JournalFollower:
                     "bench": bench.get("name"),
                     "simulated": values.get("simulated"),
                     "limits": _limits(bench.get("limits") or {}),
+                    "unit": unit_of_record(values),
                     "began_utc": values.get("utc"),
                 }
                 self.view.version += 1
             case "step":
-                own = values["result"].get("readings") if isinstance(values.get("result"), dict) else None
+                found: Any = values.get("result")
+                found = found if isinstance(found, dict) else {}
+                of_each = found.get("results")
+                if isinstance(of_each, dict) and of_each:
+                    found = next(iter(of_each.values()))
+                own = found.get("readings")
                 self._read(typed(own if isinstance(own, list) else [], list[_Reading]))
                 step: Any = step_of(values)  # or one that is not known here, which describes itself as well
                 result: Any = result_of(values)

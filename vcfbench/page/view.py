@@ -14,6 +14,7 @@ from vcfbench.safety.control import RunState
 from vcfbench.steps import NotChecked, Note
 from vcfbench.steps.events import Event, Paused, ReadingTaken, StepFailed, StepFinished, StepStarted, WentOn
 from vcfbench.steps.step import Effect
+from vcfbench.values.printing import in_unit
 
 
 @dataclass(slots=True)
@@ -65,13 +66,15 @@ class View:
                 self.doing = {"n": number, "t_s": t_s, "what": step.describe(), "duration_s": step.duration_s}
             case StepFinished(number, t_s, step, result, again):
                 self.doing, self.state = None, self.state.after(step, result)
-                what, found = step.describe(), result.describe()
+                unit = str(self.about.get("unit", "V"))
+                what, found = in_unit(step.describe(), unit), in_unit(result.describe(), unit)
                 kind = "heading" if isinstance(step, Note) else "done"
                 self.steps.append({"n": number, "t_s": t_s, "what": what, "result": found, "kind": kind})
                 left_out = [what] if isinstance(step, NotChecked) else []
                 for said in (*(f"asked again: {each}" for each in again), *left_out):
                     self.say(t_s, said, "warning")
-                point = getattr(result, "recorded_point", None)
+                several = getattr(result, "recorded_points", {})  # of which the first is shown
+                point = next(iter(several.values()), None) or getattr(result, "recorded_point", None)
                 if point is not None:
                     self.points.append(point)
                 elif getattr(step, "effect", None) in {Effect.MEASURES, Effect.CHECKS} and found:

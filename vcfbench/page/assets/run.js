@@ -13,14 +13,19 @@ let source = null;
 let asking = false;
 let askAgain = false;
 
+// The unit of the output, and that of its small differences with the factor.
+const unit = () => run.about.unit || "V";
+const small = () => (unit() === "V" ? [1e3, "mV"] : [1, unit()]);
+const perRate = (of) => (of.includes("/") ? `(${of})/(deg/s)` : `${of}/(deg/s)`);
+
 // ---- plots
 
 const timeChart = new Chart(byId("readings"), 260, (many) => ({
   scales: { x: { time: false } },
-  axes: [axis("bench time / s"), leftAxis("output / V")],
+  axes: [axis("bench time / s"), leftAxis(`output / ${unit()}`)],
   cursor: { drag: { x: true, y: false, setScale: false } },
   series: [{ label: "t / s", value: (_, t) => (t === null ? "–" : t.toFixed(1)) },
-    many === "many" ? { ...line("readings / V", 0, 6), spanGaps: false } : marks("reading / V", 0, 4, 6)],
+    many === "many" ? { ...line(`readings / ${unit()}`, 0, 6), spanGaps: false } : marks(`reading / ${unit()}`, 0, 4, 6)],
   hooks: {
     setSelect: [(plot) => {
       if (plot.select.width < 8) return;
@@ -38,10 +43,10 @@ const lineOf = (step) => run.lines.find((each) => each.step === step);
 
 const pointsChart = new Chart(byId("points"), 320, () => ({
   scales: { x: { time: false } },
-  axes: [axis("rate / (deg/s)"), leftAxis("output / V")],
+  axes: [axis("rate / (deg/s)"), leftAxis(`output / ${unit()}`)],
   cursor: { drag: { x: true, y: true } },
   series: [{ label: "rate", value: (_, x) => (x === null ? "–" : signed(x, 3)) },
-    ...steps().flatMap((step, place) => [marks(`${stepName(step)} / V`, place, 7, 5), ...(lineOf(step) ? [line("its line", place, 5)] : [])])],
+    ...steps().flatMap((step, place) => [marks(`${stepName(step)} / ${unit()}`, place, 7, 5), ...(lineOf(step) ? [line("its line", place, 5)] : [])])],
 }));
 
 const residualsChart = new Chart(byId("residuals"), 220, () => ({
@@ -82,7 +87,7 @@ function drawPoints() {
   } else byId("residuals").textContent = run.end ? "No step of this run has points at three rates." : "From the third rate of a calibration on.";
   if (!x.length) byId("points").textContent = run.end ? "This procedure measured no points." : "No point is measured yet.";
   byId("lines").replaceChildren(...run.lines.map((fit) => made("p",
-    `${stepName(fit.step)}: ${signed(1e3 * fit.scale_factor, 5)} mV/(deg/s), ${signed(1e3 * fit.bias, 3)} mV through ${fit.points.length} points`)));
+    `${stepName(fit.step)}: ${signed(small()[0] * fit.scale_factor, 5)} ${perRate(small()[1])}, ${signed(small()[0] * fit.bias, 3)} ${small()[1]} through ${fit.points.length} points`)));
   drawRows();
 }
 
@@ -90,8 +95,8 @@ function drawRows() {
   if (!byId("rows-holder").open) return;
   const residual = new Map();
   for (const fit of run.lines) fit.points.forEach((number, place) => residual.set(number, signed(ppmOfSpan(fit) * fit.residuals_v[place], 0)));
-  const columns = ["step", "rate / (deg/s)", "V_Vc / V", "output / V", "s / mV", "n", "residual / ppm"].map((head) => ({ head, align: "right" }));
-  const rows = run.points.map((p, number) => [p.step, signed(p.rate_deg_s, 4), signed(p.v_vc_v, 5), signed(p.output_v, 5), (1e3 * p.std_v).toFixed(3), p.n, residual.get(number) || "–"]);
+  const columns = ["step", "rate / (deg/s)", "V_Vc / V", `output / ${unit()}`, `s / ${small()[1]}`, "n", "residual / ppm"].map((head) => ({ head, align: "right" }));
+  const rows = run.points.map((p, number) => [p.step, signed(p.rate_deg_s, 4), signed(p.v_vc_v, 5), signed(p.output_v, 5), (small()[0] * p.std_v).toFixed(3), p.n, residual.get(number) || "–"]);
   byId("rows").replaceChildren(tableOf({ columns, rows, title: "" }));
 }
 
