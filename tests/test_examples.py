@@ -123,4 +123,4 @@ def test_the_data_set_has_one_record_of_each_procedure(tmp_path: Path, monkeypat
     assert sorted(make.procedures()) == sorted(BUILT_IN)
     (run,) = make.make(tmp_path / "set", ("polarity",))
     assert (run.status, run.metadata.dut, run.directory.parent) == ("complete", "G-001", tmp_path / "set" / "runs")
-    assert (tmp_path / "set" / "README.md").read_text("utf-8").startswith("# Twenty records")
+    assert (tmp_path / "set" / "README.md").read_text("utf-8").startswith("# Twenty-one records")

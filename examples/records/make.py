@@ -1,4 +1,4 @@
-"""Twenty records of one simulated gyroscope, one of each procedure, as an example data set.
+"""Twenty-one records of one simulated gyroscope, one of each procedure, as an example data set.
 
 python examples/records/make.py OUT makes them in the folder OUT, with its README: `runs/` and `devices/`. They are the
 same for the same version, but for the day, and take some minutes.

@@ -11,6 +11,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import Kind, column_name
 from vcfbench.analysis.csv_table import Layout, read_head, read_numbers
+from vcfbench.analysis.input_axis import beyond_right_angle, direction, tilts
 from vcfbench.analysis.plausibility import far_off
 from vcfbench.archive.analyzed import outputs_of
 from vcfbench.archive.table_files import opened_table
@@ -114,35 +115,24 @@ def analyze_axes(file: Path | str, axes: Sequence[str], *, layout: Layout | None
             notices.append(f"{name.written}, row {row + 1}: {off}")
         kind = Kind.VOLTAGE if name.unit is None else name.unit.kind
         unit, variance = "1" if kind is Kind.RATE else f"{kind.value}/(deg/s)", float(left @ left) / dof
-        size, axis, of_axis = _direction(fitted[1:], variance * spread[1:, 1:])
-        along = int(np.abs(axis).argmax())
+        size, axis, of_axis = direction(fitted[1:], variance * spread[1:, 1:])
         u, u_bias = abs(size) * float(axis @ of_axis @ axis) ** 0.5, (variance * float(spread[0, 0])) ** 0.5 / abs(size)
         stated = [
             Value("", size, unit, u, dof, words="scale factor"),
             Value("", float(fitted[0]) / size, "deg/s", u_bias, dof, words="bias"),
         ]
-        for other in (place for place in range(3) if place != along):
-            by = np.zeros(3)
-            by[other], by[along] = 1.0 / axis[along], -axis[other] / axis[along] ** 2
-            angle, words = float(np.arctan(axis[other] / axis[along])), f"input axis towards {names[other].base}"
+        for other, angle, by in tilts(axis):
+            words = f"input axis towards {names[other].base}"
             stated.append(_mrad(angle, float(by @ of_axis @ by), dof, words))
         inputs.append((name.written, axis, of_axis))
         sensitivity = float(fitted[1]), float(fitted[2]), float(fitted[3])
         found.append(OutputAxis(name.written, unit, sensitivity, variance**0.5, tuple(stated)))
     between = []
     for (first, one, of_one), (second, two, of_two) in combinations(inputs, 2):
-        cosine = float(one @ two)
-        by_one, by_two = two - cosine * one, one - cosine * two
-        of_cosine = float(by_one @ of_one @ by_one + by_two @ of_two @ by_two)
-        between.append(_mrad(-float(np.arcsin(cosine)), of_cosine, dof, f"{second} to {first}, above 90 deg"))
+        above, by_one, by_two = beyond_right_angle(one, two)
+        variance = float(by_one @ of_one @ by_one + by_two @ of_two @ by_two)
+        between.append(_mrad(above, variance, dof, f"{second} to {first}, above 90 deg"))
     return AxesAnalysis(tuple(axes), tuple(found), tuple(between), tuple(notices))
-
-
-def _direction(sensitivity: Floats, covariance: Floats) -> tuple[float, Floats, Floats]:
-    """Return the length, with the sign of the largest component, and direction and covariance over it."""
-    largest = sensitivity[np.abs(sensitivity).argmax()]
-    size = float(np.copysign(np.linalg.norm(sensitivity), largest))
-    return size, sensitivity / size, covariance / size**2
 
 
 def _mrad(angle: float, variance: float, dof: float, words: str) -> Value:

@@ -10,6 +10,7 @@ from msgspec import Struct
 from vcfbench.archive.change import Compared, covariance
 from vcfbench.archive.run import Run
 from vcfbench.archive.value_columns import columns_of
+from vcfbench.procedures.axes import AxesResult, matrix
 from vcfbench.reports.document import Column, Part, Report, Table, Text, heads
 from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
@@ -75,7 +76,7 @@ def _scale_factor(run: Run) -> Value | None:
 
 
 def lot_report(run: Run) -> Report:
-    """Return the sheet of the devices of a run: a row each, the errors of those that ended, and what they share."""
+    """Return the sheet of the devices of a run: values, errors of those that ended, causes that all share."""
     columns = columns_of([list(each.values.values()) for each in run.devices if each.values])
     lacks = dict.fromkeys(name for column in columns for name in column.example.missing)
     rows = []
@@ -86,9 +87,14 @@ def lot_report(run: Run) -> Report:
     head = [Column("device", align="left", verbatim=True), *(of for column in columns for of in column.heads)]
     said = "; ".join(column.said for column in columns)
     failed = [f"{each.metadata.dut} ended for itself: {each.error}" for each in run.devices if each.error]
-    spread = spread_of(run.devices)
+    axes = {each.metadata.dut or "": each for each in run.devices if isinstance(each.results, AxesResult)}
+    spread = None if axes else spread_of(run.devices)
     below = [f"* U95 is incomplete: without {', '.join(lacks)}."] if lacks else []
     words = [*below, *failed, *([] if spread is None else [spread.describe()])]
     parts: list[Part] = [Table([*head, *heads("<ended")], rows)] if rows else []
     parts += [Text(f"{said[:1].upper()}{said[1:]}.")] if said else []
-    return Report([*parts, *([Text("\n".join(words))] if words else [])])
+    parts += [Text("\n".join(words))] if words else []
+    if axes:
+        unit = next(iter(axes.values())).values["scale_factor"].unit
+        parts += matrix({name: each.results for name, each in axes.items()}, unit)
+    return Report(parts)

@@ -7,7 +7,6 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from vcfbench import errors
-from vcfbench.archive.lot import lot_report
 from vcfbench.archive.results import evaluation_of, of_several
 from vcfbench.archive.run import Run, breaks
 from vcfbench.archive.summary import run_summaries
@@ -127,6 +126,8 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
         _values=evaluation.values,
     )
     if of_several(header) is not None:
+        from vcfbench.archive.lot import lot_report  # noqa: PLC0415  # few records are of several devices
+
         run = replace(run, devices=_of_run(directory))
         run = replace(run, _own_report=lot_report(run))
     if run.error is not None:

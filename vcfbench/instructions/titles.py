@@ -22,6 +22,7 @@ BUILT_IN = {
     "polarity": "Check the signs of table, V_Vc and output: which wire is the wrong way round.",
     "threshold": "Step V_Vc or the table by less and less: threshold, resolution and dead band.",
     "g-sensitivity": "Have the case turned, each axis up and down: bias against acceleration.",
+    "axes": "Have the case turned on the table: sensitivity to a rate about each axis, misalignment of the input axis.",
     "vibration": "Let a virtual rate vibrate by the second generator: response of the output against the closed form.",
     "online": "Recalibrate while the gyroscope measures: lock-in of a sine on V_Vc, scale factor over time.",
     "characterize": "Do all of it in the right order, in one session: one data sheet.",

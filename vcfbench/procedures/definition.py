@@ -84,7 +84,17 @@ CIRCUMSTANCES: Final = frozenset(
         *("resolution_deg_s", "room_c", "window_k", "chamber_takes_s", "longest_soak_s", "steady_ppm_min"),
         *("soak_window_s", "split", "u_temperature_k", "u_each_temperature_k", "positive_rail_ohm"),
         *("negative_rail_ohm", "v_vc_ohm", "output_ohm", "lead_ohm", "ohm_readings", "polarity_rate_deg_s"),
-        *("polarity_v_vc_v", "at_most_s", "axes", "turn_s", "tilt_deg", "heading_deg", "vibration_hz"),
+        *(
+            "polarity_v_vc_v",
+            "at_most_s",
+            "axes",
+            "turn_s",
+            "tilt_deg",
+            "heading_deg",
+            "mounting_deg",
+            "mount_s",
+            "vibration_hz",
+        ),
         *("vibration_amplitude_v", "split_hz", "u_split_hz", "q", "u_q", "in_phase_share", "u_in_phase_share"),
         *("modulation_hz", "virtual_rate_deg_s"),
     )

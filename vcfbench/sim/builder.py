@@ -180,7 +180,7 @@ def part_of(description: BenchDescription, role: str) -> Any:
 
 
 def _made(kind: Any, world: Any, errors: Any, around: Mapping[str, Any]) -> Any:
-    """Return a simulated instrument, with what it takes of its surroundings: not all of a role need the same."""
+    """Return a simulated instrument, given those of its surroundings that it takes."""
     takes = inspect.signature(kind).parameters
     taken = {name: value for name, value in around.items() if name in takes and value is not None}
     return kind(world, errors=errors, **taken)

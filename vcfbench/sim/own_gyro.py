@@ -51,7 +51,9 @@ _ROUGH_HZ = (0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 4
 """Frequencies of `bandwidth` at the usual split."""
 _VIBRATION_HZ = (0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0)
 _THRESHOLD_STEPS_DEG_S = (2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02)
-_BY_ITSELF = frozenset({"self-calibration", "repeatability", "rate-limits", "threshold", "online", "g-sensitivity"})
+_BY_ITSELF = frozenset(
+    {"self-calibration", "repeatability", "rate-limits", "threshold", "online", "axes", "g-sensitivity"}
+)
 """Procedures that are no part of `characterize`."""
 
 

@@ -324,6 +324,12 @@ class Site(_Group, frozen=True):
         "where up is, by the axes of the case; z is the input axis, and points east while it is level",
         _Range(least=-1.0, most=1.0),
     ] = (0.0, 0.0, 1.0)
+    input_axis: Annotated[
+        tuple[float, ...],
+        "1",
+        "direction of the input axis by those of the case, where a device has three of them; of length 1",
+        _Range(least=-1.0, most=1.0),
+    ] = (0.0, 0.0, 1.0)
 
 
 class SourceResistance(_Group, frozen=True):

@@ -84,7 +84,7 @@ class EachOf(Step, Struct, frozen=True):
 
     @property
     def first(self) -> Step:
-        """Step of the first device: what is common to all of them."""
+        """Step of the first device, for all that is common."""
         found: Step = next(iter(self.steps.values()))
         return found
 

@@ -68,7 +68,7 @@ class _Part(Struct):
 
 
 class _LookedAt(BenchError):
-    """Thrown into a plan to see what it deals with."""
+    """Thrown into a plan to see the error that it deals with."""
 
 
 def _behind(error: BaseException | None) -> BenchError | None:
@@ -140,7 +140,7 @@ def _alike(going: list[_Part]) -> list[_Part]:
 
 
 def _next_of(going: list[_Part]) -> list[_Part] | None:
-    """Return those whose step is next: all; or those that measure again, for whom the others wait. None: they part."""
+    """Return those whose step is next: all, or those that measure again while the others wait. None: they part."""
     if len(of := _alike(going)) == len(going):
         return of
     again = [each for each in going if isinstance(each.asked, Acquire) and _is_same(each.asked, each.last)]

@@ -75,7 +75,8 @@ def demodulated(bench: BenchParameters, rise_k: float, amplitude_m: float) -> De
 
 def seen_share(bench: BenchParameters) -> float:
     """Return the share of a rate about the vertical, the table's axis, that the gyroscope's axis sees."""
-    return math.cos(math.radians(bench.table.misalignment_deg)) * bench.site.up[2]
+    along = sum(each * up for each, up in zip(bench.site.input_axis, bench.site.up, strict=True))
+    return math.cos(math.radians(bench.table.misalignment_deg)) * along
 
 
 def earth_rate_deg_s(bench: BenchParameters) -> float:
