@@ -20,7 +20,7 @@ def test_a_regular_file_is_read_with_or_without_byte_order_mark(tmp_path: Path) 
     assert read_file(tmp_path / "a", "a file", MOST) == b"\xef\xbb\xbfname"
 
 
-def test_a_file_as_large_as_can_be_is_read_and_no_larger_one(tmp_path: Path) -> None:
+def test_file_of_the_largest_size_is_read(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"x" * MOST)
     assert len(read_file(tmp_path / "a", "a file", MOST)) == MOST
     (tmp_path / "a").write_bytes(b"x" * (MOST + 1))

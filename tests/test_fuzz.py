@@ -130,7 +130,7 @@ READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
 
 
 @pytest.mark.parametrize("name", READERS)
-def test_a_file_that_is_nearly_right_is_read_or_refused_in_a_sentence(name: str, written: Path, tmp_path: Path) -> None:
+def test_nearly_right_file_is_read_or_refused_in_a_sentence(name: str, written: Path, tmp_path: Path) -> None:
     place, read = READERS[name]
     source = written / place if (written / place).exists() else EXAMPLES / place
     data = source.read_bytes()

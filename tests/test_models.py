@@ -204,7 +204,7 @@ def _at(role: str) -> str:
         ('"acl"', '"M1"', "rate_table.dialect: expected a text: one of acl, acme"),
     ],
 )
-def test_a_model_that_does_not_fit_is_a_mistake_of_the_bench_file(old: str, new: str, said: str) -> None:
+def test_unfit_model_is_a_mistake_of_the_bench_file(old: str, new: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         bench(old, new)
     assert said in str(caught.value)

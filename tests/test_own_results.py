@@ -139,7 +139,7 @@ def _tuples(values: dict[str, Any]) -> dict[str, Any]:
     ("results", "verdict"),
     few([(swing, "fail"), (lambda _s, _p: Lean(0.3), "pass"), (lambda _s, _p: {"n": 1}, None)], (swing, "fail")),
 )
-def test_limits_judge_what_has_their_name_and_the_verdict_stays_with_the_record(
+def test_limits_judge_numbers_of_their_name_and_are_recorded(
     results: Callable[[Any, Sequence[Point]], Any], verdict: str | None, tmp_path: Path
 ) -> None:
     bench = tmp_path / "bench.toml"

@@ -63,9 +63,7 @@ def shift(directory: Path, change: Any) -> None:
 
 
 @pytest.mark.parametrize("points", [0, 1, 3])
-def test_the_new_record_is_whole_by_itself_and_says_what_was_taken_over(
-    whole: Run, points: int, tmp_path: Path
-) -> None:
+def test_new_record_is_complete_and_marks_copied_steps(whole: Run, points: int, tmp_path: Path) -> None:
     directory = cut(whole, tmp_path, points)
     before = (directory / "journal.jsonl").read_bytes()
     run = vcfbench.resume(directory.name[:12], runs=tmp_path)
@@ -258,7 +256,7 @@ SHAKY = Procedure(name="shaky", title="shaky", settings=ProcedureSettings,
 
 
 @pytest.mark.exhaustive
-def test_a_fault_while_it_starts_up_again_ends_safe_and_can_be_resumed(tmp_path: Path) -> None:
+def test_fault_in_the_new_start_ends_safe_and_resumable(tmp_path: Path) -> None:
     """The file is one's own: where it stands is in the record, and a change of it is found."""
     file, left = tmp_path / "shaky.py", tmp_path / "shaky.txt"
     file.write_text(OWN, encoding="utf-8")

@@ -271,7 +271,7 @@ class StopsAt:
 
 
 @pytest.mark.parametrize(("kind", "number"), [(vcfbench.ReadingTaken, 5), (vcfbench.StepFinished, 20)])
-def test_an_error_of_the_bench_is_raised_with_the_run_that_it_ended(kind: type, number: int, tmp_path: Path) -> None:
+def test_bench_error_is_raised_with_its_run(kind: type, number: int, tmp_path: Path) -> None:
     """The recorded points are kept and the record says the same, in the midst of a step or when it was written."""
     with pytest.raises(vcfbench.Aborted) as caught:
         vcfbench.run("turntable", settings=QUICK, runs=tmp_path, observers=[StopsAt(kind, number)])

@@ -256,7 +256,7 @@ def test_the_bench_file_of_several_is_read_as_it_was_written() -> None:
     assert parse_bench(bench_text(bench), "again.toml") == bench
 
 
-def test_serial_numbers_of_a_run_are_given_in_the_order_of_the_bench_file() -> None:
+def test_serial_numbers_of_a_run_are_in_bench_order() -> None:
     metadata = {"dut": "A,B"}
     prepared = prepare(Request("turntable", several(2), metadata=metadata_of(metadata)))
     assert [(each.name, each.metadata.dut) for each in prepared.devices] == [("A", "A"), ("B", "B")]

@@ -302,7 +302,7 @@ def test_all_that_is_missing_is_named() -> None:
         vcfbench.dry_run("turntable", bench)
 
 
-def test_an_instrument_that_cannot_what_is_asked_is_refused_before_anything_is_opened() -> None:
+def test_instrument_without_an_ability_is_refused_before_opening() -> None:
     asks: dict[str, type] = {**NEEDS, "multimeter": CapturesWaveforms}
     with pytest.raises(ConfigError) as caught:
         vcfbench.dry_run(procedure(needs=asks), SMALL, settings=QUICK)

@@ -154,7 +154,7 @@ def test_read_backs_are_those_printed(sheet: SupplySpecification, voltage: str, 
             assert stated[output] == pytest.approx((float(percent) / 100.0, float(milli) / 1000.0), rel=1e-9)
 
 
-def test_a_kelvin_outside_of_18_to_28_degrees_adds_what_the_34401a_prints() -> None:
+def test_kelvin_outside_18_to_28_degrees_adds_the_printed_terms() -> None:
     """User's Guide p. 216, (ppm of the reading + ppm of the range) a kelvin."""
     assert (TEMPERATURE_COEFFICIENTS[0.1].reading, TEMPERATURE_COEFFICIENTS[0.1].range) == (5e-6, 5e-6)
     at_10_v = accuracy_at(HP_34401A, 10.0, 365, outside_k=1.0)[0]

@@ -111,7 +111,7 @@ def test_read_without_eoi_ends_by_silence_or_at_its_character(host: Host) -> Non
     assert host.errors() == '+0,"No error"'
 
 
-def test_the_end_of_an_answer_is_marked_by_a_character_of_ones_own(host: Host) -> None:
+def test_custom_character_marks_the_end_of_an_answer(host: Host) -> None:
     assert host.ask("++addr 5\n++eot_enable 1\n++eot_char 42\n*IDN?\n++read eoi\n") == f"{IDENTITIES[5]}*"
     assert host.ask("++ver\n").startswith("Prologix GPIB")
 

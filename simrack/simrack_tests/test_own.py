@@ -112,9 +112,7 @@ class Wrong(OwnInstrument):
 
 
 @pytest.mark.parametrize("message", ["DIV?", "NONE?", "LEV 0"])
-def test_a_mistake_of_its_author_is_an_error_and_the_rest_goes_on(
-    message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_author_mistake_is_an_error_and_the_rest_goes_on(message: str, capsys: pytest.CaptureFixture[str]) -> None:
     box = Wrong(WiredWorld(VirtualClock()))
     box.write(message.encode() + b"\n")
     assert box.read(100)[0] == b""

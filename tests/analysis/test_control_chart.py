@@ -46,5 +46,5 @@ def test_a_creep_that_no_single_run_shows_is_seen() -> None:
     assert np.median(months) <= 8
 
 
-def test_two_that_have_no_noise_of_their_own_are_compared_all_the_same() -> None:
+def test_two_values_without_noise_are_compared() -> None:
     assert recursive_residuals(np.zeros(3), np.ones((3, 3))) == pytest.approx([0.0, 0.0])

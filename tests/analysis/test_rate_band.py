@@ -161,7 +161,7 @@ def test_the_split_is_guessed_from_a_few_gains() -> None:
 
 
 @pytest.mark.parametrize("seed", few([0, 5, 6, 9]))
-def test_a_tone_in_the_dip_between_the_modes_keeps_no_fit_from_ending(seed: int) -> None:
+def test_tone_between_the_modes_does_not_prevent_a_fit(seed: int) -> None:
     """At 48 Hz both modes of this gyroscope cancel but for 0.6 %; one in six such responses could not be fitted."""
     true = np.array([16.372558, 1527.1, 1.0594, 141.21, -0.0241])
     ratios = np.array([0.5, 0.54, 0.6, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 1.0, 1.01, 1.02, 1.04, 1.07, 1.12, 1.2])
@@ -178,7 +178,7 @@ def test_a_tone_in_the_dip_between_the_modes_keeps_no_fit_from_ending(seed: int)
         assert abs(value - right) < 4.0 * u
 
 
-def test_the_noise_of_a_tone_is_that_at_it_and_not_beside_it() -> None:
+def test_tone_noise_is_taken_at_its_frequency() -> None:
     """White force noise through both sense modes and a flat part, read two hertz either side of each tone."""
     drive, split, q, in_phase, share = 3488.9, 24.8, 1224.0, 147.0, 0.8
     f = np.concatenate([np.geomspace(3.0, 20.0, 12), np.linspace(21.0, 28.0, 15), np.geomspace(30.0, 60.0, 8)])

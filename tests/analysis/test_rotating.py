@@ -56,7 +56,7 @@ def test_the_reference_comes_back_apart_from_half_turns(reference_deg: float, ga
     assert (found[0].turning, found[0].output) == pytest.approx((1.1, 1.7))
 
 
-def test_the_phase_of_records_and_its_delay_have_the_uncertainty_of_a_line() -> None:
+def test_phase_and_delay_of_records_have_u_of_a_line() -> None:
     """89.5 deg and 2 ms of delay, a tenth of a degree more and less: by hand."""
     away_deg = (0.1, 0.1, -0.1, -0.1) * 2
     found = reference_phase(

@@ -12,7 +12,7 @@ from vcfbench.analysis.scale_factor import characterise, compare, scale_factor_e
 from vcfbench.errors import ConfigError
 
 
-def test_paper_error_is_1_533_percent_and_1_515_from_its_printed_slopes() -> None:
+def test_paper_error_is_1_533_percent_rounded_1_515() -> None:
     comparison = compare(characterise(RATE, TURNTABLE), characterise(RATE, VIRTUAL))
     assert f"{comparison.scale_factor_error_percent:.3f}" == "1.533"
     assert f"{comparison.scale_factor_error_percent_rounded:.3f}" == "1.515"

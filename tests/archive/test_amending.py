@@ -152,7 +152,7 @@ def test_two_resumes_of_one_record_at_once_are_refused(record: Path) -> None:
     assert vcfbench.resume(record).status == "complete"  # later it may be
 
 
-def test_the_same_person_checks_a_later_revision_but_not_the_same_one_twice(record: Path) -> None:
+def test_same_person_checks_a_later_revision_but_no_revision_twice(record: Path) -> None:
     amend_run(record, {"checked_by": "B. Person"}, reason="read")
     with pytest.raises(ConfigError, match=r"checked_by: it is B\. Person already"):
         amend_run(record, {"checked_by": "B. Person"}, reason="read")

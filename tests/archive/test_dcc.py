@@ -90,7 +90,7 @@ def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) ->
     ]
 
 
-def test_it_says_whose_it_is_by_what_means_and_what_it_is_not(written: Path) -> None:
+def test_dcc_names_owner_means_and_limits(written: Path) -> None:
     tree = ET.parse(written).getroot()  # noqa: S314  # ours
     assert text_at(tree, ".//dcc:customer/dcc:name/dcc:content") == "ACME & Sons <b>"
     assert text_at(tree, ".//dcc:customer/dcc:location/dcc:further/dcc:content") == "2 Some Road Town"

@@ -138,7 +138,7 @@ def test_the_results_fit_on_the_first_page(lacking: Run) -> None:
     assert max(ends) < laid.width - 17.0 / 25.4 * 96.0 + 1.0  # its margin, in pixels of CSS
 
 
-def test_a_value_that_errors_alone_may_make_has_a_bound_among_the_results(tmp_path: Path) -> None:
+def test_value_that_errors_may_make_is_a_bound(tmp_path: Path) -> None:
     run = vcfbench.run("virtual-coriolis", seed=8, settings=QUICK, runs=tmp_path)
     *_, bound = run.results.uncertainty.bounds
     _, rows, text = shown(run)

@@ -54,7 +54,7 @@ def test_an_entry_that_was_withdrawn_can_be_added_again(store: DeviceStore) -> N
     assert [each.name for each in store.standing("G-1")] == ["0001", "0004"]
 
 
-def test_nothing_is_kept_of_a_record_that_is_of_another_device_by_now(store: DeviceStore) -> None:
+def test_record_of_another_device_is_not_kept(store: DeviceStore) -> None:
     run = calibrated(store)
     done = amend_run(run.directory, {"dut": "G-2"}, reason="misread", by="who")
     assert "vcfbench device G-1 --withdraw 0002" in "".join(done.stays)

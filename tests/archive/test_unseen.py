@@ -90,7 +90,7 @@ def test_effect_of_fault_equals_effect_on_evaluation(turntable: Tried) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_spread_is_moved_by_a_ramp_as_an_evaluation_with_it_says(tmp_path: Path) -> None:
+def test_ramp_moves_a_spread_as_its_evaluation_says(tmp_path: Path) -> None:
     case = Tried(taken(tmp_path, "repeatability", power_cycles=3, samples=3))
     row = next(each for each in case.rows if each.kind == "ramp" and each.size is not None)
     assert row.size is not None
@@ -136,7 +136,7 @@ def test_the_windows_held_against_each_other_are_those_that_the_run_held(
 
 
 @pytest.mark.exhaustive
-def test_steps_about_a_dead_band_are_held_against_each_other_level_by_level(tmp_path: Path) -> None:
+def test_steps_about_a_dead_band_are_compared_level_by_level(tmp_path: Path) -> None:
     case = Tried(taken(tmp_path, "threshold", at_most_s=60.0, samples=3))
     step = next(each for each in case.rows if (each.kind, each.unit) == ("step", OFFSET))
     assert step.size is not None

@@ -220,7 +220,7 @@ def test_a_result_that_is_no_text_is_one_sentence(command: str, record: Path) ->
     assert done.output
 
 
-def test_a_verdict_by_earlier_rules_and_results_without_newer_keys_are_no_fault(tmp_path: Path) -> None:
+def test_earlier_verdict_rules_and_missing_newer_keys_are_no_fault(tmp_path: Path) -> None:
     bench = embedded_text("ideal") + '\n[acceptance]\nguard_band = "U95"\nbias_v = [-1.0, 1.0]\n'
     (tmp_path / "bench.toml").write_text(bench, encoding="utf-8")
     run = vcfbench.run("turntable", tmp_path / "bench.toml", settings=QUICK, runs=tmp_path / "runs")

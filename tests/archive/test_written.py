@@ -194,7 +194,7 @@ def test_a_run_that_was_not_recorded_has_a_report() -> None:
     assert "not recorded" in text_of(full_report(run))
 
 
-def test_the_figures_of_a_procedure_of_ones_own_are_kept_with_its_run(tmp_path: Path) -> None:
+def test_figures_of_a_custom_procedure_are_kept_with_its_run(tmp_path: Path) -> None:
     settings = {"rates_deg_s": (0.0, 50.0, 100.0), "samples": 3}
     run = vcfbench.run(
         Path(__file__).parents[2] / "examples" / "own-procedure" / "hysteresis.py", settings=settings, runs=tmp_path

@@ -45,14 +45,12 @@ def test_points_on_a_line_are_believed() -> None:
 
 @pytest.mark.parametrize("since", range(1, 9))
 @pytest.mark.parametrize("fault", [lambda _: 0.0, lambda v: -v], ids=["lead off", "leads swapped"])
-def test_a_lead_that_comes_off_or_is_swapped_within_a_sweep_is_found(
-    since: int, fault: Callable[[float], float]
-) -> None:
+def test_lead_that_comes_off_or_is_swapped_is_found(since: int, fault: Callable[[float], float]) -> None:
     with pytest.raises(MeasurementError, match="a lead came off or was swapped"):
         require_steady_slope(faulty(sweep(), since, fault))
 
 
-def test_levels_that_were_measured_are_no_fault_however_far_the_generator_is_off() -> None:
+def test_measured_levels_pass_however_wrong_the_generator_is() -> None:
     """Offsets of 3.6 and -4.3 mV again: V_Vc as it was set lets expect half or twice the step, as measured the step."""
     levels = [-0.067, -0.037, -0.015, 0.0, 0.015, 0.037, 0.067]
     seen = [(v, v + (3.6e-3 if abs(v) < 0.03 else -4.3e-3)) for v in levels]
@@ -76,7 +74,7 @@ def test_small_levels_on_two_ranges_are_no_fault() -> None:
             require_steady_slope(broken, reference, lambda v: 0.02 * abs(v) + 4e-3)
 
 
-def test_a_whole_sweep_with_swapped_leads_has_not_the_slope_of_step_1() -> None:
+def test_sweep_with_swapped_leads_contradicts_the_slope_of_step_1() -> None:
     step_1 = (point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K))
     with pytest.raises(MeasurementError, match="the slope of step 1 lets expect"):
         require_steady_slope(faulty(sweep(), 0, lambda v: -v), step_1)
@@ -151,7 +149,7 @@ def test_the_bias_is_that_of_the_rate_nearest_to_zero() -> None:
 
 
 @pytest.mark.parametrize(("by_v", "found"), [(0.99, False), (1.01, True)])
-def test_a_step_is_allowed_as_far_as_the_noise_of_two_means_goes(by_v: float, *, found: bool) -> None:
+def test_allowed_step_follows_the_noise_of_two_means(by_v: float, *, found: bool) -> None:
     """Half a step of the line, and eight standard deviations of a difference of means of ten readings each."""
     bound_v = 0.5 * abs(K) * 10.0 + 8.0 * NOISE_V * 100.0 * (2.0 / 10.0) ** 0.5
     noisy = [replace(p, std_v=NOISE_V * 100.0) for p in sweep()]

@@ -114,7 +114,7 @@ def test_a_bench_with_a_chamber_must_have_its_limits() -> None:
         parse_bench(bench_text(load_bench("ideal")).replace("[limits]\n", turned) + CHAMBER, "lab.toml")
 
 
-def test_the_head_is_moved_by_a_person_only_and_faults_end_the_wait() -> None:
+def test_only_a_person_moves_the_head_and_faults_end_waiting() -> None:
     with open_bench(with_chamber()) as bench:
         context = Context(bench, lambda _: None)
         assert bench.adjust is not None

@@ -150,7 +150,7 @@ def test_a_bench_may_be_opened_first_and_entered_later() -> None:
 
 
 @pytest.mark.parametrize("entered", [True, False])
-def test_signals_that_come_before_the_making_safe_has_begun_do_not_end_it(*, entered: bool) -> None:
+def test_early_signals_do_not_end_making_safe(*, entered: bool) -> None:
     """Three of a nervous hand at once: the third came while the watchdog was told."""
 
     class Listening:

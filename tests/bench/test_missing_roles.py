@@ -48,7 +48,7 @@ def _locks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @given(st.sets(st.sampled_from(ALL), min_size=1))
-def test_any_of_the_roles_are_a_bench_and_come_back_from_its_file(roles: set[str]) -> None:
+def test_any_subset_of_roles_survives_its_bench_file(roles: set[str]) -> None:
     bench = bench_with(*roles)
     assert list(invalid_values(bench)) == []
     assert parse_bench(bench_text(bench), "lab.toml") == bench

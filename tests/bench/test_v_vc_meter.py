@@ -119,7 +119,7 @@ def test_it_changes_nothing_for_the_others_but_what_it_loads() -> None:
     assert readings[0] == readings[1]
 
 
-def test_its_errors_are_drawn_by_the_seed_and_not_those_of_the_first() -> None:
+def test_v_vc_meter_errors_are_drawn_apart_from_the_multimeters() -> None:
     described = with_meter("paper")
     rows = {row.path: row.value for row in inventory(described, 3)}
     own = {path.removeprefix("errors.v_vc_meter."): v for path, v in rows.items() if ".v_vc_meter." in path}

@@ -51,7 +51,7 @@ def test_a_run_within_its_limits_passes(tmp_path: Path) -> None:
     assert "simple acceptance" in done.stdout
 
 
-def test_a_run_outside_a_limit_fails_with_1_in_text_json_and_record(tmp_path: Path) -> None:
+def test_run_outside_a_limit_fails_with_1_in_all_outputs(tmp_path: Path) -> None:
     done = run(tmp_path, FAILING)
     assert done.exit_code == 1
     assert "\nFAIL\n" in done.stdout
@@ -98,7 +98,7 @@ def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
         ("zero_drift_v = 0.0\nreading_noise_v = [0.0, 1e-6]", "the readings scatter by"),
     ],
 )
-def test_a_gyroscope_that_is_not_the_expected_one_ends_the_run_with_3(tmp_path: Path, table: str, words: str) -> None:
+def test_unexpected_gyroscope_ends_the_run_with_3(tmp_path: Path, table: str, words: str) -> None:
     done = run(tmp_path, f"[expected]\n{table}\n")
     assert done.exit_code == 3
     assert words in done.stderr

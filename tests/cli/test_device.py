@@ -91,7 +91,7 @@ def test_two_formats_at_once_are_refused(serial: list[str], store: DeviceStore) 
     assert "--json and --csv: expected one of the two, got both" in refused.stderr
 
 
-def test_a_device_that_nobody_knows_is_an_error_with_those_that_are_known(store: DeviceStore) -> None:
+def test_unknown_device_error_lists_known_devices(store: DeviceStore) -> None:
     failed = call("G-2", "--devices", str(store.root))
     assert failed.exit_code == 2
     assert "there is no entry of device 'G-2'" in failed.stderr

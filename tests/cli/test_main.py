@@ -177,7 +177,7 @@ def test_closed_streams_are_no_error(closed: str) -> None:
 
 
 @pytest.mark.parametrize("command", [["bench", "show"], ["bench", "check"], ["sim", "show"], ["run", "turntable"]])
-def test_a_bench_file_that_is_not_there_is_one_line_and_code_two(command: list[str], tmp_path: Path) -> None:
+def test_missing_bench_file_is_one_line_and_code_two(command: list[str], tmp_path: Path) -> None:
     done = CliRunner().invoke(main.app, [*command, "--bench", str(tmp_path / "none.toml")])
     assert done.exit_code == 2
     assert done.stderr == f"vcfbench: {tmp_path / 'none.toml'}: expected a bench file, there is no such file\n"

@@ -71,7 +71,7 @@ def station(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.mark.exhaustive
-def test_a_table_of_ones_own_is_checked_and_turned_by_its_stand_in(station: Path) -> None:
+def test_own_table_is_checked_and_turned_by_its_stand_in(station: Path) -> None:
     at_leisure(station.with_name("corner.toml"), 0.25)
     station.write_text(station.read_text("utf-8") + "rate_tolerance_deg_s = 2\n", "utf-8")
     check, talk = re.findall(r"^(vcfbench .*--bench station.toml.*)$", PAGE, re.MULTILINE)

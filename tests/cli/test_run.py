@@ -219,7 +219,7 @@ def test_error_at_close_does_not_hide_unsafe_instrument(station: Station, monkey
     assert call("run", "turntable").exception is station.refuses
 
 
-def test_a_record_that_cannot_be_kept_is_found_before_an_instrument_is_opened(station: Station, tmp_path: Path) -> None:
+def test_unwritable_record_is_found_before_an_instrument_is_opened(station: Station, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     for runs in ("file", "file/runs", ""):
         result = call("run", "turntable", "--runs", runs)

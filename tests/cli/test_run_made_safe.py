@@ -90,7 +90,7 @@ def test_three_signals_of_a_nervous_hand_leave_nothing_on(bench: Bench, tmp_path
 
 
 @pytest.mark.parametrize("role", few(["rate_table", "rate_source", "power"], "rate_table"))
-def test_an_instrument_that_hears_but_is_not_heard_is_at_rest_and_off(bench: Bench, tmp_path: Path, role: str) -> None:
+def test_instrument_without_replies_is_at_rest_and_off(bench: Bench, tmp_path: Path, role: str) -> None:
     """Its answers are lost once the table turns; whatever is proved, nothing may go on."""
     at_s = 20.0
     impatient(bench, role)

@@ -139,7 +139,7 @@ def test_turntable_with_every_table_gives_the_same_bytes(short: Path, tmp_path: 
 
 @pytest.mark.exhaustive
 @needs_ptys
-def test_a_led_run_begins_at_the_beginning_though_a_table_has_been_talking(short: Path, tmp_path: Path) -> None:
+def test_controlling_run_starts_at_0_although_a_table_sent_status(short: Path, tmp_path: Path) -> None:
     speak(short, "ruya")
     alone = answer(tmp_path, "turntable", "--bench", str(short), "--seed", "7")
     with serving(short, "--wires", "pty", "--seed", "7") as served:
@@ -201,7 +201,7 @@ def test_who_leads_the_time_has_the_bench(short: Path) -> None:
     assert "another connection leads the clock" in refused.stderr
 
 
-def test_a_bench_that_is_not_served_any_more_is_told_in_a_sentence(short: Path) -> None:
+def test_bench_no_longer_served_is_one_sentence(short: Path) -> None:
     with serving(short) as served:
         pass
     refused = CliRunner().invoke(app, ["run", "turntable", "--quiet", "--bench", str(served)])

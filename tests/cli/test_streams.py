@@ -212,7 +212,7 @@ def raising(error: Exception) -> NoReturn:
     raise error
 
 
-def test_an_answer_that_cannot_be_written_is_an_error_unless_nobody_is_there() -> None:
+def test_answer_that_cannot_be_written_is_an_error_unless_unread() -> None:
     assert given(lambda: None) is None
     assert given(lambda: raising(BrokenPipeError())) is None
     unwritten = given(lambda: raising(OSError(28, "No space left on device")))

@@ -54,7 +54,7 @@ def test_the_bench_is_measured_with_by_hand(tmp_path: Path) -> None:
     assert last == {"power": "OUTP OFF\n", "rate_source": "OUTP OFF\n"}
 
 
-def test_the_table_turns_and_stops_and_lines_go_to_instruments_as_they_are() -> None:
+def test_table_turns_and_stops_and_lines_pass_unchanged() -> None:
     done = talk("table.rate 10", "table.read", "table.stop", "table.read", "multimeter *IDN?", "scope *OPC?", "safe")
     assert done.exit_code == 0, done.stderr
     rate, read, _, at_rest, identity, complete, safe = done.stdout.splitlines()

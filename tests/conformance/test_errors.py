@@ -185,7 +185,7 @@ def test_errors_that_one_model_has() -> None:
 
 
 @pytest.mark.parametrize("model", walk.MODELS)
-def test_a_number_for_a_string_is_what_the_manual_of_the_model_says(model: str) -> None:
+def test_number_for_a_string_gives_the_error_of_the_manual(model: str) -> None:
     assert queued(walk.bench(model), f"{STRING[model]} 5.0") == [NUMBER_FOR_A_STRING[model]]
 
 

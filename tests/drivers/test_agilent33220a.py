@@ -88,7 +88,7 @@ def test_a_level_that_reads_back_otherwise_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("again", ["+6.6670000000000E-02", "+6.6680000000000E-02", "+6.667E-02", "0.06667"])
-def test_a_level_counts_only_when_it_is_answered_twice_alike_and_in_form(again: str) -> None:
+def test_level_needs_two_equal_well_formed_answers(again: str) -> None:
     """The level is a number of the results; one changed digit may be within what a setting may be off."""
     exchanges: list[Exchange] = [("VOLT:OFFS 0.06667", None), NO_ERROR, ("VOLT:OFFS?", "+6.6660000000000E-02")]
     with expected_exchange(OPEN, [*STARTED, *ZERO_DC, *exchanges, ("VOLT:OFFS?", again)]) as generator:

@@ -203,7 +203,7 @@ def test_another_specimen_is_refused() -> None:
         pass
 
 
-def test_on_rs232_the_supply_is_made_remote_first_and_left_time_after_commands() -> None:
+def test_on_rs232_supply_is_made_remote_and_given_pauses() -> None:
     exchanges: list[Exchange] = [("SYST:REM", None), *OPENING, ("OUTP OFF", None), NO_ERROR, ("OUTP?", "0")]
     opener = over_visa(E3631A, write_pause_s=0.5, timeout_s=5.0)
     with expected_exchange(opener, exchanges, interface="asrl") as supply:

@@ -194,7 +194,7 @@ def test_a_lower_range_than_asked_for_is_an_error_too(found: str) -> None:
         meter.configure_dc_voltage(10.0, 10.0)
 
 
-def test_before_it_is_configured_a_reading_takes_as_long_as_after_a_reset() -> None:
+def test_first_reading_takes_as_long_as_after_a_reset() -> None:
     """10 power-line cycles (guide p. 61), of 50 Hz unless the bench says otherwise; and 50 ms around them."""
     with expected_exchange(OPEN, OPENING) as meter:
         assert meter.reading_time_s == pytest.approx(2 * 10 / 50.0 + 0.05)

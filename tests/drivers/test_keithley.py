@@ -45,7 +45,7 @@ CONFIGURED_6500: list[Exchange] = [
 ]
 
 
-def test_the_2000_is_told_to_stop_and_not_to_average_before_it_reads() -> None:
+def test_2000_is_stopped_and_averaging_switched_off_before_a_reading() -> None:
     value = "-1.67463210E-01"
     reading: list[Exchange] = [("INIT", None), ("*OPC?", "1"), ("FETC?", value), ("FETC?", value)]
     with expected_exchange(OPEN_2000, [*OPENING_2000, *CONFIGURED_2000, *reading]) as meter:

@@ -351,7 +351,7 @@ def test_an_answer_that_drips_in_runs_into_its_deadline_too(ask: str) -> None:
 @pytest.mark.parametrize(
     ("ask", "answer"), [("query", b"+1.5\n"), ("query_raw", b"+1,2\n"), ("query_block", b"#13abc\n")]
 )
-def test_an_answer_that_is_cut_anywhere_is_told_as_far_as_it_came(ask: str, answer: bytes) -> None:
+def test_answer_cut_anywhere_is_reported_as_far_as_it_came(ask: str, answer: bytes) -> None:
     for cut in range(len(answer)):
         with pytest.raises(DeadlineExceeded) as caught:
             getattr(on(PieceWire(VirtualClock(), answer[:cut], 2)), ask)("ANY?")
@@ -365,7 +365,7 @@ def test_a_line_may_be_ended_by_end_alone() -> None:
         assert (session.query("A?"), session.query("B?")) == ("5", "6")
 
 
-def test_a_command_after_a_failed_question_waits_until_the_session_is_in_step() -> None:
+def test_command_after_a_failed_query_waits_for_resynchronisation() -> None:
     with expected_exchange(OPEN, [("*IDN?", IDENTITY), ("A?", None), *SYNC, ("B 1", None)]) as session:
         session.identify()
         with pytest.raises(DeadlineExceeded):
@@ -448,7 +448,7 @@ def test_what_came_before_a_device_clear_is_forgotten() -> None:
     assert session.query("A?") == "5"
 
 
-def test_half_the_time_is_for_finding_the_place_the_rest_for_connecting_anew() -> None:
+def test_half_the_time_resynchronises_and_the_rest_reconnects() -> None:
     clock, tried = VirtualClock(), list[tuple[float, float]]()
 
     def reconnect(deadline: Deadline) -> Wire:
@@ -536,7 +536,7 @@ def test_refusals_without_error_queue_are_read_from_event_status() -> None:
         session.check_errors()
 
 
-def test_the_safe_words_end_what_was_torn_and_none_are_said_at_once() -> None:
+def test_safe_words_end_a_torn_line_and_may_be_none() -> None:
     sent: list[bytes] = []
 
     class Noting(PieceWire):
@@ -555,7 +555,7 @@ def test_the_safe_words_end_what_was_torn_and_none_are_said_at_once() -> None:
     assert len(sent) == 1
 
 
-def test_an_instrument_that_needs_pauses_is_left_in_peace_after_its_safe_words() -> None:
+def test_instrument_with_pauses_gets_one_after_its_safe_words() -> None:
     clock = VirtualClock()
     session = on(PieceWire(clock, b"", 1), write_pause_s=0.4)
     session.revive()

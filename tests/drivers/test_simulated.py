@@ -192,7 +192,7 @@ def test_table(plugs: Plugs, header: Literal["none", "u32le2", "u32be2"], config
     table.close()
 
 
-def test_a_table_that_was_left_turning_is_refused_and_can_be_made_safe(plugs: Plugs) -> None:
+def test_table_left_turning_is_refused_and_can_be_made_safe(plugs: Plugs) -> None:
     table = plugs.table(AclTable(plugs.world, TableErrors.none(), "none"), max_acceleration_deg_s2=200.0)
     table.enable()
     table.set_rate(100.0, 200.0)

@@ -25,7 +25,7 @@ BLIND: Exchange = (b"\nOUTP1 OFF\n", None)
 OPEN_CIRCUIT: list[Exchange] = [("OUTP1:LOAD INF", None), NO_ERROR, ("OUTP1:LOAD?", "+9.900000000000000E+37")]
 
 
-def test_a_direct_voltage_goes_to_the_first_channel_and_into_an_open_circuit() -> None:
+def test_direct_voltage_goes_to_channel_1_and_high_impedance() -> None:
     exchanges: list[Exchange] = [
         *OPEN_CIRCUIT,
         ("SOUR1:FUNC DC", None),

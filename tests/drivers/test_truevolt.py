@@ -50,7 +50,7 @@ def test_every_integration_time_of_a_34465a(nplc: float) -> None:
         meter.configure_dc_voltage(10.0, nplc)
 
 
-def test_an_integration_time_of_a_missing_option_is_an_error_of_the_meter() -> None:
+def test_integration_time_of_a_missing_option_is_an_error() -> None:
     refused: list[Exchange] = [*configured(0.006)[:-3], ("SYST:ERR?", '-222,"Data out of range"'), NO_ERROR]
     with (
         expected_exchange(OPEN_34465A, [*OPENING_34465A, *refused]) as meter,

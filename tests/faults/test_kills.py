@@ -93,7 +93,7 @@ for at in range(1, 100_000, every):
 
 
 @pytest.mark.parametrize(("procedure", "settings", "every"), [("turntable", SETTINGS, 4), ("zero", LONG, 4)])
-def test_a_run_that_is_killed_at_a_write_loses_nothing_that_was_shown(
+def test_run_killed_at_a_write_loses_no_shown_point(
     procedure: str, settings: dict[str, float], every: int, tmp_path: Path
 ) -> None:
     command = [sys.executable, "-c", FORKS, str(tmp_path), procedure, json.dumps(settings), str(every)]

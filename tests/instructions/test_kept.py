@@ -67,7 +67,7 @@ def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(known: Call
     assert (other.bias_instability_deg_h, list(other.assumed)) == (5.6, ["bias_instability_deg_h", "warm_up_k"])
 
 
-def test_one_that_is_out_of_date_is_refused_unless_it_is_asked_for(known: Callable[..., Sources]) -> None:
+def test_outdated_entry_is_refused_unless_allowed(known: Callable[..., Sources]) -> None:
     late = DAY + timedelta(days=366)
     with pytest.raises(ConfigError, match=r"0002\.json: the static record is valid from .* to .*, not now") as refused:
         known("G-1", late)
@@ -123,7 +123,7 @@ def test_what_is_told_counts_unless_the_run_shows_more_than_chance_would() -> No
     assert (more.deg_h, more.dof) == (pytest.approx(10.0, rel=1e-3), pytest.approx(50.0, rel=1e-2))
 
 
-def test_a_square_that_came_out_as_0_is_not_known_to_be_0() -> None:
+def test_square_found_as_0_is_not_known_as_0() -> None:
     """Half of a normal distribution: mean 0.80 of its sigma, sd 0.60 of it; 3.5 degrees of freedom."""
     found = flicker_counted(None, 0.0, 10.0, "blocks of this run")
     assert found.deg_h**2 == pytest.approx(10.0 * math.sqrt(2.0 / math.pi))

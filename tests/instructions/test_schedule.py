@@ -70,7 +70,7 @@ def test_alternate_goes_by_size_and_takes_plus_before_minus(rates: list[float]) 
 
 
 @given(pairs())
-def test_abba_takes_each_rate_twice_as_often_and_each_pair_there_and_back(rates: list[float]) -> None:
+def test_abba_takes_each_rate_twice_and_pairs_both_ways(rates: list[float]) -> None:
     found = ordered(rates, Order.ABBA)
     assert Counter(found) == Counter(rates * 2)
     moving = [rate for rate in found if rate]

@@ -108,7 +108,7 @@ def test_what_only_hands_can_do_is_asked_for_on_the_page(panel: Panel) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no signal to a thread")
-def test_a_signal_that_does_not_wake_the_panel_is_heard_all_the_same(panel: Panel) -> None:
+def test_signal_that_does_not_wake_the_panel_is_handled(panel: Panel) -> None:
     """As one that comes just before the waiting: here another thread takes it."""
 
     def stopped(*_: object) -> None:

@@ -156,7 +156,7 @@ def test_ieee_2700_sheet_names_missing_instruments() -> None:
     assert sheet["sensitivity error over temperature"][-1] == "not measured: the bench has no chamber"
 
 
-def test_every_part_has_its_own_results_of_its_own_part_of_the_run(run: Any) -> None:
+def test_each_part_has_results_of_its_own_part(run: Any) -> None:
     assert [part.name for part in run.results.parts] == ["zero", "polarity", "turntable"]
     zero, polarity, turntable = (part.results for part in run.results.parts)
     assert zero.samples == 200

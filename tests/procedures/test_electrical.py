@@ -75,7 +75,7 @@ def test_lines_that_are_swapped_are_named_together(one: str, two: str, monkeypat
         run(simulated("paper", errors="none"), positive_rail_ohm=[500, 2000])
 
 
-def test_shorted_rail_of_the_world_is_seen_and_a_powered_one_is_none(simulated_world: World) -> None:
+def test_shorted_rail_is_found_and_powered_one_is_not(simulated_world: World) -> None:
     assert simulated_world.source_ohm("rail_positive") == pytest.approx(1000.0)
     simulated_world.set_load("positive", 0.5)
     assert simulated_world.source_ohm("rail_positive") == pytest.approx(0.5, rel=1e-3)

@@ -124,7 +124,7 @@ def test_probes_as_they_are_tell_amplitudes_too_badly_to_correct_by() -> None:
     assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["not measured"]
 
 
-def test_a_split_and_a_q_that_are_measured_are_not_in_temperature_again() -> None:
+def test_measured_split_and_q_are_not_counted_in_temperature() -> None:
     """Without a drive frequency temperature is the thermometer's: what it did to split and Q is measured."""
     then = structs.replace(
         THEN, drive_hz=None, drive_ppm_k=Kept(value=-30.0, u=0.0), split_hz_k=Kept(value=0.0035, u=0.0)
@@ -204,7 +204,7 @@ def test_what_is_not_measured_widens_by_what_it_may_have_done() -> None:
 
 
 @pytest.mark.exhaustive
-def test_an_oscilloscope_that_has_changed_is_taken_for_no_change_of_k_vc(tmp_path: Path) -> None:
+def test_changed_oscilloscope_is_no_change_of_k_vc(tmp_path: Path) -> None:
     settings = {"dut": "G", "devices": str(tmp_path / "devices"), "warm_up_s": 1800.0}
 
     def bench(gain: float) -> Any:

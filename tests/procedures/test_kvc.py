@@ -114,7 +114,7 @@ def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: s
 
 
 @pytest.mark.parametrize("seed", few([7, 8, 9]))
-def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(seed: int, tmp_path: Path) -> None:
+def test_trusted_setting_has_accuracy_of_the_generator_ranges(seed: int, tmp_path: Path) -> None:
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, v_vc_meter=None, simulation=structs.replace(LAB.simulation, errors=errors))
     unknown = structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, generator_ranges_v=None))

@@ -75,7 +75,7 @@ def test_tables_within_are_merged() -> None:
     assert drive.amplitude_v == settings_of(VIRTUAL_CORIOLIS, lab).drive.amplitude_v
 
 
-def test_bench_files_of_before_keep_keys_of_one_procedure_among_those_of_all() -> None:
+def test_old_bench_files_keep_procedure_keys_among_common_ones() -> None:
     lab = bench("[procedure]", "match_rate_deg_s = 20", 'match = "absolute"', "k_vc_guess_deg_s_per_v = 40")
     chosen = settings_of(VIRTUAL_CORIOLIS, lab)
     assert (chosen.match_rate_deg_s, chosen.match, chosen.k_vc_guess_deg_s_per_v) == (20.0, Match.ABSOLUTE, 40.0)

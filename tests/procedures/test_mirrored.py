@@ -161,7 +161,7 @@ def test_no_uncertainty_of_a_mirrored_gyroscope_is_below_0(case: str, mirror: st
 
 
 @pytest.mark.parametrize(("case", "mirror"), DRAWN)
-def test_a_mirrored_gyroscope_has_the_same_values_and_u_with_the_signs_turned(case: str, mirror: str) -> None:
+def test_mirrored_gyroscope_has_equal_u_and_opposite_signs(case: str, mirror: str) -> None:
     turned = MIRRORS[mirror]
     usual, other = (dict(said(results(case, *signs))) for signs in ((1.0, 1.0), turned))
     assert usual

@@ -82,7 +82,7 @@ def stepped(seed: int) -> float:
             result = structs.replace(result, point=taken(2, 0.0, step.v_vc_v))
 
 
-def test_a_range_of_the_generator_that_ends_near_the_match_is_left_or_the_nearer_end_is_used() -> None:
+def test_generator_range_ending_near_the_match_uses_the_nearer_end() -> None:
     left = [stepped(seed) for seed in range(100)]
     assert max(left) < 0.1
     assert sum(each < 5e-4 for each in left) > 80

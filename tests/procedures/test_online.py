@@ -125,7 +125,7 @@ def test_the_record_gives_the_same_and_the_report_shows_it(turning: Any) -> None
 
 
 @pytest.mark.exhaustive
-def test_the_one_meter_is_moved_by_hand_and_the_sign_is_that_expected(tmp_path: Path) -> None:
+def test_single_meter_is_moved_by_hand_with_expected_sign(tmp_path: Path) -> None:
     one = structs.replace(QUIET, v_vc_meter=None)
     found = run(one, tmp_path, **FAST).results
     assert found.scale_factor.value == pytest.approx(SCALE_FACTOR, rel=3e-4)
@@ -178,7 +178,7 @@ def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: 
     assert any(part.source.startswith("offset of the generator") for part in found.disturbance.parts)
 
 
-def test_a_bench_without_table_needs_none_and_one_with_a_table_may_turn() -> None:
+def test_bench_with_a_table_may_turn_and_needs_none() -> None:
     settings = {"k_vc": "150"}
     kinds = [type(each.step) for each in vcfbench.dry_run("online", FIELD, settings=settings).steps]
     assert EnableTable not in kinds
@@ -308,7 +308,7 @@ def test_bursts_that_are_all_no_sine_give_no_result(output: Any, chosen: OnlineS
 
 
 @pytest.mark.parametrize("v_vc", [lambda v: 1e-3 * v, lambda v: v + 0.05], ids=["millivolts", "offset"])
-def test_a_sine_on_v_vc_that_is_not_as_set_gives_no_result(v_vc: Any, chosen: OnlineSettings) -> None:
+def test_v_vc_sine_unlike_its_setting_gives_no_result(v_vc: Any, chosen: OnlineSettings) -> None:
     with pytest.raises(MeasurementError, match=r"in burst 1 of 5 V_Vc reads .*, set to 0\.333333 V about 0") as caught:
         online_results(chosen, spoilt(Records(), v_vc=v_vc))
     assert caught.value.instrument == "v_vc_meter"

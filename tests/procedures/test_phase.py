@@ -83,7 +83,7 @@ def test_every_phase_is_known_to_the_target(run: vcfbench.Run) -> None:
     assert found.records == 3 * (4 * 2 + 2)
 
 
-def test_a_degree_of_the_carrier_moves_k_vc_as_the_closed_form_says(run: vcfbench.Run) -> None:
+def test_carrier_phase_moves_k_vc_by_the_closed_form(run: vcfbench.Run) -> None:
     """880 ppm a degree near 0 of a common phase, with which the demodulator turns as well: the rest is the cosines'."""
     true = truth()
     angle = math.radians(true["virtual_deg"] - true["demodulator_deg"] - 180.0)

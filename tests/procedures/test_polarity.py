@@ -242,7 +242,7 @@ def test_leads_that_are_really_reversed_are_found() -> None:
     assert found.causes == (MULTIMETER, DEMODULATOR, PICK_OFF)
 
 
-def test_a_turned_carrier_is_named_and_one_that_is_lost_ends_the_run(tmp_path: Path) -> None:
+def test_turned_carrier_is_named_and_lost_one_ends_the_run(tmp_path: Path) -> None:
     """The drive check ended the run without a word about the sign."""
     turned = simulated("lab", overrides={"virtual_path": {"carrier_phase_rad": 2.0 * math.pi + 0.005}})
     run = vcfbench.run("polarity", turned, settings=QUICK, runs=tmp_path)

@@ -109,7 +109,7 @@ def planned(**changes: Any) -> list[Step]:
     return [each.step for each in walk(POWER.plan(settings), settings.expected_gyro())]
 
 
-def test_the_second_rail_waits_at_0_v_and_all_is_off_between_orders() -> None:
+def test_second_rail_waits_at_0_v_and_orders_start_off() -> None:
     steps = planned(orders=("negative", "together"), cycles=1, rails_varied=("both",))
     on = next(n for n, step in enumerate(steps) if isinstance(step, SuppliedAndLogged))
     levels = {step.rail: step.voltage_v for step in steps[:on] if isinstance(step, ConfigureRail)}

@@ -32,7 +32,7 @@ def run(bench: vcfbench.BenchDescription | str, **settings: Any) -> Any:
 
 
 @pytest.mark.parametrize(("by", "headroom_v"), [("v-vc", 1.5), ("table", 7.5)])
-def test_limit_of_a_clipped_output_is_where_the_line_has_that_much_more(by: str, headroom_v: float) -> None:
+def test_limit_of_a_clipped_output_lies_where_the_line_exceeds(by: str, headroom_v: float) -> None:
     """The line's output at the limit times 1 - share is the clipped one; both ends of the interval hold it."""
     bench = ideal({"headroom_v": headroom_v})
     output = true_output(bench)

@@ -74,7 +74,7 @@ def test_turntable_ends_with_one_column_and_its_fit() -> None:
     assert lines[lines.index("not in these uncertainties:") + 1].startswith("  MISSING the multimeter's accuracy")
 
 
-def test_turntable_has_the_output_against_the_rate_and_what_its_line_leaves_over() -> None:
+def test_turntable_figures_show_output_and_residuals_over_rate() -> None:
     outputs, residuals = figures("turntable")
     assert (outputs.x.title, outputs.y.title) == ("Omega_z / (deg/s)", "output / V")
     measured, line = outputs.series

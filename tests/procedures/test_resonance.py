@@ -75,7 +75,7 @@ def test_both_ways_agree(run: vcfbench.Run) -> None:
     assert found.why_no_drive == ""
 
 
-def test_the_time_base_that_both_drive_frequencies_share_does_not_make_them_agree(run: vcfbench.Run) -> None:
+def test_common_time_base_does_not_make_drive_frequencies_agree(run: vcfbench.Run) -> None:
     found = run.results
     off_hz = abs(found.drive_hz.value - found.drive_ring_down_hz.value)
     assert found.e_n_drive_hz > 3.0 * off_hz / (found.drive_hz.u95 + found.drive_ring_down_hz.u95)

@@ -222,7 +222,7 @@ def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path
 
 
 @pytest.mark.exhaustive
-def test_a_simulated_meter_without_a_number_is_the_same_at_the_same_seed(tmp_path: Path) -> None:
+def test_simulated_meters_of_one_seed_are_the_same(tmp_path: Path) -> None:
     """Another seed draws other specimens, at the same address of the same bench."""
     settings = calibrated(tmp_path, LAB)
     same, other = (run(tmp_path, LAB, settings, seed).drift.cancelled for seed in (1, 2))
@@ -231,7 +231,7 @@ def test_a_simulated_meter_without_a_number_is_the_same_at_the_same_seed(tmp_pat
 
 
 @pytest.mark.exhaustive
-def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator_s_ranges(tmp_path: Path) -> None:
+def test_trusted_setting_has_accuracy_of_the_generator_ranges(tmp_path: Path) -> None:
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
     bench = structs.replace(LAB, simulation=structs.replace(LAB.simulation, errors=errors))
     unknown = structs.replace(bench, uncertainty=structs.replace(bench.uncertainty, generator_ranges_v=None))
@@ -377,7 +377,7 @@ def fresh_store(where: Path, name: str) -> DeviceStore:
     return store
 
 
-def test_a_drift_fails_the_run_by_the_limits_of_the_bench_file_too(quiet: tuple[Path, dict[str, Any]]) -> None:
+def test_drift_limit_of_the_bench_file_fails_the_run(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     limits = AcceptanceLimits(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
     fresh = structs.replace(still(LAB), acceptance=limits)
@@ -527,7 +527,7 @@ def test_the_command_answers_in_text_and_json(tmp_path: Path) -> None:
     assert isinstance(vcfbench.load_run(tmp_path / "runs" / answer["run"]).results, SelfCalibrationResult)
 
 
-def test_a_k_vc_that_is_a_number_says_what_it_does_not_know(tmp_path: Path) -> None:
+def test_numeric_k_vc_lists_its_unknown_parts(tmp_path: Path) -> None:
     few = {"k_vc": "150", "samples": 3, "virtual_rates_deg_s": [50.0, 100.0], "cycles": 1}
     found = vcfbench.run("self-calibration", "lab", seed=1, settings=few, runs=tmp_path).results
     assert any("k_vc_u_deg_s_per_v" in each for each in found.holds_not)
@@ -639,7 +639,7 @@ def test_a_number_of_the_other_sign_than_k_vc_is_refused(sign: float, tmp_path: 
 
 
 @pytest.mark.parametrize("procedure", few(["self-calibration", "online"], "self-calibration"))
-def test_a_scale_factor_of_the_sign_that_the_gyroscope_has_not_is_refused(procedure: str, tmp_path: Path) -> None:
+def test_scale_factor_of_the_wrong_sign_is_refused(procedure: str, tmp_path: Path) -> None:
     expected = structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013))
     own = {"self-calibration": QUICK, "online": {"warm_up_s": 60.0, "duration_s": 10.0}}[procedure]
     with pytest.raises(MeasurementError, match=r"sign of the scale factor is wrong: expected 0\.0125 V/\(deg/s\)"):

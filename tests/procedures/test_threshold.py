@@ -77,7 +77,7 @@ def test_what_no_dead_band_answers_is_refused() -> None:
         fit_dead_band(BOTH, BOTH + 0.1 * np.sin(20.0 * BOTH), {"": 1e-6 * np.eye(BOTH.size)})
 
 
-def test_none_is_as_often_below_zero_as_above_and_u_is_its_scatter() -> None:
+def test_absent_dead_band_scatters_about_zero_by_its_u() -> None:
     draw, sigma = np.random.default_rng(6), 3e-3
     halves = [
         (

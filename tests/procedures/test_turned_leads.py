@@ -61,7 +61,7 @@ def turned(name: str, by: str | None, at: int, **told: float) -> tuple[int, bool
     ("name", "by"),
     [("repeatability", "v-vc"), ("rate-limits", "table"), ("temperature", "table"), ("warmup", None)],
 )
-def test_an_output_whose_lead_is_turned_round_on_the_way_ends_the_run(name: str, by: str | None) -> None:
+def test_output_lead_turned_in_mid_run_ends_it(name: str, by: str | None) -> None:
     at = Random(f"{name} {by}").randrange(2, 14)  # noqa: S311  # a place, no secret
     begun, seen = turned(name, by, at)
     assert begun > at

@@ -110,7 +110,7 @@ def test_flicker_of_the_bias_is_the_integral_of_its_density() -> None:
         assert stated.value(name).u == pytest.approx(expected, rel=2e-3)
 
 
-def test_the_generator_s_offset_cancels_where_outputs_are_taken_from_their_own_zeros() -> None:
+def test_generator_offset_cancels_with_own_zeros() -> None:
     level_v = 10.0 / K_VC
     zero, absolute = (four(GENERATOR, match).value("k_vc") for match in (Match.ZERO, Match.ABSOLUTE))
     assert zero.u / zero.value == pytest.approx(0.02 / math.sqrt(3))
@@ -326,7 +326,7 @@ def test_a_source_that_cannot_be_costs_the_values_that_depend_on_it() -> None:
     assert cannot_be == {"slope": ("noise, which cannot be (u nan)",), "bias": ()}
 
 
-def test_a_budget_that_cannot_be_had_leaves_k_vc_both_lines_and_biases(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_budget_leaves_k_vc_lines_and_biases(monkeypatch: pytest.MonkeyPatch) -> None:
     """A u below zero, of the levels of V_Vc in the virtual slope."""
 
     def below_zero(asked: Any, sources: Sequence[Source], *others: Any, **named: Any) -> Statement:
@@ -347,7 +347,7 @@ def test_a_budget_that_cannot_be_had_leaves_k_vc_both_lines_and_biases(monkeypat
 
 @pytest.mark.parametrize("apart", [-0.9, -0.5, -0.1, 0.0, 0.1, 0.5, 3.0])
 @pytest.mark.parametrize("k_vc", [K_VC, -K_VC])
-def test_a_match_of_outputs_as_they_are_has_the_difference_of_the_zeros(k_vc: float, apart: float) -> None:
+def test_absolute_match_contains_the_difference_of_the_zeros(k_vc: float, apart: float) -> None:
     """A generator that adds a share of the match's output to all outputs: K_Vc by it is off by no more than 1.96 u."""
     added_v = apart / (1.0 + apart) * K * 10.0  # so that it is this share of the span that is left
     points = [

@@ -125,7 +125,7 @@ def test_what_is_steady_ends_at_the_shortest_and_needs_no_exponential(tmp_path: 
     assert run.results.turn_on_s < 2.0
 
 
-def test_a_bench_without_noise_has_no_exponential_and_the_meter_s_last_digit(tmp_path: Path) -> None:
+def test_noiseless_bench_has_no_exponential_but_the_last_digit(tmp_path: Path) -> None:
     run = vcfbench.run("warmup", "ideal", settings={**SCALE, "shortest_s": 240.0}, runs=tmp_path)
     assert run.results.time_constant is None
     assert run.results.bias_end.value == pytest.approx(0.0, abs=1e-6)
@@ -182,7 +182,7 @@ def test_u95_of_a_strong_exponential_is_that_of_its_u(amplitude: float) -> None:
         assert time.u > 0.3 / abs(amplitude)
 
 
-def test_a_warm_up_of_one_time_constant_is_as_uncertain_as_its_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warm_up_time_is_as_uncertain_as_its_amplitude(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tau ln |a / limit| moves by tau / a, where noise has made the time constant no other."""
     monkeypatch.setattr(warmup, "_TIME_CONSTANTS", 1)
     monkeypatch.setattr(warmup, "_RESOLVED", 0)

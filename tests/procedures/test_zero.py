@@ -127,7 +127,7 @@ def test_without_gaps_nothing_has_to_be_corrected(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_flicker_of_the_mean_grows_with_the_horizon_that_it_is_stated_for(hour: Run) -> None:
+def test_flicker_of_the_mean_grows_with_the_horizon(hour: Run) -> None:
     """By the integral of a 1/f from the horizon to the record."""
     volts = np.array([reading.voltage_v for reading in hour.readings])
 
@@ -153,7 +153,7 @@ def test_unknown_noise_bandwidth_gives_a_bound_of_n(hour: Run) -> None:
     assert "N has an upper bound only" in shown(found, settings)
 
 
-def test_n_is_the_middle_of_what_flicker_between_readings_may_leave_of_it() -> None:
+def test_n_is_the_middle_of_its_flicker_bounds() -> None:
     """Readings of white noise 6 and flicker 0.3: N if a 1/f without end is folded in, and if nothing is."""
     sampling, b, u = Sampling(1.0, 0.2), 0.3, 0.02
     fitted = 6.0 / math.sqrt(5.0)
@@ -193,7 +193,7 @@ def test_n_is_that_of_the_scatter_of_readings(split_hz: float) -> None:
 
 
 @pytest.mark.parametrize("meter", [0.0, 0.1, 0.5, 0.9])
-def test_the_meters_own_scatter_widens_n_as_far_as_it_may_be_that(meter: float) -> None:
+def test_meter_scatter_widens_the_uncertainty_of_n(meter: float) -> None:
     sampling, u = Sampling(1.0, 0.2, 3.4), 0.01
     fit = NoiseFit(Coefficients(angle_random_walk=1.0), {Term.ANGLE_RANDOM_WALK: NoiseTerm(1.0, u, 1.02, u)})
     found = without_meter(fit, sampling, meter * math.sqrt(6.8)).terms[Term.ANGLE_RANDOM_WALK]

@@ -307,7 +307,7 @@ def test_a_torn_line_after_the_last_one_leaves_the_record_incomplete(tmp_path: P
     assert read_journal(path).status is Status.INCOMPLETE
 
 
-def test_a_header_is_read_by_itself_and_is_empty_where_there_is_none(tmp_path: Path) -> None:
+def test_header_is_read_alone_or_empty(tmp_path: Path) -> None:
     write(tmp_path / "j")
     assert read_header(tmp_path / "j")["procedure"] == "turntable"
     (tmp_path / "none").write_bytes(b'{"type":"step"}\n')
@@ -338,9 +338,7 @@ def test_a_format_is_a_number_that_is_known(number: str, tmp_path: Path) -> None
         read_journal(tmp_path / "j")
 
 
-def test_the_names_above_a_record_are_on_the_disk_with_its_first_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_directory_names_are_on_disk_with_the_first_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Else a power cut takes the directory with all that is in it; a simulated run can be made again."""
     seen: list[Path] = []
     monkeypatch.setattr(journal_module, "synchronise_names", seen.append)
@@ -370,7 +368,7 @@ def test_the_names_above_a_record_are_on_the_disk_with_its_first_line(
 
 
 @pytest.mark.parametrize("platform", ["linux", "darwin"])
-def test_a_line_is_on_the_disk_with_what_the_system_has_for_that(
+def test_line_is_on_disk_by_the_call_of_its_system(
     platform: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []

@@ -32,7 +32,7 @@ def other_kind() -> Any:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="modes are different there")
-def test_a_new_key_is_its_owner_s_alone_and_never_written_over_another(tmp_path: Path) -> None:
+def test_new_key_is_private_and_never_overwrites(tmp_path: Path) -> None:
     before = os.umask(0)
     try:
         public = new_key(tmp_path / "station.pem")

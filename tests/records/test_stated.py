@@ -50,7 +50,7 @@ def test_impossible_number_and_double_name_are_refused() -> None:
         values_of(Own(Value("gain", 2.0), {}, (Value("gain", 3.0),), None))
 
 
-def test_stored_results_of_before_give_their_values_by_the_names_of_their_day() -> None:
+def test_old_stored_results_give_values_by_their_old_names() -> None:
     statement = {"values": [{"name": "scale_factor", "value": -0.0125, "unit": "V/(deg/s)", "u": 1e-6, "u95": 3e-6}]}
     before = {
         "scale_factor": {"value": -0.0125, "u": 1e-6, "unit": "V/(deg/s)", "u_fit": 2e-6},

@@ -26,7 +26,7 @@ def test_every_part_but_figures_is_a_piece_of_html() -> None:
     assert sides == ["text-align:right", "text-align:left"]
 
 
-def test_notices_say_how_they_are_meant_and_names_beside_values_have_no_heads() -> None:
+def test_notices_have_a_kind_and_lone_values_no_heads() -> None:
     pairs = Table([Column("", align="left"), Column("", align="left")], [("run", "1"), ("long", "word " * 9)])
     shown = html_of(
         Report([Notice("not real"), Notice("FAIL", "fail"), pairs, FIGURE]), lambda each: f"<i>{each.title}</i>"

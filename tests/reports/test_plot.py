@@ -71,7 +71,7 @@ def test_words_with_signs_of_formulas_are_words() -> None:
     assert {"a $x_1$ <b>", "$$"} <= set(words_of(svg_of(figure)))
 
 
-def test_of_too_many_values_the_extremes_are_drawn_and_the_caption_says_so(tmp_path: Path) -> None:
+def test_extremes_of_many_values_are_drawn_and_captioned(tmp_path: Path) -> None:
     spike = [0.0] * 50_000
     spike[33_333] = 7.0
     figure = Figure("long", Axis("time", "s"), OUTPUT, [Series("raw", range(50_000), spike, kind="line")], "At rest.")

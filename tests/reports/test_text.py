@@ -17,7 +17,7 @@ def test_columns_are_as_wide_as_their_widest_cell() -> None:
     )
 
 
-def test_columns_of_texts_are_aligned_to_the_left_and_end_with_their_text() -> None:
+def test_text_columns_are_left_aligned_without_trailing_blanks() -> None:
     assert left_table(("a", "bb"), [("333", "4")]) == "a     bb\n--------\n333   4"
 
 

@@ -25,7 +25,7 @@ def test_the_least_and_the_greatest_of_each_column_are_kept(number: int, seed: i
     assert np.diff(begins).max() <= 2.0 * (x[-1] - x[0]) / COLUMNS + np.diff(x).max()
 
 
-def test_few_values_and_those_that_are_no_record_are_left_as_they_are() -> None:
+def test_few_values_and_other_series_are_unchanged() -> None:
     assert thinned(range(3200), range(3200)) is None
     assert thinned([0.0] * 5000, range(5000)) is None
     assert thinned([*range(4000), *range(4000)], range(8000)) is None

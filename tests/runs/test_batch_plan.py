@@ -50,7 +50,7 @@ def left(asked: Batch, folder: Path) -> list[str]:
     return [each.procedure.name for each in asked.left("G-1", folder / "runs")]
 
 
-def test_a_run_as_the_plan_asks_for_it_is_done_whatever_the_seed(tmp_path: Path) -> None:
+def test_run_as_planned_counts_as_done_for_any_seed(tmp_path: Path) -> None:
     asked = plan(tmp_path)
     assert left(asked, tmp_path) == ["turntable"]
     measured(tmp_path)
@@ -99,7 +99,7 @@ def test_limits_of_another_bench_file_are_another_run(tmp_path: Path) -> None:
     assert left(stricter, tmp_path) == ["turntable"]
 
 
-def test_a_record_that_was_amended_is_of_the_device_that_it_says_now(tmp_path: Path) -> None:
+def test_amended_record_belongs_to_its_amended_device(tmp_path: Path) -> None:
     asked = plan(tmp_path, PLAN.replace('["G-1"]', '["G-1", "G-2"]'))
     done = measured(tmp_path)
     amend_run(done.directory, {"dut": "G-2"}, reason="misread", by="A. Person")
@@ -149,7 +149,7 @@ def test_failed_device_is_tried_again(tmp_path: Path, monkeypatch: pytest.Monkey
     assert app(["batch", "plan.toml", "--quiet"], standalone_mode=False) == 1
 
 
-def test_a_new_device_gets_its_certificate_and_goes_by_it_in_one_batch(tmp_path: Path) -> None:
+def test_new_device_uses_its_certificate_of_the_same_batch(tmp_path: Path) -> None:
     asked = plan(
         tmp_path,
         'name = "b7"\nbench = "lab"\ndevices = ["G-1"]\n[[runs]]\nprocedure = "kvc"\n[[runs]]\n'

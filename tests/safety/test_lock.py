@@ -182,9 +182,7 @@ def test_a_lock_that_is_given_back_or_refused_leaves_no_file_open(
 
 @posix
 @pytest.mark.parametrize("meanwhile", ["taken away", "another"])
-def test_a_file_that_is_taken_away_while_it_is_locked_is_made_anew(
-    meanwhile: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lock_file_removed_while_held_is_made_anew(meanwhile: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its owner has given it back: who locks what is no longer there would have it beside the next one."""
     path, tries = lock_path(METER), list[int]()
 
@@ -204,9 +202,7 @@ def test_a_file_that_is_taken_away_while_it_is_locked_is_made_anew(
 
 
 @posix
-def test_a_link_that_is_laid_there_while_it_is_locked_is_not_followed(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_link_laid_during_locking_is_not_followed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     def slow(file: int) -> bool:
         lock_path(METER).rename(tmp_path / "elsewhere")
         lock_path(METER).symlink_to(tmp_path / "elsewhere")

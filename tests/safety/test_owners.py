@@ -15,7 +15,7 @@ def test_a_planted_mistake_is_found(mistake: str) -> None:
 
 
 @pytest.mark.exhaustive
-def test_in_no_state_two_have_the_wires_or_nobody_while_it_is_live() -> None:
+def test_wires_have_one_owner_in_every_live_state() -> None:
     states, found, way = explored(faults=FAULTS)
     assert found is None, way
     assert states > 100_000

@@ -39,7 +39,7 @@ def no_proc(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no process tells when it started")
-def test_a_mark_stays_and_is_none_as_soon_as_the_process_has_ended(other: subprocess.Popen[bytes]) -> None:
+def test_mark_lasts_until_its_process_ends(other: subprocess.Popen[bytes]) -> None:
     mark = mark_of(other.pid)
     assert mark
     assert mark_of(other.pid) == mark

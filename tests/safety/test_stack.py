@@ -154,7 +154,7 @@ def test_the_instrument_is_given_its_deadline(log: list[str]) -> None:
     assert report.detail == "with 7 s left"
 
 
-def test_one_that_takes_its_whole_deadline_and_some_of_the_grace_is_safe(log: list[str]) -> None:
+def test_instrument_that_uses_its_deadline_and_grace_is_safe(log: list[str]) -> None:
     class Slow(FakeInstrument):
         def make_safe(self, deadline: Deadline) -> SafeReport:
             self.released.wait(0.15)

@@ -80,7 +80,7 @@ dog.require_ready()
         ("os.kill(os.getpid(), signal.SIGSTOP)", "the program gave no sign of life for 2 s and was ended"),
     ],
 )
-def test_a_package_that_was_moved_away_is_told_and_a_hanging_program_ended(end: str, why: str, tmp_path: Path) -> None:
+def test_moved_package_is_reported_and_a_hanging_program_ended(end: str, why: str, tmp_path: Path) -> None:
     (tmp_path / "vcfbench" / "cli").mkdir(parents=True)
     for part in ("__init__.py", "cli/__init__.py", "cli/last_words.py", "cli/watchdog.py"):
         shutil.copy(Path(str(vcfbench.__file__)).parent / part, tmp_path / "vcfbench" / part)
@@ -136,7 +136,7 @@ def test_the_death_of_the_watchdog_stops_a_run(tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.filterwarnings("ignore:process .* died with this bench")  # ports are given again
-def test_a_run_without_its_watchdog_goes_on_where_the_bench_file_says_so(
+def test_run_without_watchdog_goes_on_if_the_bench_allows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def die_soon(watchdog: Watchdog) -> None:
@@ -351,7 +351,7 @@ def test_no_call_is_overdue_while_the_bench_is_made_safe(listener: Callable[...,
     eventually(lambda: said()[-1] == "beat ")
 
 
-def test_its_death_is_told_once_and_not_where_the_program_let_it_go(
+def test_watchdog_death_is_reported_once_unless_released(
     listener: Callable[..., tuple[Watchdog, Process]],
 ) -> None:
     lost: list[str] = []
@@ -367,7 +367,7 @@ def test_its_death_is_told_once_and_not_where_the_program_let_it_go(
     assert (left.lost, lost) == (False, ["the death of the watchdog"])
 
 
-def test_one_that_is_let_go_while_it_is_told_something_has_not_died(
+def test_watchdog_released_during_a_message_has_not_died(
     listener: Callable[..., tuple[Watchdog, Process]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     lost: list[str] = []

@@ -29,7 +29,7 @@ def paper_bench(more: str = "") -> SimulatedBench:
     return SimulatedBench.build(parse_bench(PAPER + more, "paper"), 0, VirtualClock())
 
 
-def test_pyvisa_and_pyserial_reach_every_instrument_by_the_names_of_the_bench_file() -> None:
+def test_pyvisa_and_pyserial_reach_every_instrument_by_name() -> None:
     bench = paper_bench()
     with bench.registered() as handle:
         manager = pyvisa.ResourceManager(f"{handle}@vcfbench")

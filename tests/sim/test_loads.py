@@ -104,7 +104,7 @@ def test_a_load_that_is_none_is_refused(resistance_ohm: float) -> None:
         World(VirtualClock(), IDEAL, 0).load_node("scope", "drive", resistance_ohm)
 
 
-def test_a_recording_shows_what_has_passed_and_keeps_what_it_has_when_closed() -> None:
+def test_recording_keeps_its_content_when_closed() -> None:
     clock, world = powered(IDEAL)
     start = clock.now()
     capture, recording = world.capture(start, start + 1.0), world.record()

@@ -47,7 +47,7 @@ def test_a_short_aperture_sees_the_mains_and_whole_periods_do_not() -> None:
         assert abs(window.mean_v()) < 1e-12
 
 
-def test_a_line_that_is_off_its_frequency_comes_through_by_the_closed_form() -> None:
+def test_line_off_its_frequency_matches_the_closed_form() -> None:
     bench = replace(CAUGHT, pick_up=replace(CAUGHT.pick_up, mains_deviation_hz=0.05))
     frequencies, worst = [], []
     for seed in range(20):

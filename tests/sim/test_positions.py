@@ -28,7 +28,7 @@ GRAVITY = 9.81918 / 9.80665
     ("up", "felt", "upright"),
     [("+x", 0.5, 0.0), ("-x", -0.5, 0.0), ("+y", -0.2, 0.0), ("-y", 0.2, 0.0), ("+z", 1.0, 1.0), ("-z", -1.0, -1.0)],
 )
-def test_output_is_that_of_gravity_and_of_what_turns_about_the_input_axis(up: str, felt: float, upright: float) -> None:
+def test_output_follows_gravity_and_rates_about_the_input_axis(up: str, felt: float, upright: float) -> None:
     clock, world = powered(FELT)
     world.set_up_axis(up)
     world.table.demand_rate(10.0, 1000.0)

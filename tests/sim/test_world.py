@@ -90,7 +90,7 @@ def test_supply_current_is_resistive_below_brown_out_and_larger_while_starting()
     assert world.rail_current_a("negative", -10.0) == pytest.approx(supply.quiescent_a)
 
 
-def test_a_rail_that_would_start_the_board_would_draw_the_start_up_current() -> None:
+def test_starting_rail_draws_the_start_up_current() -> None:
     """A supply asks before it gives: the other rail is there already, this one is not."""
     bench = paper_bench()
     world = World(VirtualClock(), bench, 0)
@@ -246,7 +246,7 @@ def test_a_sine_at_twice_the_drive_frequency_is_a_steady_output() -> None:
     assert window.mean_v() == pytest.approx(world.value_v("output"), rel=1e-5)
 
 
-def test_1_ppm_of_the_modes_difference_is_141_ppm_of_the_scale_factor() -> None:
+def test_1_ppm_of_split_is_141_ppm_of_scale_factor() -> None:
     """K goes as 1/df, a single mode at 24.8 Hz: 3.5 mHz/K."""
     sense = replace(IDEAL.sense_anti_phase, frequency_coefficient_per_k=1e-6)
     other = replace(IDEAL.sense_in_phase, pick_off_v_per_m=0.0)
@@ -600,7 +600,7 @@ def test_asking_in_between_changes_nothing_but_the_draws() -> None:
     assert means(asking=True) == pytest.approx(means(asking=False), rel=1e-11)
 
 
-def test_a_rail_is_asked_for_its_current_without_an_end_of_the_noise() -> None:
+def test_rail_current_queries_do_not_change_readings() -> None:
     """The supply looks at its load again and again; readings do not depend on how often."""
     seen = []
     for asking in (False, True):

@@ -89,7 +89,7 @@ class Zero:
     spread_v: tuple[float, ...] = (0.1, 0.2)
 
 
-def test_a_result_of_ones_own_is_judged_by_the_names_of_its_numbers() -> None:
+def test_custom_result_is_judged_by_names_of_its_numbers() -> None:
     limits = Limit("bias_v", -0.05, 0.05), Limit("reading_noise_v", 0.0, 1e-3), Limit("bias_deg_s", 0.0, 1.0)
     assert verdicts(Zero(0.01), *limits) == ["pass", "pass", "pass", "not measured"]
     assert verdicts(Zero(0.1), *limits) == ["fail", "fail", "pass", "not measured"]
@@ -117,7 +117,7 @@ STATED = Stated(Value("offset", 0.010, "V", u95=0.002, kind="bias"), Value("bend
 @pytest.mark.parametrize(
     ("high", "word"), [(0.0125, "pass"), (0.0115, "marginal"), (0.0095, "marginal"), (0.0075, "fail")]
 )
-def test_a_guard_band_is_the_expanded_uncertainty_on_both_sides_of_a_limit(high: float, word: str) -> None:
+def test_guard_band_is_u95_on_both_sides(high: float, word: str) -> None:
     assert verdicts(STATED, Limit("bias_v", -1.0, high, guarded=True)) == [word] * 2
     assert verdicts(STATED, Limit("bias_v", -1.0, high))[1] == ("pass" if high >= 0.010 else "fail")
 

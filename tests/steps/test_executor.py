@@ -250,7 +250,7 @@ def test_a_window_that_fails_leaves_its_readings_in_the_journal() -> None:
     assert error["step"]["rate_deg_s"] == 0.0
 
 
-def test_a_table_that_comes_to_rest_late_does_not_keep_the_supply_on() -> None:
+def test_late_table_does_not_keep_the_supply_on() -> None:
     """The error of the shut-down is a consequence: the first one stays, and the remaining steps are done."""
     bench, journal = FakeBench(), MemoryJournal()
     bench.rate_table.fault_at_s = 30.0
@@ -319,7 +319,7 @@ def execution_steps(watcher: Watcher) -> int:
     return max(event.number for event in watcher.events if isinstance(event, StepStarted))
 
 
-def test_a_disk_that_is_full_ends_the_run_but_not_the_shut_down() -> None:
+def test_full_disk_ends_the_run_but_not_shut_down() -> None:
     class Full(MemoryJournal):
         def write(self, kind: str, values: Any) -> None:
             if kind == "step" and values["n"] == 20:
@@ -438,7 +438,7 @@ def test_what_is_taken_over_counts_with_its_moves() -> None:
     assert after.physical_minimum_s == 6.0
 
 
-def test_a_pause_of_a_resumed_run_knows_what_was_done_before_the_break() -> None:
+def test_pause_of_a_resumed_run_has_the_earlier_state() -> None:
     pausing = Pausing({2: None})
     executor = Executor(FakeBench(), MemoryJournal(), [pausing], pausing=pausing)
     set_before = SetVvc(0.5)

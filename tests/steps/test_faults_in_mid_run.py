@@ -89,7 +89,7 @@ def test_a_fault_in_mid_run_ends_it_with_instrument_step_and_numbers(
 
 
 @pytest.mark.exhaustive
-def test_a_supply_that_failed_while_the_meter_sampled_by_itself_ends_the_run() -> None:
+def test_supply_failure_during_a_burst_ends_the_run() -> None:
     """A record of a gyroscope without its rails is one of no response, and would be fitted as one."""
     error = run("bandwidth", 1830.0, short).error
     assert isinstance(error, MeasurementError)

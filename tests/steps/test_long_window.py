@@ -126,7 +126,7 @@ def test_the_last_zero_of_a_run_may_be_long_too() -> None:
     assert journal.lines[-1]["result"]["point"]["n"] == 90
 
 
-def test_a_window_that_fails_has_its_rest_in_the_line_of_the_error() -> None:
+def test_failed_window_has_its_rest_in_the_error_line() -> None:
     journal, made = MemoryJournal(), bench()
     made.multimeter.overload_at = 131
     execution = run(journal, acquire(1000, 1.0), on=made)
@@ -298,7 +298,7 @@ def lines_of_a_long_window() -> list[dict[str, Any]]:
     return [msgspec.json.decode(msgspec.json.encode(line)) for line in lines]
 
 
-def test_a_whole_record_with_chunks_and_each_beginning_of_one_have_no_damage() -> None:
+def test_record_with_chunks_is_undamaged_at_every_cut() -> None:
     lines = lines_of_a_long_window()
     assert [line["type"] for line in lines] == ["header", "step", *["readings"] * 3, "step", "step", "footer"]
     assert [first_damage(lines[:kept]) for kept in range(len(lines) + 1)] == [None] * 9

@@ -121,7 +121,7 @@ def test_a_run_in_parts_is_seen_part_by_part() -> None:
     assert measured(acquire(10)).parted(MeasureCurrent) == ()
 
 
-def test_steps_of_two_records_are_those_of_a_run_that_was_broken_off() -> None:
+def test_steps_of_two_records_equal_those_of_one_run() -> None:
     lines = [{"type": "step", "n": 1, "taken_over": "one"}, {"type": "restored"}, {"type": "step", "n": 2}]
     assert Measured((), lambda: lines).broken_off
     assert not Measured((), lambda: lines[:2]).broken_off

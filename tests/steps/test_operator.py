@@ -144,7 +144,7 @@ def test_a_run_from_python_asks_who_it_is_told(tmp_path: Path) -> None:
     assert asked[1] == "put a cover on it"
 
 
-def test_on_a_real_bench_nobody_to_ask_is_found_before_anything_is_opened(tmp_path: Path) -> None:
+def test_missing_operator_is_found_before_anything_is_opened(tmp_path: Path) -> None:
     real = structs.replace(load_bench(None), simulation=None)
     said = r"asking asks a person to move the leads of the multimeter to the V_Vc input, and 1 more, but no operator"
     with pytest.raises(PlanError, match=said) as caught:

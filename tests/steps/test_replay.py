@@ -147,7 +147,7 @@ def test_wherever_it_is_broken_off(data: st.DataObject) -> None:
     assert_the_same(name, data.draw(st.integers(0, len(unbroken(name).steps))))
 
 
-def test_a_resumed_run_is_resumed_again_and_each_line_names_who_wrote_it() -> None:
+def test_run_is_resumed_twice_and_lines_name_their_run() -> None:
     asked, whole = settings_of("turntable"), unbroken("turntable")
     once = resumed(PROCEDURES["turntable"].plan(asked), asked, whole.steps[:20])
     again = [line for line in once.lines if line["type"] != "step"] + once.steps[:30]
@@ -256,7 +256,7 @@ def test_a_kind_that_is_not_known_is_refused() -> None:
         taken_over(record_of([line]), BEFORE)
 
 
-def test_nothing_is_left_of_a_run_that_died_while_it_came_to_rest() -> None:
+def test_run_that_died_coming_to_rest_leaves_no_remainder() -> None:
     asked, steps = settings_of("turntable"), unbroken("turntable").steps
     last = max(number for number, line in enumerate(steps, 1) if line["step_kind"] == "VerifyZero")
     for number, left in ((last - 1, True), (last, False), (last + 2, False), (len(steps), False)):
@@ -394,7 +394,7 @@ def test_the_rest_of_a_plan_that_had_ended_is_nothing() -> None:
     assert next(rest, None) is None
 
 
-def test_a_look_at_the_drive_right_after_the_last_window_is_not_believed() -> None:
+def test_drive_check_after_the_last_window_is_rejected() -> None:
     lines = unbroken("turntable").steps
     window = next(number for number, line in enumerate(lines) if line["result_kind"] == "Window")
     look = next(line for line in lines if line["step_kind"] == "FindDrive")

@@ -104,7 +104,7 @@ def test_each_kind_of_step_and_result_is_known_by_name(name: str) -> None:
         assert StepResult.kinds[type(result).__name__] is type(result)
 
 
-def test_a_plan_that_would_leave_a_limit_in_its_third_hour_is_refused() -> None:
+def test_plan_beyond_a_limit_in_its_third_hour_is_refused() -> None:
     def plan() -> Plan:
         yield SetRate(100.0, 100.0, 0.0)
         yield Settle(3.0 * 3600.0, "a long time")

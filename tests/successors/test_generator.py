@@ -39,7 +39,7 @@ def test_specimens_lie_within_the_sheet_that_the_uncertainties_use(described: Be
     assert 0.9 < max(smallest) / KEYSIGHT_33500B.offset_v <= 1.0
 
 
-def test_a_pseudo_random_sequence_of_seven_bits_has_every_word_but_zero_once() -> None:
+def test_seven_bit_sequence_has_every_word_once() -> None:
     bits = [bit > 0.0 for bit in pseudo_random_bits()]
     words = {tuple((bits + bits)[start : start + 7]) for start in range(127)}
     assert len(words) == 127

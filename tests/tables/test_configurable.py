@@ -75,7 +75,7 @@ def test_units_are_the_table_s() -> None:
     assert dialect.rate_quantum_deg_s == pytest.approx(0.006)
 
 
-def test_rate_zero_is_stop_and_goes_out_even_if_the_acceleration_is_refused() -> None:
+def test_rate_zero_is_stop_even_with_a_refused_acceleration() -> None:
     on = line(("A20", "NO"), ("S", "OK"))
     with pytest.raises(InstrumentError, match=r"refused \(NO\)"):
         table(more='[refusals]\npattern = "NO"\n').demand_rate(on, 0.0, 120.0, soon(on))
@@ -139,7 +139,7 @@ def test_stopping_does_not_wait_for_the_line_to_be_in_order() -> None:
     assert dialect.angle_deg(on, soon(on)) == 2.5
 
 
-def test_a_table_may_answer_the_line_end_that_goes_before_a_blind_stop() -> None:
+def test_table_may_answer_the_line_end_before_a_blind_stop() -> None:
     """It may call that a mistake, and so a message that broke off; a stop that it refuses is one all the same."""
     dialect = table(more='[refusals]\npattern = "NO.*"\n')
     on = line(("S", "NO 7\r\nOK"), ("R", "NO 7\r\n1.5,2.0"), ("R", "1.5,2.0"), ("S", "NO 8"), ("R", "NO 9"))

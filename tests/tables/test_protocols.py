@@ -321,7 +321,7 @@ def test_atl_silence_closes_the_line() -> None:
         table.rate_deg_s()
 
 
-def test_esp_takes_what_was_refused_to_others_for_no_refusal_of_its_own() -> None:
+def test_esp_ignores_refusals_of_other_clients() -> None:
     """Who looks for tables asks in other languages; what that left in the queue ended the first run."""
     left = ("TB?", "6, 451322, COMMAND DOES NOT EXIST")
     said = [VERSION, DEGREES, left, left, FINE, ("1ST", None), FINE, ("1MO", None), FINE]

@@ -76,7 +76,7 @@ def test_readings_of_a_window_are_independent_and_all_procedures_take_their_sett
 
 
 @pytest.mark.parametrize("seed", few(range(100, 180), 125, 131, 162))
-def test_the_output_stands_still_once_a_switch_on_is_said_to_have_settled(seed: int) -> None:
+def test_output_is_constant_after_settle_s(seed: int) -> None:
     """A drive mode of 1 ms was locked by the simulation after 3 s only; a start pushes sense modes at resonance."""
     text, sheet, clock = drawn_bench(seed, noise=False), drawn_sheet(seed), VirtualClock()
     world = World(clock, physical_parameters(parse_bench(text, f"gyroscope-{seed}")), 1)

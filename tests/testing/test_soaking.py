@@ -95,7 +95,7 @@ def test_a_dead_line_whose_table_speaks_on_does_not_hold_bench_time() -> None:
     assert line.wake_at() == 5.0
 
 
-def test_seeds_in_a_row_have_the_same_work_and_happenings_of_their_own() -> None:
+def test_seeds_in_a_row_share_work_and_differ_in_events() -> None:
     draws = [drawn(seed) for seed in range(20, 30)]
     assert {replace(each, seed=0, happenings=()).describe()[1] for each in draws} == {draws[0].describe()[1]}
     assert len({each.happenings for each in draws}) > 7

@@ -119,9 +119,7 @@ def test_level_on_unknown_range_shares_errors_with_opposite_only() -> None:
         (0.05, 0, 10.0, 0.0),
     ],
 )
-def test_a_level_that_was_set_is_off_by_a_step_of_its_range(
-    level_v: float, bits: int, reach_v: float, step_v: float
-) -> None:
+def test_set_level_is_off_by_a_step_of_its_range(level_v: float, bits: int, reach_v: float, step_v: float) -> None:
     known = known_levels((), Sources(generator_ranges_v=(0.1, 1.0), generator_bits=bits, generator_reach_v=reach_v))
     assert (known.by, known.besides, known.sigmas, known.reading_v) == ("generator", "resolution", None, None)
     assert known.u_besides_v(level_v) == known.u_mean_v(level_v, 0.25) == pytest.approx(step_v / np.sqrt(12.0))

@@ -25,7 +25,7 @@ LINE = line_of([-2.0, -1.0, 0.5, 1.0, 3.0], [2.0, 1.3, -0.4, -1.0, -3.5])
 VOLTS, THROUGH = np.array([-2.0, -1.0, 0.5, 1.0, 3.0]), np.arange(25.0).reshape(5, 5) - 7.0
 
 
-def test_levels_move_residuals_by_their_own_errors_and_by_those_of_their_range() -> None:
+def test_level_and_range_errors_move_residuals() -> None:
     known, curved = of(1.0, 10.0), CurvedLine.of("it", LINE)
     moved = curved.with_errors(known, VOLTS, THROUGH, [0.25, 0.5])
     u_v = [0.25, 0.5, *map(known.u_besides_v, VOLTS[2:])]

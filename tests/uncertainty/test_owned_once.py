@@ -68,7 +68,7 @@ def test_a_gain_that_bias_and_scale_factor_share_is_in_no_rate(
 
 
 @pytest.mark.exhaustive
-def test_the_kept_split_of_the_in_phase_mode_is_known_by_the_records(tmp_path: Path) -> None:
+def test_kept_in_phase_split_has_the_u_of_its_records(tmp_path: Path) -> None:
     """Drive less sense frequency, signed; a time base of 14 ppm makes 2 mHz of 147 Hz, not 50 mHz of 3.5 kHz twice."""
     override = {"sense_in_phase": {"frequency_hz": 3342.0}, "thermal": {"self_heating_k": 0.0}}
     settings: dict[str, Any] = {

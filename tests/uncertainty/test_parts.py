@@ -113,7 +113,7 @@ def estimates(at_c: np.ndarray, values: np.ndarray = VALUES) -> np.ndarray:
     return np.array([found.value.value, found.tc.value, found.tc2.value])
 
 
-def test_temperatures_that_are_all_off_alike_move_a_parabola_as_moving_them_does() -> None:
+def test_common_temperature_error_moves_a_parabola() -> None:
     found = fitted(AT_C, VALUES, u_alike_k=0.3)
     moved = 0.5 * (estimates(AT_C + 0.01) - estimates(AT_C - 0.01)) / 0.01
     for number, each in enumerate((found.value, found.tc, found.tc2)):
@@ -121,7 +121,7 @@ def test_temperatures_that_are_all_off_alike_move_a_parabola_as_moving_them_does
         assert part(each, "temperature, the same at all") == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
-def test_temperatures_that_are_off_each_by_itself_move_it_by_the_slope_there() -> None:
+def test_single_temperature_errors_move_a_parabola_by_its_slope() -> None:
     """An error of one temperature is, to first order, one of its value by the slope of the parabola there."""
     found = fitted(AT_C, VALUES, u_each_k=0.2)
     off = AT_C - 25.0

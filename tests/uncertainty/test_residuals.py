@@ -156,7 +156,7 @@ def test_only_what_lies_near_the_largest_may_be_it() -> None:
     assert spread(found, 100.0 * opposite).near_largest().tolist() == [0]  # both grow alike
 
 
-def test_a_source_that_all_residuals_share_moves_the_largest_by_its_own_share() -> None:
+def test_common_source_moves_the_largest_residual_by_its_share() -> None:
     """One limit of a rectangular distribution: u is half width over root three, U95 95 % of the half width."""
     half = np.array([[30.0, -20.0, 10.0]]) / np.sqrt(3.0)
     moved = spread([200.0, 0.0, 0.0], np.zeros((3, 3)), half).largest()

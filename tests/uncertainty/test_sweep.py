@@ -51,7 +51,7 @@ def found(settings: SweepSettings, points: list[Point]) -> SweptTurntableResult:
 
 @pytest.mark.parametrize("zeros", [Zeros.ENDS, Zeros.BRACKET])
 @pytest.mark.parametrize("order", [Order.PAPER, Order.ABBA])
-def test_u_is_the_scatter_that_noise_of_all_windows_leaves_zeros_among_them(order: Order, zeros: Zeros) -> None:
+def test_u_is_the_scatter_with_noise_of_zeros(order: Order, zeros: Zeros) -> None:
     """Neighbours share a zero; 1000 draws know their scatter to 2.2 %."""
     settings = make_settings(order=order, zeros=zeros, station=WHITE, samples=READINGS)
     points = blank(settings)

@@ -46,7 +46,7 @@ def test_a_value_without_uncertainty_has_eight_digits() -> None:
 
 
 @given(st.floats(1e-12, 99.0), st.floats(-1e4, 1e4))
-def test_nothing_printed_is_further_off_than_half_of_the_last_place_of_u(u: float, value: float) -> None:
+def test_printed_values_are_within_half_the_last_place_of_u(u: float, value: float) -> None:
     said, said_u = format(value, digits_of_value(value, u)), format(u, digits_of_u(u))
     assert abs(float(said_u) - u) <= 0.051 * u
     assert abs(float(said) - value) <= 0.051 * u + 1e-12 * abs(value)

@@ -40,7 +40,7 @@ def test_the_turntable_calibration_gives_this_labs_seven_points(simulated_bench:
 
 
 @pytest.mark.vcfbench(faults="faults/overload.toml")
-def test_a_calibration_ends_at_the_first_bad_reading_and_keeps_what_it_has(simulated_bench: Bench) -> None:
+def test_calibration_ends_at_the_first_bad_reading_with_its_points(simulated_bench: Bench) -> None:
     execution = run(simulated_bench)
     assert execution.status is Status.ABORTED
     assert isinstance(execution.error, MeasurementError)

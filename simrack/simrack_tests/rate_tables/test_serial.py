@@ -109,7 +109,7 @@ def test_time_stops_only_at_message_ends(times: int) -> None:
     assert len(set(by_message)) <= len(ends) + 1  # the second question arrives meanwhile
 
 
-def test_a_position_is_that_of_the_instant_at_which_the_question_has_come() -> None:
+def test_position_is_taken_when_the_query_has_come() -> None:
     desk = Desk("acl")
     for message in START["acl"]:
         desk.line.write(message)
@@ -173,7 +173,7 @@ def test_at_the_wrong_speed_nothing_turns(name: str) -> None:
         assert (desk.world.table.goal_deg_s() != 0.0) is (baud == BAUD[name]), baud
 
 
-def test_a_parity_bit_is_taken_for_the_stop_bit_or_not_at_all() -> None:
+def test_mismatched_parity_garbles_a_command() -> None:
     """7E1 and 8N1 have as many bits: half of the characters come with a wrong eighth bit."""
     desk = Desk("acl")
     desk.line.configure(CharacterFrame(9600.0, 7, "even", 1.0), handshake=False)

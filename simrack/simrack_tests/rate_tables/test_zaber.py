@@ -115,7 +115,7 @@ def test_settings_that_clients_ask_for(host: Host, setting: str, value: str) -> 
     assert host.ask(f"/1 1 get {setting}") == f"@01 1 OK IDLE -- {value}"
 
 
-def test_a_movement_that_breaks_off_another_is_noted_until_one_begins_at_rest(host: Host) -> None:
+def test_interrupted_movement_is_flagged_until_one_begins_at_rest(host: Host) -> None:
     host.ask("/1 1 move vel 29127")
     host.wait(0.02)
     assert host.ask("/1 1 move vel 2000") == "@01 1 OK BUSY NI 0"

@@ -113,7 +113,7 @@ def test_refusals(message: str, numbers: list[int]) -> None:
     assert not lamp.heard
 
 
-def test_a_model_has_its_own_number_for_a_number_in_the_wrong_place() -> None:
+def test_misplaced_number_has_the_error_of_its_model() -> None:
     _, conversation = talk(Dialect(number_not_allowed=-104))
     assert conversation.refusals("TEXT 5.0") == [-104]
     assert conversation.refusals("SHAP 1") == [-104]

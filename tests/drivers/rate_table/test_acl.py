@@ -256,7 +256,7 @@ SAFE_STOP: list[Exchange] = [
 ]
 
 
-def test_safe_is_rest_by_read_back_then_servo_open_then_remote_given_back() -> None:
+def test_safe_is_rest_read_back_servo_open_then_local() -> None:
     early: list[Exchange] = [(":Read:Rate? 1", "0.01")] * 6  # 10.5 deg/s take 0.525 s, whatever is read
     slowing: list[Exchange] = [*early, (":Read:Rate? 1", "0.04"), ANGLE, (":Read:Rate? 1", "-0.06")]
     exchanges = [*ENABLING, *TURNING, *SAFE_STOP, *slowing, *STANDS, *RELEASING, *UNLOCKING]

@@ -250,9 +250,7 @@ def test_the_servo_of_a_turning_table_is_not_opened(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_a_table_that_settles_is_waited_for_and_one_that_turns_is_refused(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_settling_table_is_waited_for_and_turning_one_is_refused(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.reach(5.0)
@@ -303,7 +301,7 @@ def test_a_table_of_the_other_sign(name: str) -> None:
 
 
 @pytest.mark.parametrize("unit", [7, 8, 9, 10, 11])
-def test_an_esp_stage_turns_as_fast_as_is_asked_whatever_unit_was_left(unit: int) -> None:
+def test_esp_stage_reaches_its_rate_whatever_unit_was_set(unit: int) -> None:
     bench = Bench("esp")
     bench.twin.device._unit = unit  # type: ignore[attr-defined]
     bench.driver.identify()
@@ -448,7 +446,7 @@ def test_the_words_come_through_behind_any_part_of_a_command(name: str, monkeypa
 
 
 @pytest.mark.parametrize("name", ["acl", "zaber", "atl", "esp", "mn_as"])
-def test_a_table_that_would_take_long_is_told_to_brake_within_its_limit(name: str) -> None:
+def test_slow_table_is_told_to_brake_within_its_limit(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
     bench.driver.set_rate(200.0, 20.0)

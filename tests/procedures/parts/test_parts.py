@@ -32,7 +32,7 @@ _NO_ROW = 0.05
         for later, each in enumerate(held.gyroscopes)
     ],
 )
-def test_every_part_is_that_of_the_table_and_every_number_as_it_was(held: Held, gyroscope: str) -> None:
+def test_parts_match_the_table_and_numbers_are_unchanged(held: Held, gyroscope: str) -> None:
     run, rows = held.run(gyroscope), PARTS[held.procedure]
     moved = [(part, part.moves(run)) for part in rows]
     wrong = [*_left_over(run, rows), *_wrong(run, moved), *_not_in_it(run, moved), *_turned(run, moved)]

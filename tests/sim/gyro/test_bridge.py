@@ -84,7 +84,7 @@ def stepped(chain: NoisyChain, duration_s: float, seed: int) -> tuple[NoisePath,
 
 
 @pytest.mark.parametrize("duration_s", [0.2e-3, 0.6e-3, 0.01, 0.2, 1.9, 7.0])
-def test_a_path_begins_and_ends_where_its_step_did_and_has_its_mean(duration_s: float) -> None:
+def test_path_keeps_ends_and_mean_of_its_step(duration_s: float) -> None:
     chain = noisy()
     to_filtered = locked_chain(PAPER).to_filtered
     for seed in range(3):

@@ -49,7 +49,7 @@ def test_the_closed_form_holds_at_any_demodulator_phase(phase_deg: float) -> Non
 
 
 @pytest.mark.parametrize("v_vc", [0.5, -5.0])
-def test_equation_16_substitutes_v_vc_for_the_rate_on_ideal_within_1e_9(v_vc: float) -> None:
+def test_equation_16_holds_on_ideal_within_1e_9(v_vc: float) -> None:
     """Equation (16): Omega = K_FBY V_dac / (2 A_x w_d m_y) V_Vc, rad/s; at carrier phase pi it has no other sign."""
     path, loop = IDEAL.virtual_path, IDEAL.drive_loop
     omega = 2 * math.pi * IDEAL.drive_mode.frequency_hz
@@ -161,7 +161,7 @@ def test_design_meets_its_targets() -> None:
     assert switched - output_v(bench, steady_output_v(bench, 0.0)) == pytest.approx(51.7e-3, rel=1e-3)
 
 
-def test_filter_takes_the_whole_product_of_v_s_and_reference_through_a_ramp() -> None:
+def test_filter_takes_the_product_with_the_reference_through_ramps() -> None:
     """First-order filter at 1 kHz, where the 2 w_d product is a seventh: v = int w_c e^(-w_c (t - s)) V_s ref ds."""
     sense = replace(PAPER.sense_path, low_pass_order=1, low_pass_hz=1000.0)
     bench = replace(PAPER, sense_path=sense)

@@ -120,7 +120,7 @@ def test_start_up_on_rails_that_still_rise_follows_the_equation_of_motion() -> N
     assert not capture.samples("drive", np.linspace(0.0, begins - 1e-6, 1000)).any()
 
 
-def test_brown_out_comes_at_the_instant_at_which_the_falling_rail_says_so() -> None:
+def test_brown_out_comes_at_the_crossing_of_the_rail() -> None:
     """From there on the pick-off is a free decay: its envelope tells when it began, to a few microseconds."""
     clock, world = powered(PAPER)
     start, tau = clock.now(), 0.08

@@ -47,7 +47,7 @@ def test_direct_voltage_of_a_carrier_is_the_mean_over_the_aperture(node: str, ap
     assert window.mean_v() == pytest.approx(volts.mean(), rel=3e-5, abs=1e-7)
 
 
-def test_the_mean_of_the_drive_while_it_starts_is_that_of_its_waveform() -> None:
+def test_mean_of_a_starting_drive_matches_its_waveform() -> None:
     clock = VirtualClock()
     world = World(clock, IDEAL, 0)
     world.set_rail("positive", 10.0)

@@ -60,7 +60,7 @@ def test_a_sudden_fall_of_the_rail_clips_a_mean_as_it_goes() -> None:
     assert window.mean_v() == pytest.approx((free_v + clipped.mean()) / 2, abs=1e-6)
 
 
-def test_only_the_ripple_of_a_rail_that_moves_comes_through_to_the_output() -> None:
+def test_only_ripple_of_a_moving_rail_reaches_the_output() -> None:
     """1e-3 of the way, 10 mV of 10 V, would be seen at once."""
     bench = replace(IDEAL, supply=replace(IDEAL.supply, ripple_feedthrough=1e-3))
     clock, world = powered(bench)
@@ -89,7 +89,7 @@ def test_a_reversed_supply_is_blocked_from_where_it_passes_0_volts() -> None:
     assert np.abs(capture.samples("rail_positive", times) - expected).max() < 1e-8
 
 
-def test_a_rail_that_moves_is_no_sine_to_who_asks_for_its_history() -> None:
+def test_moving_rail_is_no_sine_in_its_history() -> None:
     clock, world = powered(IDEAL)
     trace, start = world.trace(1.0), clock.now()
     world.move_rail("positive", Approach(9.0, start, ((1.0, TAU_S),)))

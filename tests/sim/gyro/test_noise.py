@@ -69,7 +69,7 @@ def test_covariance_meets_van_loan_of_the_plainly_written_system(interval_s: flo
     assert np.max(np.abs(seen - wanted) / np.outer(scale, scale)) < tolerance
 
 
-def test_a_step_is_what_the_state_becomes_by_itself_and_what_is_drawn() -> None:
+def test_noise_step_is_propagation_plus_draw() -> None:
     chain, random = noisy(), np.random.default_rng(5)
     state = NoiseState.of(random.standard_normal(8) + 1j * random.standard_normal(8), random.standard_normal(COUNT))
     once = chain.interval(0.2)

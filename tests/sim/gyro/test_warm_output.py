@@ -56,7 +56,7 @@ def settled_v(bench: BenchParameters, rail_v: float, rate_deg_s: float, volts: f
 
 @pytest.mark.parametrize("limit_n_per_v", [3.5e-7, 7e-8])
 @pytest.mark.parametrize(("rate_deg_s", "volts"), [(150.0, None), (0.0, 1.2)])
-def test_a_warm_gyroscope_on_low_rails_at_39_degc_is_the_closed_form(
+def test_warm_gyroscope_at_39_degc_matches_the_closed_form(
     limit_n_per_v: float, rate_deg_s: float, volts: float | None
 ) -> None:
     """Quadrature of 100 deg/s would show a stiffness at another frequency; the force limit acts or not."""

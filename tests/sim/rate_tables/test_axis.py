@@ -20,7 +20,7 @@ def world() -> tuple[VirtualClock, World]:
 
 
 @pytest.mark.parametrize("goal", [50.0, -120.0])
-def test_the_rate_read_back_is_the_mean_over_its_estimator_a_delay_ago(goal: float) -> None:
+def test_rate_read_back_is_a_delayed_mean(goal: float) -> None:
     clock, made = world()
     axis = TableAxis(made, replace(QUIET, readback_delay_s=2e-3, rate_estimate_s=20e-3))
     clock.sleep_until(1.0)

@@ -244,7 +244,7 @@ def test_alarm_digit_and_alarm_bit() -> None:
             assert (bool(alarm), closed) == (alarmed, not alarmed)
 
 
-def test_a_dd16_table_has_no_word_for_it_and_is_seen_to_stand() -> None:
+def test_dd16_table_only_stands_still() -> None:
     bench = Bench("dd16")
     bench.start()
     assert bench.ask(dd16(1, 0x16))[3] == 2

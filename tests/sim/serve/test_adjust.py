@@ -78,7 +78,7 @@ def wired(lab: ServedLab) -> Iterator[Wired]:
     made.close()
 
 
-def test_a_load_that_asks_for_too_much_drives_the_supply_into_its_limit(lab: ServedLab, wired: Wired) -> None:
+def test_excessive_load_drives_the_supply_into_its_limit(lab: ServedLab, wired: Wired) -> None:
     wired.switch_on()
     volts, pcb_a, condition = wired.supply()
     assert (volts, condition) == (pytest.approx(10.0, abs=0.01), 2)
@@ -230,7 +230,7 @@ def test_time_passes_as_it_is_told(lab: ServedLab, wired: Wired) -> None:
     assert lab.ask("now") - paused_s > 40.0
 
 
-def test_the_same_seed_gives_the_same_readings_after_a_reset_and_another_others() -> None:
+def test_reset_repeats_readings_of_a_seed_and_no_others() -> None:
     with serve_simulated("paper", seed=3) as lab:
         seen = [readings(lab, seed) for seed in (None, 4, None, 3)]
     assert seen[0] == seen[2] == seen[3]

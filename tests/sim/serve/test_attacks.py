@@ -221,7 +221,7 @@ def test_links_without_end_are_refused(served: Served) -> None:
     require_well(served)
 
 
-def test_a_link_that_has_gone_never_gets_the_lock_that_it_waited_for(served: Served) -> None:
+def test_dead_link_never_gets_a_lock(served: Served) -> None:
     with caller(served, "vxi11") as holder:
         number = created(holder)
         holder.sendall(call(2, 18, LOCK_WAIT.pack(number, 0, 0)))
@@ -255,7 +255,7 @@ def hislip(kind: int, parameter: int = 0, payload: bytes = b"") -> bytes:
     return struct.pack("!2sBBIQ", b"HS", kind, 0, parameter, len(payload)) + payload
 
 
-def test_a_session_keeps_its_second_channel_and_sends_no_waveform_byte_by_byte(served: Served) -> None:
+def test_second_channel_survives_and_waveforms_are_not_bytewise(served: Served) -> None:
     with caller(served, "hislip") as first, caller(served, "hislip") as second, caller(served, "hislip") as third:
         first.sendall(hislip(0, 0, b"hislip0"))
         session = int.from_bytes(first.recv(16, socket.MSG_WAITALL)[6:8], "big")
@@ -318,7 +318,7 @@ def test_slow_readers_do_not_hold_up_the_others(served: Served) -> None:
         require_well(served)
 
 
-def test_a_mistake_of_a_simulated_instrument_ends_neither_the_server_nor_the_terminal(
+def test_mistake_of_an_instrument_spares_server_and_terminal(
     served: Served, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     def mistaken() -> None:

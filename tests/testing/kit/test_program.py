@@ -31,7 +31,7 @@ def kit() -> str:
     return written()
 
 
-def test_it_is_one_file_of_at_most_500_lines_that_needs_pyvisa_alone(kit: str) -> None:
+def test_program_is_one_file_of_500_lines_with_pyvisa_alone(kit: str) -> None:
     assert len(kit.splitlines()) <= 500
     imported = {
         name.partition(".")[0]

@@ -443,7 +443,7 @@ def test_settings_that_do_not_go_together(box: Socket, case: tuple[str, str, str
     assert box.errors() == [f'-221,"Settings conflict; {words}"']
 
 
-def test_a_short_period_takes_from_the_edges_first_and_then_from_the_width(box: Socket) -> None:
+def test_short_period_shortens_edges_first_then_width(box: Socket) -> None:
     box.send("FUNC PULS;:FUNC:PULS:WIDT 200E-9;TRAN 100E-9")
     box.send("PULS:PER 250E-9")
     assert float(box.ask("FUNC:PULS:TRAN?")) == pytest.approx(78.125e-9)

@@ -90,7 +90,7 @@ def test_a_function_of_g_of_t(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("window", "tolerance_db"), [("FLAT", 0.02), ("HANN", 1.5), ("BHAR", 0.9), ("RECT", 4.0)])
-def test_the_line_of_a_sine_is_at_its_frequency_and_level_in_dbv(window: str, tolerance_db: float) -> None:
+def test_fft_line_of_a_sine_has_frequency_and_dbv(window: str, tolerance_db: float) -> None:
     bench = Bench()
     bench.send(":CHAN1:RANG 4;:TIM:RANG 20E-3;:DIG CHAN1;:FUNC:DISP ON")
     bench.send(f":FUNC:OPER FFT;SOUR1 CHAN1;WIND {window};CENT 5 KHZ;SPAN 10 KHZ")

@@ -150,7 +150,7 @@ def test_each_function_has_its_own_null() -> None:
     assert bench.talk.ask("VOLT:AC:NULL:STAT?;:CURR:NULL:STAT?") == "0;0"
 
 
-def test_a_2000_tells_statistics_of_its_buffer_and_whether_a_limit_is_broken() -> None:
+def test_2000_reports_buffer_statistics_and_broken_limits() -> None:
     bench = Bench(Keithley2000Twin)
     bench.world.slope_v_s = 0.1
     bench.talk.write("INIT:CONT OFF;:TRAC:POIN 5;FEED SENS;FEED:CONT NEXT;:SAMP:COUN 5;:INIT")

@@ -160,7 +160,7 @@ def test_a_load_step_is_answered_within_the_guides_50_us() -> None:
     assert seen[0] - seen[-1] == pytest.approx(2e-3, rel=1e-2)
 
 
-def test_scope_meter_and_read_back_see_the_same_exponential_at_the_gyroscopes_rail() -> None:
+def test_scope_meter_and_read_back_show_the_same_exponential() -> None:
     world, supply, talk = real()
     talk.write("APPL P25V,10,1;:APPL N25V,-10,1;:OUTP ON")
     talk.clock.sleep_until(0.15)

@@ -50,7 +50,7 @@ def test_a_sine_of_any_frequency(frequency_hz: float) -> None:
 
 
 @pytest.mark.parametrize("frequency_hz", [100.0, 1e3, 25.1e3])
-def test_a_waveform_that_only_tells_its_volts_reads_as_its_closed_form_does(frequency_hz: float) -> None:
+def test_waveform_of_volts_reads_like_its_closed_form(frequency_hz: float) -> None:
     made = ac()
     made.world.play(waveform=lambda times: 0.4 + 2.0 * np.sin(2 * np.pi * frequency_hz * times + 0.7))
     assert made.value() == pytest.approx(2.0 / math.sqrt(2.0) * passed(frequency_hz), rel=3e-6)
@@ -255,7 +255,7 @@ def _piece(sines: tuple[Sine, ...], start_s: float, stop_s: float) -> Piece:
 
 
 @pytest.mark.parametrize("frequency_hz", [1e3, 1e5, 1e6])
-def test_on_the_world_a_generator_at_a_megahertz_reads_what_it_puts_out(frequency_hz: float) -> None:
+def test_generator_at_a_megahertz_reads_its_output(frequency_hz: float) -> None:
     world = World(VirtualClock(), ideal_bench(), 0)
     meter = Hp34401ATwin(world, node="v_vc", errors=MeterErrors.none())
     talk = Conversation(meter, world.clock)

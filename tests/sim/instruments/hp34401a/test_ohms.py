@@ -57,9 +57,7 @@ def test_twenty_percent_over_range_and_no_more(range_ohm: float) -> None:
 @pytest.mark.parametrize(
     ("range_ohm", "current_a"), [(100, 1e-3), (1e3, 1e-3), (1e4, 1e-4), (1e5, 1e-5), (1e6, 5e-6), (1e7, 5e-7)]
 )
-def test_a_node_under_voltage_reads_what_its_voltage_over_the_test_current_is(
-    range_ohm: float, current_a: float
-) -> None:
+def test_node_under_voltage_reads_voltage_over_test_current(range_ohm: float, current_a: float) -> None:
     """Ohm's law: (V + I R)/I; a negative one reads negative."""
     for node_v in (0.3 * range_ohm * current_a, -0.3 * range_ohm * current_a):
         made = resistor(0.5 * range_ohm, node_v)
@@ -67,7 +65,7 @@ def test_a_node_under_voltage_reads_what_its_voltage_over_the_test_current_is(
         assert made.value() == pytest.approx(0.5 * range_ohm + node_v / current_a, rel=1e-8)
 
 
-def test_five_volts_on_the_node_overload_every_range_but_those_of_small_currents() -> None:
+def test_five_volts_overload_all_ranges_but_small_currents() -> None:
     """5 V are 1 Mohm at 5 uA and 10 Mohm at 0.5 uA; beside 10 Mohm they leave no current."""
     made = resistor(50.0, 5.0)
     overloads = []

@@ -66,7 +66,7 @@ def test_short_integrations_have_the_additional_noise(range_v: float, nplc: floa
     assert spread == pytest.approx(expected, rel=0.13)  # 3.5 sigma of the spread of 400 readings
 
 
-def test_a_default_specimen_reads_the_10_v_range_at_10_cycles_as_before() -> None:
+def test_default_unit_reads_the_10_v_range_unchanged() -> None:
     """The digits of a seed: the terms of other ranges and integration times take no number from its stream."""
     specimen = MeterErrors.drawn(np.random.default_rng(5))
     rng = np.random.default_rng(5)

@@ -85,7 +85,7 @@ def test_an_oscillation_beyond_the_trip_trips(attended: AttendedHost) -> None:
     assert attended.ask(":Status:CSR? A1SWFLT,1") == "1"
 
 
-def test_an_axis_that_is_held_takes_no_demand_until_its_servo_closes_again(attended: AttendedHost) -> None:
+def test_held_axis_ignores_demands_until_its_servo_closes(attended: AttendedHost) -> None:
     attended.servo("Rate")
     attended.wait(1.0)
     attended.ask(":Demand:Rate 1,50")
