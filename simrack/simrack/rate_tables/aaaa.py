@@ -10,20 +10,15 @@ what raises the alarm bit (here an interlock, the over-rate trip, following erro
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import ClassVar
 
-from simrack.adjustment import Adjustment
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
-from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import SerialTiming
-from simrack.rate_tables.stream import FrameDevice, StatusStream, StreamErrors
+from simrack.rate_tables.stream import FrameDevice, StatusStream, StreamErrors, Streaming
 
 __all__ = ["AaaaTable", "StreamErrors"]
 
 _TIMING = SerialTiming(baud=38400.0, processing_s=0.001)
-_PERIOD_S = 0.1
-_OUTPUT_MESSAGES = 178
 _HEADER = b"\xaa\xaa"
 _CLOSE, _OPEN, _STOP, _MOVE = 0xAB, 0xAC, 0x80, 0x81
 _CLOSED, _MOVING, _ALARM = 1, 2, 0x80
@@ -33,29 +28,16 @@ _TRAVEL_DEG = _LARGEST / _PER_DEG + 0.5
 """Where the switches of the ends of travel are taken to be: a little beyond the last position that can be said."""
 
 
-class AaaaTable(Interlocked, FrameDevice):
+class AaaaTable(Streaming, FrameDevice):
     """The table: loops open after switching on. One axis turns, the others stay at zero."""
 
-    errors_class: ClassVar = StreamErrors
+    most_unread: ClassVar = 178
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1, noise_seed: int = 0) -> None:
         super().__init__(world, _TIMING, header=_HEADER, length=21)
         self._axis = ServoAxis(world, errors, acceleration_deg_s2=100.0, travel_deg=_TRAVEL_DEG)
         self._slot = axis - 1
-        self._stream = StatusStream(world.clock, _PERIOD_S, errors, noise_seed)
-
-    def adjustments(self) -> Iterable[Adjustment]:
-        """Return the adjustments of a served table from outside its wire."""
-        return [*super().adjustments(), *self._stream.adjustments()]
-
-    def _advance(self) -> None:
-        self._watch()
-        status = self._stream.due(self._status)
-        if status is not None and len(self._output) < _OUTPUT_MESSAGES:
-            self._send(*status)
-
-    def _own_events_s(self) -> tuple[float, ...]:
-        return (*self._axis.own_events_s(), self._stream.due_s)
+        self._stream = StatusStream(world.clock, errors, noise_seed)
 
     def _intact(self, frame: bytes) -> bool:
         return sum(frame[:-1]) & 0xFF == frame[-1]

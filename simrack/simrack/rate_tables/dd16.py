@@ -66,9 +66,6 @@ class Dd16Table(Interlocked, FrameDevice):
         if self._homing == 1 and not self._axis.moving():
             self._homing = 2
 
-    def _own_events_s(self) -> tuple[float, ...]:
-        return self._axis.own_events_s()
-
     def _intact(self, frame: bytes) -> bool:
         return sum(frame) % 256 == 0
 

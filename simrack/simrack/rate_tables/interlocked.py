@@ -39,6 +39,12 @@ class Interlocked:
         axis = self._axis
         return interlock_adjustments(self, lambda: axis.broken, lambda: axis.jammed, lambda: axis.latched)
 
+    def _advance(self) -> None:
+        self._watch()
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return self._axis.own_events_s()
+
     def _watch(self) -> None:
         """Bring the axis up to now, and tell the causes of a shutdown since."""
         self._axis.advance()

@@ -56,12 +56,6 @@ class MnAsTable(Interlocked, LineDevice):
             **self._VERBS.bound(self),
         }
 
-    def _advance(self) -> None:
-        self._watch()
-
-    def _own_events_s(self) -> tuple[float, ...]:
-        return self._axis.own_events_s()
-
     def _answer(self, message: bytes) -> bytes | None:
         text = message.decode("latin-1").strip()
         found = _MESSAGE.fullmatch(text[max(text.rfind("$"), 0) :])  # what broke off before it is lost

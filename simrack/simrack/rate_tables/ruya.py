@@ -12,22 +12,16 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
 from enum import IntEnum
 from typing import ClassVar
 
-from simrack.adjustment import Adjustment
 from simrack.rate_tables.axis import ServoAxis, TableErrors, TableWorld
-from simrack.rate_tables.interlocked import Interlocked
-from simrack.rate_tables.line import LineDevice, SerialTiming
-from simrack.rate_tables.stream import StatusStream, StreamErrors
+from simrack.rate_tables.line import SerialTiming
+from simrack.rate_tables.stream import StatusStream, StreamErrors, Streaming
 
 __all__ = ["RuyaTable", "StreamErrors"]
 
 _TIMING = SerialTiming(baud=115200.0, processing_s=0.001)
-_PERIOD_S = 0.1
-_OUTPUT_MESSAGES = 200
-"""What waits to be read at most: a host's serial buffer is no longer (4096 bytes)."""
 _RATE = re.compile(r"3([01])(\d{4})(\d{4}\.\d{4})")
 _POSITION = re.compile(r"2([01])(\d{4})(\d{4}\.\d{4})(\d{3}\.\d{4})")
 _TURNS = re.compile(r"5([01])(\d{4})(\d{4}\.\d{4})(\d{3}\.\d{4})(\d{2})")
@@ -52,10 +46,10 @@ class _State(IntEnum):
 _MOVES = (_State.HOMING, _State.POSITION_RUN, _State.MULTI_TURN)
 
 
-class RuyaTable(Interlocked, LineDevice):
+class RuyaTable(Streaming):
     """The table: released after switching on."""
 
-    errors_class: ClassVar = StreamErrors
+    most_unread: ClassVar = 200
 
     def __init__(self, world: TableWorld, errors: TableErrors, *, axis: int = 1, noise_seed: int = 0) -> None:
         super().__init__(world, _TIMING, terminators=b"\r\n", longest=64)
@@ -64,26 +58,12 @@ class RuyaTable(Interlocked, LineDevice):
         self._start = f"${axis}"
         self._state = _State.RELEASED
         self._sequence = 0
-        self._stream = StatusStream(world.clock, _PERIOD_S, errors, noise_seed)
-
-    def adjustments(self) -> Iterable[Adjustment]:
-        """Return the adjustments of a served table from outside its wire."""
-        return [*super().adjustments(), *self._stream.adjustments()]
-
-    def _advance(self) -> None:
-        self._watch()
-        self._change_state()
-        status = self._stream.due(self._status)
-        if status is not None and len(self._output) < _OUTPUT_MESSAGES:
-            self._send(*status)
-
-    def _own_events_s(self) -> tuple[float, ...]:
-        return (*self._axis.own_events_s(), self._stream.due_s)
+        self._stream = StatusStream(world.clock, errors, noise_seed)
 
     def _noticed(self, _cause: str, /) -> None:
         self._state = _State.RELEASED
 
-    def _change_state(self) -> None:
+    def _follow(self) -> None:
         table = self._world.table
         if self._state is _State.RATE_RUN and table.profile_complete():
             self._state = _State.RATE_STEADY

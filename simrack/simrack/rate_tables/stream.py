@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from random import Random
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from simrack.adjustment import Adjustment
 from simrack.clock import Clock
 from simrack.rate_tables.axis import TableErrors, TableWorld
+from simrack.rate_tables.interlocked import Interlocked
 from simrack.rate_tables.line import LineDevice, SerialTiming
 
 if TYPE_CHECKING:
@@ -91,16 +92,18 @@ class FrameDevice(LineDevice):
         raise NotImplementedError
 
 
-class StatusStream:
-    """Status that a table sends by itself every `period_s`, as late and as lossy as `errors` say."""
+_PERIOD_S = 0.1
 
-    def __init__(self, clock: Clock, period_s: float, errors: TableErrors, noise_seed: int) -> None:
+
+class StatusStream:
+    """Status that a table sends by itself every 0.1 s, as late and as lossy as `errors` say."""
+
+    def __init__(self, clock: Clock, errors: TableErrors, noise_seed: int) -> None:
         self._clock = clock
-        self._period_s = period_s
         self._jitter_s = getattr(errors, "stream_jitter_s", 0.0)
         self._lost = getattr(errors, "stream_lost", 0.0)
         self._random = Random(noise_seed)  # noqa: S311  (no secret)
-        self.due_s = clock.now() + period_s
+        self.due_s = clock.now() + _PERIOD_S
 
     def due(self, make: Callable[[], bytes]) -> UnsolicitedStatus | None:
         """Return the status that is due now, if one is, and not lost; of several slept through only the last.
@@ -110,7 +113,7 @@ class StatusStream:
         now = self._clock.now()
         if now < self.due_s:
             return None
-        self.due_s = (math.floor(now / self._period_s + 1e-9) + 1) * self._period_s
+        self.due_s = (math.floor(now / _PERIOD_S + 1e-9) + 1) * _PERIOD_S
         status = UnsolicitedStatus(make(), self._jitter_s * self._random.random())
         return None if self._random.random() < self._lost else status
 
@@ -125,6 +128,35 @@ class StatusStream:
 
     def _set_lost(self, value: Any) -> None:
         self._lost = _share(value)
+
+
+class Streaming(Interlocked, LineDevice):
+    """A table that sends its status unasked."""
+
+    errors_class: ClassVar = StreamErrors
+    most_unread: ClassVar[int]
+    """Statuses that wait to be read at most: a host's serial buffer is no longer (4096 bytes)."""
+    _stream: StatusStream
+
+    def adjustments(self) -> Iterable[Adjustment]:
+        """Return the adjustments of a served table from outside its wire."""
+        return [*super().adjustments(), *self._stream.adjustments()]
+
+    def _advance(self) -> None:
+        super()._advance()
+        self._follow()
+        status = self._stream.due(self._status)
+        if status is not None and len(self._output) < self.most_unread:
+            self._send(*status)
+
+    def _own_events_s(self) -> tuple[float, ...]:
+        return (*super()._own_events_s(), self._stream.due_s)
+
+    def _follow(self) -> None:
+        """Go on to the next state, where the axis has."""
+
+    def _status(self) -> bytes:
+        raise NotImplementedError
 
 
 def _jitter(seconds: Any) -> float:
