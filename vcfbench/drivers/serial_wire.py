@@ -68,6 +68,7 @@ class SerialWire:
     def __init__(self, port: Any, late: type[OSError]) -> None:
         self._port = port
         self._late = late
+        self._on_socket = type(port).__module__ == "serial.urlhandler.protocol_socket"
 
     def send(self, data: bytes, deadline: Deadline) -> None:
         """Write all of `data`."""
@@ -84,19 +85,26 @@ class SerialWire:
         try:
             self._port.timeout = left_s(deadline)
             first = self._port.read(1)
-            data = first + self._port.read(self._port.in_waiting) if first else first
+            data = first + self._waiting() if first else first
         except OSError as error:
             raise _lost(error) from error
         if not data:
             raise errors.DeadlineExceeded("no answer")
         return data, False
 
+    def _waiting(self) -> bytes:
+        """Return the bytes that are there; a port on a socket never says that more than one byte waits."""
+        if not self._on_socket:
+            return bytes(self._port.read(self._port.in_waiting))
+        self._port.timeout = 0
+        return bytes(self._port.read(_MOST_AT_ONCE))
+
     def pending(self) -> bytes:
-        """Take unasked bytes; a port on a socket never says that more than one byte waits."""
+        """Take unasked bytes."""
         data = b""
         try:
-            while len(data) < _MOST_AT_ONCE and (waiting := self._port.in_waiting):
-                data += self._port.read(waiting)
+            while len(data) < _MOST_AT_ONCE and (more := self._waiting()):
+                data += more
         except OSError as error:
             raise _lost(error) from error
         return data

@@ -106,7 +106,7 @@ PROCEDURES = Catalogue()
 """Every known procedure by name.
 
 >>> len(vcfbench.PROCEDURES), vcfbench.PROCEDURES["zero"].title
-(20, 'Record the output at rest: Allan deviation, noise coefficients, bias stability.')
+(21, 'Record the output at rest: Allan deviation, noise coefficients, bias stability.')
 """
 
 

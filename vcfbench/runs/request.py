@@ -244,6 +244,11 @@ class Prepared:
                 placed[role] = each.drawn_by(bench.seed)
         return replace(of, station=replace(station, instruments=placed))
 
+    def take_metadata(self, metadata: RunMetadata) -> None:
+        """Take note of what the bench said of the run's conditions; it is the same for all devices."""
+        self.metadata = metadata
+        self.devices = tuple(replace(each, metadata=replace(metadata, dut=each.metadata.dut)) for each in self.devices)
+
     def points(self) -> tuple[Point, ...]:
         """Return the points that were measured before."""
         return ()

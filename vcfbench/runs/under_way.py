@@ -162,7 +162,7 @@ class UnderWay(Struct):
         prepared, request = self.prepared, self.prepared.request
         self.safe_reports = bench.safe_reports  # filled when the bench is left
         prepared.take_bench(bench)
-        prepared.metadata = with_ambient(prepared.metadata, bench)
+        prepared.take_metadata(with_ambient(prepared.metadata, bench))
         began_s = bench.clock.now() if prepared.began_s is None else prepared.began_s
         with signals.undivided():
             journal = self.open_journal(bench.identities, began_s, bench.clock.now() - began_s)
