@@ -188,11 +188,12 @@ def assert_in_order(expected: list[str], printed: str, *, exact: bool) -> None:
         assert any(re.fullmatch(pattern, each) for each in remaining), f"{line!r} is not printed there:\n{printed}"
 
 
-def test_excerpts_of_the_tutorial_are_in_the_example() -> None:
-    project = ROOT / "examples" / "own-instrument"
+@pytest.mark.parametrize(("name", "least"), [("own-instrument", 6), ("own-procedure", 3)])
+def test_excerpts_of_the_tutorial_are_in_the_example(name: str, least: int) -> None:
+    project = ROOT / "examples" / name
     files = [path.read_text(encoding="utf-8") for path in project.rglob("*") if path.suffix in {".py", ".toml"}]
-    excerpts = [block.body for block in blocks(TUTORIALS / "own-instrument.md") if block.info == "text"]
-    assert len(excerpts) >= 6
+    excerpts = [block.body for block in blocks(TUTORIALS / f"{name}.md") if block.info == "text"]
+    assert len(excerpts) >= least
     assert [each for each in excerpts if not any(each in text for text in files)] == []
 
 
