@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,10 +16,11 @@ from vcfbench.archive.amending import amend_run
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
 QUICK = {"rates_deg_s": (10.0, 0.0, -10.0), "samples": 3, "sample_interval_s": 0.5, "settle_s": 0.5}
 NAMES = ("20260101T000000Z-turntable-000001", "20260115T100000Z-turntable-000002", "20260116T000000Z-turntable-000003")
+
+needs_change_times = pytest.mark.skipif(os.name == "nt", reason="nothing is kept there")
 
 
 @pytest.fixture(scope="module")
@@ -86,7 +88,7 @@ CHANGES: dict[str, Callable[[Path], object]] = {
 }
 
 
-@pytest.mark.skipif(os.name == "nt", reason="nothing is kept there")
+@needs_change_times
 @pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
 def test_a_list_is_that_of_the_records_whatever_was_changed(change: Callable[[Path], object], runs: Path) -> None:
     change(runs)
@@ -96,7 +98,7 @@ def test_a_list_is_that_of_the_records_whatever_was_changed(change: Callable[[Pa
     assert [each.as_json() for each in found] == [each.as_json() for each in plain]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="nothing is kept there")
+@needs_change_times
 def test_no_record_is_read_of_which_a_summary_is_kept(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = vcfbench.run_summaries(runs)
     monkeypatch.setattr(summary, "outline_of", None)
@@ -122,8 +124,13 @@ def test_what_another_version_kept_is_read_again(runs: Path, monkeypatch: pytest
         vcfbench.run_summaries(runs)
 
 
-def test_a_folder_of_another_is_listed_too(runs: Path) -> None:
+def a_pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, pytest.param(a_pipe, marks=needs_change_times)])
+def test_a_folder_of_another_is_listed_too(make: Callable[[Path], None], runs: Path) -> None:
     (runs / ".summaries").unlink(missing_ok=True)
-    (runs / ".summaries").mkdir()
+    make(runs / ".summaries")
     assert [each.run for each in vcfbench.run_summaries(runs)] == list(NAMES)
     assert sorted(each.name for each in runs.iterdir()) == [".summaries", *NAMES]

@@ -20,6 +20,7 @@ from msgspec.structs import replace
 
 from vcfbench.archive.results import evaluation_of, stored_outcome
 from vcfbench.errors import ConfigError
+from vcfbench.files import MOST_TABLE, read_file
 from vcfbench.records.amendments import amended, amended_fields, amendments_of
 from vcfbench.records.directory import RunDirectory, began, recorded_runs
 from vcfbench.records.metadata import metadata_from
@@ -156,8 +157,8 @@ _VALUE: Final = msgspec.msgpack.Decoder(Value)
 def _all_summaries(runs: Path) -> Iterator[RunSummary]:
     """Yield the summaries of all records, in no order, and keep them where many were read anew."""
     version, kept, anew = f"{installed_version()}, {EVALUATION}", dict[str, _Kept](), 0
-    with suppress(OSError, msgspec.DecodeError):  # none is there, or none of this program
-        data = (runs / _KEPT).read_bytes()
+    with suppress(ConfigError, msgspec.DecodeError):  # none is there, or none of this program
+        data = read_file(runs / _KEPT, "summaries of records", MOST_TABLE)
         if data[:_SUM] == sha256(memoryview(data)[_SUM:]).digest():
             found = msgspec.msgpack.decode(data[_SUM:], type=_AllKept, dec_hook=lambda _, name: runs / name)
             kept = found.records if found.version == version else kept
