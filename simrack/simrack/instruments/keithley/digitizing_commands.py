@@ -2,7 +2,8 @@
 
 Source: pages of the DMM7510's Reference Manual, which has the same words, and users' code for both. Unverified: ranges
 and defaults but for rate and aperture, the error of an aperture that is longer than the interval (-221), and that
-another rate takes it away. The analog trigger and the unit are kept, and change nothing.
+another rate takes it away. The aperture, the analog trigger and the unit are kept, and change nothing: a sample is what
+is there amid its interval.
 """
 
 from __future__ import annotations

@@ -77,10 +77,8 @@ class ModelledMeter(BufferingMeter):
         self.end_model()
 
     def begin_model(self) -> None:
-        """Begin with the first block; -213 while something runs."""
-        if self._run is not None or self.triggering.sequence is not None:
-            raise scpi.ScpiError(-213)
-        self._run, self._ready = self._running(), lambda: -math.inf
+        """Begin with the first block."""
+        self.place, self._run, self._ready = 1, self._running(), lambda: -math.inf
         self.service()
 
     def event(self, name: str) -> None:
@@ -149,17 +147,10 @@ class ModelledMeter(BufferingMeter):
             self.place = follows
 
 
-def _block(
-    kind: str,
-    words: Callable[..., str],
-    meter: ModelledMeter,
-    place: int,
-    *arguments: Any,
-    buffer_at: int | None = None,
-) -> None:
+def _block(kind: str, words: Callable[..., str], meter: ModelledMeter, place: int, *arguments: Any) -> None:
     """Define a block; SimpleLoop is no longer what INITiate begins."""
-    if buffer_at is not None:
-        require_buffer(meter, arguments[buffer_at])
+    if words is _of_buffer:
+        require_buffer(meter, arguments[0])
     meter.loop = None
     meter.blocks[place] = Block(kind, f"{kind} {words(*arguments)}".rstrip(), arguments)
 
@@ -169,15 +160,13 @@ def _of_buffer(buffer: str | None, count: float | None = None) -> str:
     return f"BUFFER: {buffer or _BUFFER}{said}"
 
 
-def _row(
-    header: str, parameters: tuple[scpi.Parameter, ...], kind: str, words: Callable[..., str], **more: Any
-) -> None:
-    ROWS.append(scpi.Command(f"TRIGger:BLOCk:{header}", (_PLACE, *parameters), do=partial(_block, kind, words, **more)))
+def _row(header: str, parameters: tuple[scpi.Parameter, ...], kind: str, words: Callable[..., str]) -> None:
+    ROWS.append(scpi.Command(f"TRIGger:BLOCk:{header}", (_PLACE, *parameters), do=partial(_block, kind, words)))
 
 
 _row("NOP", (), "NOP", lambda: "")
 _row("NOTify", (scpi.Integer(limits=scpi.Limits(1, 8), named=False),), "NOTIFY", lambda number: f"ID: {number}")
-_row("BUFFer:CLEar", NAMED, "BUFFER_CLEAR", _of_buffer, buffer_at=0)
+_row("BUFFer:CLEar", NAMED, "BUFFER_CLEAR", _of_buffer)
 _row("DELay:CONStant", (_SECONDS,), "DELAY_CONSTANT", lambda delay_s: f"DELAY: {delay_s:.9f}")
 _row("BRANch:ALWays", (_GOAL,), "BRANCH_ALWAYS", lambda goal: f"BRANCH_BLOCK: {goal}")
 _row("BRANch:COUNter", (_COUNT, _GOAL), "BRANCH_COUNTER", lambda count, goal: f"VALUE: {count} BRANCH_BLOCK: {goal}")
@@ -187,7 +176,6 @@ _row("WAIT", (scpi.Choice(_EVENTS), _CLEARS), "WAIT", lambda event, _clears: f"E
 @ROWS.do("TRIGger:BLOCk:MDIGitize", (_PLACE, *NAMED, _READINGS))
 def _measure_block(meter: ModelledMeter, place: int, buffer: str | None, count: float | None) -> None:
     """TRIGger:BLOCk:MDIGitize: one reading where none says how many."""
-    require_buffer(meter, buffer)
     if count == math.inf:
         raise scpi.ScpiError(-222)
     _block("MEASURE_DIGITIZE", _of_buffer, meter, place, buffer, 1 if count is None else int(count))
@@ -242,6 +230,8 @@ def _load(meter: ModelledMeter, model: str, count: int | None, delay_s: float | 
 
 @ROWS.do("INITiate[:IMMediate]")
 def _initiate(meter: ModelledMeter) -> None:
+    if meter.state() != "IDLE":
+        raise scpi.ScpiError(-213)
     if meter.loop is None:
         if not meter.blocks:
             raise scpi.ScpiError(-221)

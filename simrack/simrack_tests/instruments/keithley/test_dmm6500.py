@@ -60,6 +60,7 @@ def test_the_buffer_keeps_the_last_samples_or_the_first(bench: Bench) -> None:
         ('TRIG:BLOC:MDIG 1,"nobody\'s"', -224),
         ('TRIG:BLOC:MDIG 1,"defbuffer1",INF', -222),
         ("INIT", -221),
+        ("TRIG:BLOC:DEL:CONS 1,9;:TRIG:BLOC:NOP 2;:INIT;INIT", -213),
     ],
 )
 def test_what_cannot_be_is_refused(message: str, error: int, bench: Bench) -> None:
@@ -97,6 +98,8 @@ def test_the_blocks_of_a_model_are_gone_through(bench: Bench) -> None:
     assert bench.talk.ask("TRIG:STAT?") == "RUNNING;RUNNING;2"
     assert bench.talk.ask("*OPC?;:TRIG:STAT?;:TRAC:ACT?") == "1;IDLE;IDLE;4;12"
     times_s = np.reshape([instant_s for _, instant_s in bench.meter.stored], (4, 3))
+    assert bench.talk.ask("INIT;*OPC?;:TRIG:STAT?;:TRAC:ACT?") == "1;IDLE;IDLE;4;12"
+    assert bench.meter.stored[0][1] > times_s[-1, -1]
     assert np.diff(times_s[:, 0]) == pytest.approx([0.5 + 3 * (times_s[0, 1] - times_s[0, 0])] * 3, abs=1e-3)
 
 
