@@ -44,7 +44,7 @@ from vcfbench.steps.drive_check import check_drive
 from vcfbench.steps.events import StepFinished, StepStarted
 from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.replay import TakenOver, is_left, rest_of, set_again, start_up_again, taken_over
-from vcfbench.steps.step import Effect, abandon
+from vcfbench.steps.step import Context, Effect, abandon
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -367,7 +367,11 @@ def test_chunks_of_long_windows_are_taken_over_with_their_step() -> None:
     chunks = [{"type": "readings", "n": window, "readings": [{"voltage_v": v}]} for v in (0.1, 0.2)]
     taken = taken_over(record_of([*chunks, *lines]), BEFORE)
     assert taken[window - 1].chunks == tuple({"taken_over": BEFORE, **chunk} for chunk in chunks)
-    assert list(taken[window - 1].readings_v())[:2] == [[0.1], [0.2]]
+    recalled: list[list[float]] = []
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Acquire, "recall", lambda _, readings_v, __: recalled.append([*readings_v]))
+        taken[window - 1].recall(Context(None, lambda _: None))  # type: ignore[arg-type]
+    assert recalled[:2] == [[0.1], [0.2]]
     assert not any(each.chunks for each in taken if each.line["n"] != window)
 
 

@@ -30,6 +30,7 @@ class _Part(Struct):
     last: Step | None = None
     done: list[StepResult | BenchError] = field(default_factory=list)
     error: BenchError | None = None
+    looked_at: int = -1
 
     def go(self, advance: Callable[[], Step]) -> None:
         """Go on to the next step, or to the end."""
@@ -54,6 +55,9 @@ class _Part(Struct):
 
     def refusal(self) -> BenchError | None:
         """Return the error for which it comes to rest, None where it has none; found by the same plan anew."""
+        if self.looked_at == len(self.done):  # and it had none
+            return None
+        self.looked_at = len(self.done)
         again = self.begin()
         try:
             next(again)
@@ -102,9 +106,8 @@ def _lockstep(parts: list[_Part]) -> Plan:
     while going := [each for each in parts if each.asked is not None]:
         if stopped is None:
             yield from _ended(parts, said)
-        of = _next_of(going) if stopped is None else _alike(going)
-        if of is None:  # plans have parted: those that refuse what was measured end
-            _part(going)
+        of = _alike(going) if stopped is not None else _next_of(going)
+        if not of:  # some have ended
             continue
         try:
             result = yield _step_of(of)
@@ -139,29 +142,29 @@ def _alike(going: list[_Part]) -> list[_Part]:
     return [each for each in going if _is_same(each.asked, going[0].asked)]
 
 
-def _next_of(going: list[_Part]) -> list[_Part] | None:
-    """Return those whose step is next: all, or those that measure again while the others wait. None: they part."""
+def _next_of(going: list[_Part]) -> list[_Part]:
+    """Return those whose step is next: all, or those that measure again while the others wait.
+
+    Where plans part otherwise, those end that refuse their readings, else those that ask for another step than most.
+    """
     if len(of := _alike(going)) == len(going):
         return of
-    again = [each for each in going if isinstance(each.asked, Acquire) and _is_same(each.asked, each.last)]
-    return again if 0 < len(again) < len(going) and len(_alike(again)) == len(again) else None
-
-
-def _part(going: list[_Part]) -> None:
-    """End those that refuse their readings, else those that ask for another step than most."""
     refused = {each.name: error for each in going if (error := each.refusal()) is not None}
-    if refused:
-        live = [each for each in going if each.name not in refused]
-        keep = live or _alike(going)
+    live = [each for each in going if each.name not in refused]
+    if refused and (live or len(of) < len(going)):
         for each in going:
-            if each not in keep:
+            if each.name in refused and (live or each not in of):
                 each.end(refused[each.name])
-        return
+        return []
+    again = [each for each in going if isinstance(each.asked, Acquire) and _is_same(each.asked, each.last)]
+    if 0 < len(again) < len(going) and len(_alike(again)) == len(again):
+        return again
     most = max(([each for each in going if _is_same(each.asked, one.asked)] for one in going), key=len)
     for each in going:
         if each not in most:
             asked, others = (one.describe() if one else "" for one in (each.asked, most[0].asked))
             each.end(PlanError(f"it asks for ({asked}), the others for ({others}): they cannot be measured together"))
+    return []
 
 
 def _is_same(one: Step | None, other: Step | None) -> bool:
