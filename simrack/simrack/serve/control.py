@@ -329,8 +329,7 @@ class _Control(Connection):
 
     @_COMMANDS.of("reset")
     def _reset(self, seed: int | None = None) -> float:
-        if self._control.leader not in (None, self):
-            raise Refused("another connection leads the clock")
+        self._require_lead()
         if seed is not None and (type(seed) is not int or not 0 <= seed < 1 << 63):
             raise Refused(f"a seed is a whole number from 0 to {(1 << 63) - 1}, not {seed!r}")
         self._server.reset(seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from msgspec import Struct
@@ -101,9 +101,14 @@ def formula_commands(root: str, path: str, forms: tuple[str, ...], inner: str = 
 class SimulatedKeithley(SimulatedTruevolt):
     """Common parts of both beside a Truevolt: filter and formula of each function, and a unit of voltages."""
 
+    fast_apertures_s: ClassVar[Mapping[float, float]] = {}
     kept: dict[str, KeptOfFunction]
     formulas: dict[str, Formula]
     unit: str
+
+    def forget(self) -> None:
+        """A setting changes: the measurement ends."""
+        self.triggering.abort()
 
     def averages_over(self) -> int:
         """Return the number of readings that the filter of the function moves over."""
@@ -123,6 +128,21 @@ class SimulatedKeithley(SimulatedTruevolt):
 def ignored(meter: SimulatedTruevolt, *values: Any) -> None:
     """Take a command without any effect on this bench."""
     del meter, values
+
+
+SHARED = (
+    *scpi.COMMON_COMMANDS,
+    scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
+    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
+    scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=ignored),
+    scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
+    scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),
+    scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
+    *scpi.status_commands("OPERation", "operation"),
+    *scpi.status_commands("QUEStionable", "questionable"),
+    scpi.Command("STATus:PRESet", do=ignored),
+)
+"""Rows of both."""
 
 
 def function_command(

@@ -86,7 +86,7 @@ _COMMANDS = (
     *reading_buffer.ROWS,
     *digitizing_commands.ROWS,
     *trigger_model.ROWS,
-    *scpi.COMMON_COMMANDS,
+    *common.SHARED,
     scpi.Command(
         "*LANG", (scpi.Choice(("SCPI", "TSP")),), do=common.ignored, query=lambda meter: meter.command_set, reads=True
     ),
@@ -162,7 +162,6 @@ _COMMANDS = (
         reads=True,
     ),
     scpi.Command("ROUTe:TERMinals", query=lambda meter: "REAR" if meter.rear else "FRON", reads=True),
-    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
     # its clock: seconds since 1970, or after a 1 as text (both from memory of the manual, unverified)
     scpi.Command(
         "SYSTem:TIME",
@@ -175,9 +174,6 @@ _COMMANDS = (
         query_parameters=(scpi.Integer(required=False),),
         reads=True,
     ),
-    scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
-    scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
-    scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),
     scpi.Command("SYSTem:VERSion", query=lambda _: "1999.0", reads=True),
     scpi.Command("DISPlay:CLEar", do=common.ignored),
     scpi.Command("DISPlay:SCReen", (scpi.Word(),), do=common.ignored),
@@ -203,10 +199,6 @@ _COMMANDS = (
         for each in ("VCHannel[:STARt]", "VCHannel:END", "VMAX")
     ),
     scpi.Command("ROUTe:SCAN[:CREate]", query=lambda _: "(@)", reads=True),
-    scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
-    *scpi.status_commands("OPERation", "operation"),
-    *scpi.status_commands("QUEStionable", "questionable"),
-    scpi.Command("STATus:PRESet", do=common.ignored),
 )
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
@@ -227,7 +219,6 @@ class KeithleyDMM6500Twin(trigger_model.ModelledMeter):
         takes_blocks=False,
     )
     interfaces: ClassVar[Mapping[str, Interface]] = {"usb": scpi.USB, "gpib": scpi.GPIB, "lan": scpi.LAN}
-    fast_apertures_s: ClassVar[Mapping[float, float]] = {}
     command_set: ClassVar = "SCPI"
 
     def write(self, data: bytes, *, end: bool = False) -> None:

@@ -162,7 +162,7 @@ _COUNTS = scpi.Integer(limits=scpi.Limits(1, 9999, 1), words={"INFinity": float(
 
 _COMMANDS = (
     *ROWS,
-    *scpi.COMMON_COMMANDS,
+    *common.SHARED,
     *(
         scpi.Command(f"CONFigure:{_FUNCTIONS[name].header}", do=lambda meter, name=name: meter.configure_function(name))
         for name in common.NAMES
@@ -205,10 +205,8 @@ _COMMANDS = (
     scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     # what drivers set of all of the maker's meters (defaults unverified)
-    scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
     scpi.remembered("SYSTem:POSetup", scpi.Choice(("RST", "PRESet", "SAV0")), "PRES"),
     scpi.Command("SYSTem:KEY", (scpi.Integer(limits=scpi.Limits(1, 31)),), do=common.ignored),
-    scpi.Command("SYSTem:LFRequency", query=lambda meter: str(meter.line_hz), reads=True),
     scpi.Command(
         "FORMat:ELEMents",
         (scpi.Choice(("READing", "UNITs", "CHANnel", "RNUMber")),),
@@ -217,7 +215,6 @@ _COMMANDS = (
         repeat=True,
         reads=True,
     ),
-    scpi.Command("SYSTem:BEEPer[:IMMediate]", (scpi.Number(), scpi.Number()), do=common.ignored),
     scpi.attribute("SYSTem:BEEPer:STATe", scpi.Boolean(), "beeper", scpi.boolean),
     scpi.remembered(f"{_SHOWN}[:DATA]", scpi.Text(limit=12), "", scpi.quoted),
     *(
@@ -240,19 +237,13 @@ _COMMANDS = (
     scpi.remembered("UNIT:TEMPerature", scpi.Choice(("C", "F", "K")), "C"),
     scpi.Command("CALCulate<1-1>:DATA[:LATest]", query=_fetch),
     scpi.attribute("DISPlay:ENABle", scpi.Boolean(), "display_on", scpi.boolean),
-    scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
     scpi.Command("SYSTem:FRSWitch", query=lambda meter: not meter.rear, reply=scpi.boolean, reads=True),
     scpi.Command("SYSTem:VERSion", query=lambda _: "1991.0", reads=True),
     *(scpi.Command(f"SYSTem:{word}", do=common.ignored) for word in ("LOCal", "REMote", "RWLock")),
     scpi.Command("*OPT", query=lambda _: "0,0", reads=True),
-    scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
-    *scpi.status_commands("OPERation", "operation"),
-    *scpi.status_commands("QUEStionable", "questionable"),
     *scpi.status_commands("MEASurement", "measurement"),
-    scpi.Command("STATus:PRESet", do=common.ignored),
     scpi.Command("STATus:QUEue[:NEXT]", query=scpi.next_error),
     scpi.Command("STATus:QUEue:CLEar", do=lambda meter: meter.engine.errors.clear()),
-    scpi.Command("SYSTem:CLEar", do=lambda meter: meter.engine.errors.clear()),
 )
 _TABLE = scpi.CommandTable(*common.with_sense(_COMMANDS))
 
@@ -269,7 +260,6 @@ class Keithley2000Twin(common.SimulatedKeithley):
         queue_depth=10, words=common.ERROR_WORDS, takes_blocks=False, xonxoff=True
     )
     interfaces: ClassVar[Mapping[str, Interface]] = {"gpib": scpi.GPIB, "rs232": scpi.RS232}
-    fast_apertures_s: ClassVar[Mapping[float, float]] = {}
     held: float | None
 
     def power_on(self) -> None:
@@ -299,10 +289,6 @@ class Keithley2000Twin(common.SimulatedKeithley):
         self.continuous = False
         self.configure(self.functions[name], None, None)
         self.control = "NEV"
-
-    def forget(self) -> None:
-        """A setting changes: the measurement ends."""
-        self.triggering.abort()
 
     def _finish_reading(self, value: float) -> float:
         reading = super()._finish_reading(value) if self.held is None else self.held

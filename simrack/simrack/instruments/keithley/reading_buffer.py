@@ -233,7 +233,6 @@ def _trace(meter: BufferingMeter, buffer: str | None, *, digitizing: bool) -> An
 
 ROWS += [
     scpi.remembered(_FORMAT[0], scpi.Choice(("ASCii", "REAL", "SREAL")), "ASC"),
-    scpi.remembered(_ORDER[0], scpi.Choice(("NORMal", "SWAPped")), "SWAP"),
     *(
         scpi.Command(f"TRACe:{header}", query=query, query_parameters=NAMED, reply=str)
         for header, query in _OF_A_BUFFER.items()

@@ -68,7 +68,7 @@ class ModelledMeter(BufferingMeter):
 
     def forget(self) -> None:
         """A setting changes: the measurement ends."""
-        self.triggering.abort()
+        super().forget()
         self.end_model()
 
     def abort(self) -> None:

@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from typing import Any
 
-from simrack.clock import Clock
-from simrack.instruments.hp34401a.inputs import MeterReading
 from simrack.instruments.hp34401a.trigger import TriggerSequence, TriggerSystem
 
 
 class RingTriggerSystem(TriggerSystem):
     """Keeps the newest readings; `overflowed` is called whenever one is lost."""
 
-    def __init__(
-        self,
-        clock: Clock,
-        begin: Callable[[float], MeterReading],
-        finished: Callable[[float], float],
-        work_out: Callable[[Iterator[object]], None],
-        *,
-        capacity: int,
-        overflowed: Callable[[], None],
-    ) -> None:
+    def __init__(self, *around: Any, capacity: int, overflowed: Callable[[], None]) -> None:
         self._overflowed = overflowed
-        super().__init__(clock, begin, finished, work_out, capacity)
+        super().__init__(*around, capacity=capacity)
 
     def preset(self) -> None:
         """Take the settings of *RST, CONFigure and MEASure; the trigger's slope is negative (p. 306, example)."""
