@@ -17,12 +17,14 @@ from tests.test_resume import cut
 from tests.test_streams import FAULTS, LEFT_ALONE, TABLE
 from vcfbench.archive.lot import spread_of
 from vcfbench.archive.verified import verify_run
+from vcfbench.bench.check import check_bench
 from vcfbench.errors import BenchError, ConfigError, PlanError
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
 from vcfbench.records.schema import Status
 from vcfbench.runs.conduct import conduct
+from vcfbench.runs.needs import what_can_run
 from vcfbench.runs.request import Request, prepare
 from vcfbench.safety.signals import StopSignals
 from vcfbench.sim.builder import SimulatedBench
@@ -242,7 +244,7 @@ def test_a_run_that_was_broken_off_goes_on_with_all_its_devices(whole: Run, tmp_
 
 @pytest.mark.exhaustive
 def test_long_windows_of_each_are_kept_in_chunks(tmp_path: Path) -> None:
-    settings = {"duration_s": 400.0, "powered_s": 10.0}
+    settings = {"duration_s": 400.0, "powered_s": 10.0, "devices": str(tmp_path / "devices")}
     run = vcfbench.run("zero", several(2), seed=1, settings=settings, runs=tmp_path)
     for each in (run, *run.devices):
         assert each.status is Status.COMPLETE
@@ -356,3 +358,12 @@ def test_multimeters_of_each_device_read_at_the_same_time(tmp_path: Path) -> Non
         vcfbench.dry_run("zero", bench, settings={"mode": "gapless"})
     with pytest.raises(ConfigError, match="kvc goes its own way with each device"):
         vcfbench.dry_run("kvc", bench)
+
+
+def test_a_check_of_the_bench_tries_the_output_of_each() -> None:
+    found = check_bench(several(2))
+    assert [each.role for each in found.instruments] == ["multimeter of G-1", "multimeter of G-2", "rate_table"]
+    assert [each.problem for each in found.instruments] == [None] * 3
+    assert (
+        what_can_run(several(2), ["multimeter of G-2"])["turntable"] == "turntable opens multimeter of G-2, not ready"
+    )

@@ -1,8 +1,10 @@
 """Tries every instrument of a bench and reports the problems of each."""
 
+from collections.abc import Iterator
 from typing import cast
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.bench.ground import UnopenedBench, require_instruments_apart, station
 from vcfbench.bench.opening import open_role
@@ -86,8 +88,9 @@ def check_bench(description: BenchDescription, *, trust: Trust = False, operator
         reports: list[SafeReport] = []
         try:
             for role in filled_roles(description):
-                signals.safe_point()
-                checked.append(_check(role, description, stand, safety))
+                for name, own in _places(role, description):
+                    signals.safe_point()
+                    checked.append(replace(_check(role, own, stand, safety), role=name))
         finally:
             signals.unwind()
             try:
@@ -95,6 +98,18 @@ def check_bench(description: BenchDescription, *, trust: Trust = False, operator
             finally:
                 safety.close()
     return BenchCheck(checked, watchdog, reports)
+
+
+def _places(role: Role, description: BenchDescription) -> Iterator[tuple[str, BenchDescription]]:
+    """Yield the bench for each instrument of a role: of several gyroscopes each output, once a connection."""
+    if role.name != "multimeter" or not description.several:
+        yield role.name, description
+        return
+    known = set[str]()
+    for name, own in zip(description.several, description.each, strict=True):
+        if own.output_resource not in known:
+            known.add(own.output_resource)
+            yield f"{role.name} of {name}", own
 
 
 def _check_watchdog(description: BenchDescription) -> CheckedWatchdog:

@@ -104,7 +104,7 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
             lacks[name] = error.what
             continue
         opened = ["watchdog", *(each.name for each in needed_roles(description, roles_of(procedure, description)))]
-        failed = [each for each in not_ready if each in opened]
+        failed = [each for each in not_ready if each.partition(" of ")[0] in opened]
         lacks[name] = f"{name} opens {_listed(failed)}, not ready" if failed else None
     return lacks
 
