@@ -13,7 +13,8 @@ class RingTriggerSystem(TriggerSystem):
 
     def __init__(self, *around: Any, capacity: int, overflowed: Callable[[], None]) -> None:
         self._overflowed = overflowed
-        super().__init__(*around, capacity=capacity)
+        super().__init__(*around)
+        self.capacity = capacity
 
     def preset(self) -> None:
         """Take the settings of *RST, CONFigure and MEASure; the trigger's slope is negative (p. 306, example)."""
