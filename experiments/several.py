@@ -1,6 +1,6 @@
 """Whether several gyroscopes in one run are each as alone: bench time, values, shared causes, faults, kills.
 
-``python -m experiments.several [eight] [shared] [faults] [kill] [--seeds N]``, all without words; a table each.
+``python -m experiments.several [eight] [shared] [faults] [kill] [axes] [--seeds N]``, all without words; a table each.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ import statistics
 import subprocess
 import sys
 from argparse import ArgumentParser
+from itertools import combinations
 from pathlib import Path
+from random import Random
 from tempfile import TemporaryDirectory
 from time import sleep
 from typing import TYPE_CHECKING, Any
@@ -21,6 +23,8 @@ from msgspec import to_builtins
 import vcfbench
 from vcfbench.archive.change import Compared, covariance
 from vcfbench.archive.verified import verify_run
+from vcfbench.interfaces import Request as Asked
+from vcfbench.procedures.axes import between_axes
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.schema import Status
@@ -166,6 +170,84 @@ def kill(seeds: int, runs: Path) -> bool:
     return well
 
 
+def axes(seeds: int, runs: Path) -> bool:
+    """Draw input axes of three outputs of one stream, and mountings: scale factor and angles are within U95."""
+    del runs
+    shares: dict[str, list[bool]] = {"scale factor": [], "towards": [], "angle of two": []}
+    for seed in range(seeds):
+        draw = Random(seed)  # noqa: S311  (no secret)
+        planted = [
+            _unit([float(place == along) + draw.uniform(-0.005, 0.005) for place in range(3)]) for along in range(3)
+        ]
+        mounted = {
+            f"+{name}": _unit([float(place == at) + math.radians(draw.uniform(-0.2, 0.2)) for place in range(3)])
+            for at, name in enumerate("xyz")
+        }
+        found = [each.results for each in _mounted_run(seed, planted, mounted).devices]
+        gains = [math.hypot(*each.sensitivity) for each in found]
+        for result, axis in zip(found, planted, strict=True):
+            k = result.scale_factor
+            shares["scale factor"].append(abs(k.value - statistics.mean(gains)) < k.u95)
+            along = max(range(3), key=lambda place: abs(axis[place]))
+            for name, value in result.towards.items():
+                angle = 1e3 * math.atan(axis["xyz".index(name)] / axis[along])
+                shares["towards"].append(abs(value.value - angle) < value.u95)
+        for (a, one), (b, other) in combinations(zip(found, planted, strict=True), 2):
+            angle = -1e3 * math.asin(sum(x * y for x, y in zip(one, other, strict=True)))
+            between = between_axes(("one", a), ("other", b))
+            shares["angle of two"].append(abs((between.value or 0.0) - angle) < (between.u95 or 0.0))
+    for name, each in shares.items():
+        print(f"{name}: {sum(each)} of {len(each)} within U95")
+    return all(sum(each) > 0.92 * len(each) for each in shares.values())
+
+
+def _unit(vector: list[float]) -> list[float]:
+    size = math.hypot(*vector)
+    return [each / size for each in vector]
+
+
+def _mounted_run(seed: int, planted: list[list[float]], mounted: dict[str, list[float]]) -> Run:
+    """Run ``axes`` on a device whose outputs have the input axes `planted`, `mounted` with so much askew."""
+    made: list[SimulatedBench] = []
+
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        made.append(SimulatedBench.build(description, seed, clock))
+        return made[0]
+
+    def operator(asked: Asked) -> str:
+        world: Any = made[0].world
+        name = str(asked.adjustments["up_axis"])
+        world.set_up_axis(name)
+        for each in (world, *world._beside):  # noqa: SLF001  # nobody can adjust that: it is what the operator does not see
+            each._gyro.set_up(tuple(mounted[name]))  # noqa: SLF001
+        made[0].clock.sleep_until(made[0].clock.now() + asked.takes_s)
+        return "done"
+
+    bench = three_axes(planted)
+    settings = asked_in_python({"samples": 4, "mounting_deg": 0.2, "mount_s": 10.0})
+    request = Request("axes", bench, seed, settings, None, build=build, warn=lambda _: None, operator=operator)
+    with StopSignals() as signals:
+        return conduct(request, signals)
+
+
+def three_axes(planted: list[list[float]]) -> BenchDescription:
+    """Return a bench with a device of three outputs, each with its input axis."""
+    one = to_builtins(lot(2, 10.0).each[0])
+    device = [
+        {
+            "name": f"I-{name}",
+            "resource": "/dev/ttyUSB1",
+            "stream": {"value": {"column": column}},
+            "simulation": {"override": {"site": {"input_axis": axis}}},
+        }
+        for column, (name, axis) in enumerate(zip("xyz", planted, strict=True), 2)
+    ]
+    kept = {key: {k: v for k, v in one[key].items() if v is not None} for key in ("rate_table", "limits", "site")}
+    stream = {"profile": "vn100", "sample_rate_hz": 10.0, "aperture_s": 0.4}
+    values = {**kept, "name": "axes", "gyro": {"stream": stream}, "simulation": {}, "device": device}
+    return checked_bench(values, "axes.toml")
+
+
 def _journal(folder: Path) -> Path:
     while not (found := list(folder.glob("*/journal.jsonl"))):
         sleep(0.02)
@@ -205,7 +287,7 @@ def _conducted(bench: BenchDescription, build: Any, runs: Path) -> Run:
 
 def main() -> int:
     """Do the parts that are asked for; return 1 where one is beyond its limits."""
-    parts = {"eight": (eight, 3), "shared": (shared, 60), "faults": (faults, 1), "kill": (kill, 5)}
+    parts = {"eight": (eight, 3), "shared": (shared, 60), "faults": (faults, 1), "kill": (kill, 5), "axes": (axes, 100)}
     parser = ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", choices=[*parts, []])
     parser.add_argument("--seeds", type=int)

@@ -5,7 +5,7 @@ from typing import Any
 
 from vcfbench.errors import ConfigError
 from vcfbench.steps.decode import step_of
-from vcfbench.steps.each import DeviceEnded, EachOf
+from vcfbench.steps.each import DeviceEnded, EachOf, EndedStep
 
 _EACH, _ENDED = EachOf.__name__, DeviceEnded.__name__
 NOT_OF_DEVICES = frozenset({"header", "footer", "signature", "amendment"})
@@ -43,12 +43,11 @@ def projected(lines: Iterable[Mapping[str, Any]], device: str) -> Iterator[dict[
         yield own
 
 
-def ending(lines: Iterable[Mapping[str, Any]], device: str) -> tuple[str, str] | None:
-    """Return kind and words of the error by which `device` ended for itself, None where it did not."""
-    for line in lines:
-        if line.get("type") == "step" and line["step_kind"] == _ENDED and line["step"]["device"] == device:
-            return str(line["step"]["kind"]), str(line["step"]["what"])
-    return None
+def ending(line: Mapping[str, Any]) -> dict[str, EndedStep]:
+    """Return the end of a device for itself, by its name, where this line is that."""
+    if line.get("type") != "step" or line["step_kind"] != _ENDED:
+        return {}
+    return {line["step"]["device"]: EndedStep(line["step"]["kind"], line["step"]["what"])}
 
 
 def _own_step(line: Mapping[str, Any], device: str, chunks: int) -> dict[str, Any]:

@@ -154,11 +154,12 @@ def matrix(found: Mapping[str, AxesResult], unit: str = "V/(deg/s)") -> list[Par
     parts: list[Part] = [
         Table(heads(f"<device | x [{unit}]:.6g | y:.6g | z:.6g"), rows, "Output for the rate about each axis")
     ]
-    values = [_between(*pair) for pair in combinations(found.items(), 2)]
+    values = [between_axes(*pair) for pair in combinations(found.items(), 2)]
     return [*parts, value_table(values, "Angles of the input axes")] if values else parts
 
 
-def _between(first: tuple[str, AxesResult], second: tuple[str, AxesResult]) -> Value:
+def between_axes(first: tuple[str, AxesResult], second: tuple[str, AxesResult]) -> Value:
+    """Return by name how far the angle of two input axes is above 90 degrees, mrad."""
     (one, a), (two, b) = first, second
     limit = math.radians(max(a.mounting_deg, b.mounting_deg)) / math.sqrt(3.0)
     (size_a, axis_a, _), (size_b, axis_b, _) = (direction(np.array(each.sensitivity), np.eye(3)) for each in (a, b))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from vcfbench.archive.projection import ending, projected
@@ -32,30 +32,37 @@ class _PreparedDevice(Prepared):
 
 def device_runs(whole: UnderWay) -> tuple[Run, ...]:
     """Make the record of each device of a run that has ended; return the run of each."""
-    return tuple(_device_run(whole, each) for each in whole.prepared.devices)
+    prepared, journal = whole.prepared, whole.journal
+    if journal is None or whole.execution is None:
+        of = (each.metadata for each in prepared.devices)
+        return tuple(Run(prepared.name, Status.ABORTED, error=whole.error, metadata=metadata) for metadata in of)
+    lines = journal.lines()
+    header = last = next(lines)
+    ends: dict[str, EndedStep] = {}
+    for last in lines:
+        ends |= ending(last)
+    return tuple(_device_run(whole, each, header, last.get("seal"), ends.get(each.name)) for each in prepared.devices)
 
 
-def _device_run(whole: UnderWay, device: OneDevice) -> Run:
+def _device_run(
+    whole: UnderWay, device: OneDevice, header: Mapping[str, Any], seal: object, ended: EndedStep | None
+) -> Run:
     prepared, journal, execution = whole.prepared, whole.journal, whole.execution
-    if journal is None or execution is None:
-        return Run(prepared.name, Status.ABORTED, error=whole.error, metadata=device.metadata)
-    lines: Sequence[Mapping[str, Any]] = tuple(journal.lines())
-    header, last = lines[0], lines[-1]
-    directory = prepared.directory
-    entries = {"utc": header["utc"]}
+    assert journal is not None  # noqa: S101  # there is a header
+    assert execution is not None  # noqa: S101  # as above
+    directory, entries = prepared.directory, {"utc": header["utc"]}
     if directory is not None:
-        entries["several"] = {"run": directory.run, "device": device.name, "seal": last.get("seal")}
+        entries["several"] = {"run": directory.run, "device": device.name, "seal": seal}
     own = UnderWay(_PreparedDevice(prepared, device, entries), key=whole.key, safe_reports=whole.safe_reports)
     if directory is not None:
         own.prepared.directory = create_run(directory.path.parent, prepared.name)
     identities = {**whole.identities, **({"multimeter": found} if (found := whole.outputs.get(device.name)) else {})}
     own.journal = own.open_journal(identities, header["began_s"], header["planned_s"], planned=False)
     points = []
-    for line in projected(lines, device.name):
+    for line in projected(journal.lines(), device.name):
         own.journal.write(line["type"], line)
         points += [Point.from_json(line["point"])] if "point" in line else []
-    ended = ending(lines, device.name)
-    error = whole.error if ended is None else EndedStep(*ended).error
+    error = whole.error if ended is None else ended.error
     own.execution = Execution(
         Status.COMPLETE if error is None else Status.ABORTED,
         tuple(points),
