@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 
 from vcfbench import steps
 from vcfbench.analysis import rate_band
+from vcfbench.belief.one_gain import require_one_gain
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.kept import Keeps, KeptSettings
 from vcfbench.instructions.procedure import Procedure, roles
@@ -294,6 +295,8 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
             hint="does the output reach a limit (sine_amplitude_v), or did its gain change in the sweep? "
             "closed_form_ppm widens u by what the closed form lacks",
         )
+    in_time = [step.frequency_hz for step, _ in sampled]
+    require_one_gain(band, drive_hz, np.array(list(map(in_time.index, band.frequency_hz))), _CLOSE)
     shape = band.parameters[[0, 1, 3, 4, 5]]
     phase = measured_phases(settings, measured, lambda at_hz: rate_band.response_phase_deg(at_hz, known, shape))
     return _bandwidth(band, drive_hz, u_drive_hz, phase, lacking=settings.closed_form_ppm > 0.0)
