@@ -64,7 +64,10 @@ def test_equal_within_the_noise_or_nearly_so() -> None:
     assert begun((0.25, -0.12495, 0.0)).equal()
     assert not begun((0.25, -0.1249, 0.0)).equal()
     assert begun((0.25, -0.1249, 2e-4)).equal()
+    assert not begun((0.25, -0.1247, 2e-4)).equal()  # 5 standard uncertainties
     assert not begun((0.25, -0.120, 2e-4)).usable()
+    assert not begun((0.25, -0.1220, 2e-3)).usable()
+    assert begun((0.25, -0.1233, 2e-3)).usable()
 
 
 def test_between_the_ends_of_two_ranges_the_nearer_end_is_used() -> None:

@@ -27,8 +27,11 @@ SETTINGS = cast("KVcSettings", settings_of(PROCEDURES["kvc"], checked_bench(toml
 RATE_DEG_S, SPAN_V = 10.0, 0.125
 
 
-def matched(seed: int, noise: float, answers: float = 1.0) -> None:
-    """Match one rate with means whose noise is a share of its output; V_Vc moves it by a share of what it should."""
+def matched(seed: int, noise: float, answers: float = 1.0, later: tuple[float, float] = (1.0, 1.0)) -> None:
+    """Match one rate with means whose noise is a share of its output; V_Vc moves it by a share of what it should.
+
+    After the search by a share of that again, `later`, at levels of either sign.
+    """
     rng, gyro = np.random.default_rng(seed), SETTINGS.expected_gyro()
     plan = nulled(SETTINGS, [RATE_DEG_S], 1, 4, (1, 2, 3))
     result: Any = None
@@ -43,6 +46,7 @@ def matched(seed: int, noise: float, answers: float = 1.0) -> None:
             rate_deg_s = (
                 point.rate_deg_s if step.step == 1 else answers * SETTINGS.k_vc_guess_deg_s_per_v * point.v_vc_v
             )
+            rate_deg_s *= later[int(point.v_vc_v * SETTINGS.k_vc_guess_deg_s_per_v < 0.0)] if step.step == 3 else 1.0
             output_v = gyro.scale_factor * rate_deg_s + noise * SPAN_V * rng.standard_normal()
             std_v = noise * SPAN_V * np.sqrt(point.n * rng.chisquare(point.n - 1) / (point.n - 1))
             result = structs.replace(result, point=structs.replace(point, output_v=output_v, std_v=float(std_v)))
@@ -57,6 +61,12 @@ def test_an_output_that_does_not_answer_to_v_vc_is_not() -> None:
     for seed in range(20):
         with pytest.raises(MeasurementError):
             matched(seed, 0.01, answers=0.0)
+
+
+@pytest.mark.parametrize("later", [(0.8, 1.0), (1.2, 1.0), (1.0, 0.8), (1.0, 1.2)])
+def test_a_side_that_answers_otherwise_after_the_search_is_refused(later: tuple[float, float]) -> None:
+    with pytest.raises(MeasurementError, match="the table moves the output by"):
+        matched(1, 0.001, later=later)
 
 
 def stepped(seed: int) -> float:

@@ -216,6 +216,7 @@ def test_the_command_has_a_dry_run() -> None:
     done = CliRunner().invoke(app, ["run", "online", "--dry-run", "--k-vc", "150", "--bench", "lab"])
     assert done.exit_code == 0, done.output
     assert "V_Vc = sine of 0.25 Hz, 0.333333 V peak" in done.stdout
+    assert "The modulation, 18 times 100 s" in done.stdout
 
 
 class Records:
