@@ -47,7 +47,7 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
-_SIZES: Final = (1e-2, 3e-3, 1e-3, 3e-4, 1e-4)  # Of a fault in records, V or shares
+_SIZES: Final = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)  # Of a fault in records, V or shares
 _IN_RECORDS: Final = (
     *(("step", unit) for unit in (OFFSET, V_VC_OFFSET)),
     *((kind, unit) for unit in (GAIN, V_VC_GAIN) for kind in ("change", "pulse", "creep")),

@@ -16,6 +16,7 @@ _MOST_T = 6.5
 """Student's t of the largest pattern by what else is left: a closed form that lacks something everywhere is no change
 of a gain. Beyond both is by chance less than one sweep of 35 gains in 1e4."""
 _STEP = 1e-4
+_FEW = 3
 
 
 def require_one_gain(band: RateBand, drive_hz: float, taken: Floats, close: float) -> None:
@@ -44,17 +45,19 @@ def require_one_gain(band: RateBand, drive_hz: float, taken: Floats, close: floa
             band.residual[order], free[order], np.diag(u**2), np.arange(count, dtype=float), {GAIN: np.ones(count)}
         )
     )
-    place = int(np.abs(found.sigmas).argmax())
-    sigmas = float(abs(found.sigmas[place]))
+    # A step from one gain on to the end, or a walk; the first few alone, or the last, are outliers and no change
+    begin = np.concatenate([np.where(found.end == count, found.begin, 0), np.arange(1, count - 1)])
+    sizes = np.abs(found.sigmas) * ((begin >= _FEW) & (begin <= count - _FEW))
+    place = int(sizes.argmax())
+    sigmas = float(sizes[place])
     rest = math.fsum(np.square(band.residual[order] / u)) - sigmas**2
     t = sigmas * math.sqrt((band.dof - 1.0) / max(rest, 1e-9))
     if sigmas <= _SIGMAS or t <= _MOST_T:
         return
     pattern, size = found.pattern(place), 100.0 * float(found.sizes[place])
-    first, last = f[order[pattern.first]], f[order[pattern.last]]
     raise MeasurementError(
         f"the gain {'creeps' if pattern.walks else 'steps'} by {size:+.2g} % in the sweep, "
-        f"from {first:.4g} to {last:.4g} Hz ({sigmas:.0f} standard uncertainties)",
+        f"from {f[order[pattern.first]]:.4g} Hz on ({sigmas:.0f} standard uncertainties)",
         instrument="multimeter",
         hint="look at leads and contacts, and at what else happened then",
     )
