@@ -36,6 +36,15 @@ def test_the_u95_that_is_stated_is_that_expected_within_20_percent(procedure: st
         }
 
 
+@pytest.mark.parametrize(("bench", "told"), [("paper", False), ("lab", True)])
+def test_levels_beside_a_match_that_nobody_measures_are_not_known_before_the_run(bench: str, *, told: bool) -> None:
+    """By a curve, V_Vc as it is set: 10.4 times what the run stated was expected."""
+    expected = vcfbench.dry_run("virtual-coriolis", bench, settings={"k_vc_by": "curve"}).expected
+    assert ("virtual.scale_factor" in {each.name for each in expected.values}) is told
+    assert ("virtual.scale_factor" in dict(expected.unknown)) is not told
+    assert {"turntable.scale_factor", "k_vc"} <= {each.name for each in expected.values}
+
+
 @pytest.mark.exhaustive
 def test_a_field_bench_without_an_oscilloscope_has_its_u95_before_the_run(tmp_path: Path) -> None:
     """Split and Q are then found by sines through the multimeter, which the dry run has to answer as the modes do."""

@@ -150,7 +150,7 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
 
 
 def in_records(unit: str, sizes: Sequence[float]) -> Callable[[StepResult], StepResult]:
-    """Return what puts a fault into records of sines, one after the other: a step in its middle, or another gain."""
+    """Return a function that puts a fault into records of sines in turn: a step in the middle, or another gain."""
     left = iter(sizes)
 
     def spoilt(result: StepResult) -> StepResult:

@@ -1,4 +1,4 @@
-"""Whether all gains of a response were measured by one gain: what the closed form leaves, in the order of time."""
+"""One gain of the meter for all gains of a response: residuals of the closed form, in the order of time."""
 
 import math
 

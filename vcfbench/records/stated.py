@@ -53,7 +53,7 @@ BEYOND_SHEETS = "instruments beyond their data sheets and certificates: each is 
 
 
 def left_out(results: object) -> Sequence[str]:
-    """Return what the uncertainties of results do not contain: what none contains, and what these say."""
+    """Return the sources in no uncertainty of results: those of all, and those that these results name."""
     if isinstance(results, Mapping):  # of a record whose code is not known
         statement = results.get("uncertainty")
         of_line = statement.get("not_in_u") if isinstance(statement, Mapping) else None

@@ -201,10 +201,12 @@ def _stated(
     parts = [(f"{each.name}.", PROCEDURES[each.name], each.results) for each in of_parts]
     values, unknown = [], []
     for before, of, found in parts or [("", procedure, results)]:
-        unknown += [(before + name, why) for name, why in of.unforeseen.items()]
+        unforeseen = {**of.unforeseen, **settings.unforeseen}
+        unknown += [(before + name, why) for name, why in unforeseen.items()]
         for name, value in values_of(found).items():
             u95, causes = value.u95, sorted(((each.source, abs(each.u)) for each in value.parts), key=lambda c: -c[1])
-            if u95 and u95 > _DIGITS * abs(value.value or 0.0) and name.rpartition(".")[2] not in of.unforeseen:
+            known = unforeseen.keys().isdisjoint({name, name.rpartition(".")[2]})
+            if u95 and u95 > _DIGITS * abs(value.value or 0.0) and known:
                 largest = tuple(causes[:_LARGEST])
                 values.append(ExpectedValue(before + name, value.unit, u95, largest, tuple(value.missing)))
     return tuple(values), tuple(unknown)

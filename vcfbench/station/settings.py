@@ -309,6 +309,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     an output of its own."""
 
     @property
+    def unforeseen(self) -> dict[str, str]:
+        """Names of results whose U95 no dry run by these settings can expect, each with why."""
+        return {}
+
+    @property
     def start_up_s(self) -> float:
         """Wait after power-on, s: at least that after any other step."""
         return max(self.warm_up_s, self.settle_s)

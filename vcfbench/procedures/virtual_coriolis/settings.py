@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Annotated, ClassVar
 
 from vcfbench.instructions.schedule import KvcBy, SweepSettings
+from vcfbench.instructions.v_vc import has_v_vc_meter
 from vcfbench.procedures.null_comparison.plan import invalid_guess, invalid_match, invalid_match_rates
 from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
@@ -39,6 +40,13 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
         """The rates at which V_Vc is matched, without sign, rising."""
         rates = self.match_rates_deg_s if self.k_vc_by is KvcBy.CURVE else (self.match_rate_deg_s,)
         return tuple(sorted({abs(rate) for rate in rates}))
+
+    @property
+    def unforeseen(self) -> dict[str, str]:
+        if self.k_vc_by is not KvcBy.CURVE or has_v_vc_meter(self):
+            return {}
+        why = "it goes with how near to a match the generator's levels come where its ranges end"
+        return dict.fromkeys(("virtual.scale_factor", "scale_factor_error_percent"), why)
 
     @property
     def null_cycles(self) -> int:
