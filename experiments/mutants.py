@@ -111,7 +111,8 @@ def tests_of(name: str) -> list[str]:
         .split()
     ):
         text = (ROOT / each).read_text("utf-8") if each.rpartition("/")[2].startswith("test_") else ""
-        if f"{dotted} import" in text or f"from {package} import {own}" in text or each.endswith(f"/test_{own}.py"):
+        named = (f"/test_{own}.py", f"/test_{package.rpartition('.')[2]}.py")
+        if f"{dotted} import" in text or f"from {package} import {own}" in text or each.endswith(named):
             found.append(each)
     return found
 

@@ -215,6 +215,14 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     assert len(bounds) == (1 if by is KvcBy.CURVE else 0)
 
 
+@pytest.mark.parametrize("by", [KvcBy.PLUS_MINUS, KvcBy.CURVE])
+def test_k_vc_of_a_perfect_generator_is_that_of_small_signals(by: KvcBy) -> None:
+    """But for the cubic that half the difference at 10 deg/s leaves."""
+    settings = make_settings(k_vc_by=by, **TOLD)
+    found = virtual_coriolis_results(settings, Drawn(0, 0.0).points(settings))
+    assert found.k_vc.value == pytest.approx(K_VC, rel=1e-3)
+
+
 def test_match_next_to_a_range_end_has_its_range() -> None:
     """At 50 deg/s the levels that would match lie between the ends of two ranges, where none can be set."""
     settings = make_settings(k_vc_by=KvcBy.CURVE, **TOLD)

@@ -99,6 +99,13 @@ def test_the_fewest_faults_are_named(turned: dict[str, float], causes: set[str])
     assert set(results(settings(meter=True, bias=True), points(**turned)).causes) == causes
 
 
+@pytest.mark.parametrize(("turned", "bias", "more"), [(-1.0, False, True), (-1.0, True, False), (1.0, False, False)])
+def test_expected_bias_is_asked_for_where_it_would_tell(*, turned: float, bias: bool, more: bool) -> None:
+    chosen, taken_points = settings(meter=True, bias=bias), points(output=turned, meter=1.0)
+    said = vcfbench.text_of(POLARITY.report(chosen, taken_points, results(chosen, taken_points)))
+    assert ("expected.bias_v in the bench file would tell" in said) is more
+
+
 def test_with_fewer_signs_all_that_can_be_are_named() -> None:
     assert set(results(settings(), points(output=-1.0)).causes) == {MULTIMETER, *PHASES}
     every = {MULTIMETER, GENERATOR, CARRIER, COMBS, *PHASES}

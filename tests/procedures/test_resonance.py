@@ -18,11 +18,31 @@ from vcfbench.procedures.resonance import (
     ReleaseDrive,
     ResonanceSettings,
     SenseDecay,
+    _s_per_div,
     combined,
     resonance_characteristics,
 )
 from vcfbench.testing import simulated
 from vcfbench.uncertainty.measurand import as_kept
+
+
+@pytest.mark.parametrize(
+    ("q", "split_hz", "settle_s", "s_per_div"),
+    [
+        (11_000.0, 25.0, 100.0, 0.5),  # four time constants of a second
+        (1100.0, 25.0, 100.0, 0.05),  # of a tenth
+        (1100.0, 6.0, 100.0, 0.1),  # four beats of a sixth of a second
+        (1100.0, 1.0, 100.0, 0.1),  # of a second: no more than eight time constants
+        (11_000.0, 25.0, 2.0, 0.1),  # what settles sooner is noise
+    ],
+)
+def test_record_of_a_ring_down_is_as_long_as_it_shows(
+    q: float, split_hz: float, settle_s: float, s_per_div: float
+) -> None:
+    mode = RingingMode(3475.0, q, 1.0)
+    assert _s_per_div(SenseDecay(3475.0 + split_hz, (mode,)), 4.0, settle_s) == pytest.approx(s_per_div)
+    assert _s_per_div(SenseDecay(3475.0, ()), 4.0, settle_s) is None
+
 
 OVERRIDES = {
     "thermal": {"self_heating_k": 0.0},
