@@ -133,7 +133,8 @@ def results(settings: AxesSettings, measured: Measured) -> AxesResult:
 def _parts(by_source: Mapping[str, tuple[Floats, float]], by: Floats) -> Iterator[UncertaintyPart]:
     """Yield the contributions to a value that changes `by` so much with each sensitivity."""
     for source, (covariance, dof) in by_source.items():
-        yield UncertaintyPart(source, math.sqrt(max(float(by @ covariance @ by), 0.0)), finite(dof))
+        u = math.sqrt(max(float(by @ covariance @ by), 0.0))
+        yield UncertaintyPart(source, u, finite(dof), rectangular=source == _MOUNTING)
 
 
 def report(_settings: object, _points: Sequence[Point], found: AxesResult) -> Report:
