@@ -459,7 +459,9 @@ def _band(found: Any, true: Modes) -> Iterator[Stated]:
     yield from stated("plus_3_db_hz", found.plus_3_db_hz, true.crossing_hz(math.sqrt(2.0), 0.0, peak_hz))
     yield from stated("peak_hz", found.peak_hz, peak_hz)
     yield from stated("peak_gain", found.peak_gain, true.gain(peak_hz))
-    yield from stated("minus_3_db_hz", found.minus_3_db_hz, true.crossing_hz(math.sqrt(0.5), peak_hz, 1.8 * peak_hz))
+    steps_hz = peak_hz * np.arange(1.05, 6.0, 0.05)  # the other mode may raise the gain again
+    below_hz = next(float(hz) for hz in steps_hz if true.gain(float(hz)) < math.sqrt(0.5))
+    yield from stated("minus_3_db_hz", found.minus_3_db_hz, true.crossing_hz(math.sqrt(0.5), peak_hz, below_hz))
     share, u = found.in_phase_share, found.u_in_phase_share
     yield Stated("in_phase_share", share, true.in_phase_share, u, 1.96 * u)
 

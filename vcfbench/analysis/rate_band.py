@@ -8,9 +8,11 @@ gyroscope is free: share and place of the in-phase mode, phase of the demodulato
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
@@ -23,6 +25,8 @@ _BINS = range(2, 9)
 _FINER, _TINY = 16, 1e-300
 """Lines of a spectrum for each that the record tells apart; power of no line."""
 _HARMONICS = 3
+_APART = 1.5
+"""Lines of the spectrum between sines that a record tells apart."""
 _CLOSE_HZ = 1e-10
 _TRIES = 100
 _NOISE_TO_HZ = 500.0
@@ -31,7 +35,7 @@ _ROUNDING = 1e-12
 """Relative rounding error of an amplitude without noise."""
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
-_ROUNDS, _SETTLED = 40, 1e-6
+_FEW, _NOISE_ROUNDS = 3, 12
 _SEEN, _TELLS = 3.0, 9.0
 """The in-phase mode is seen by so many uncertainties of its part, a side of the drive by so much of chi-square."""
 _LEAST_SHARE = 0.03
@@ -53,6 +57,8 @@ class Tone(Struct, frozen=True):
     noise_dof: float
     noise_hz: tuple[float, ...] = ()
     """Lines beside the tone from which the noise was read, Hz; none: the tone's own place."""
+    alone: bool = True
+    """Whether the spacing of the samples folds no harmonic onto the tone, another one or the mean."""
 
 
 class Known(Struct, frozen=True):
@@ -129,12 +135,15 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
     cycles = frequency_hz * spacing_s
     steps = np.arange(values.size) - (values.size - 1) / 2.0
     turns = [cycles * order for order in range(1, _HARMONICS + 1)]
+    seen_at = sorted(abs(math.remainder(each, 1.0)) for each in (0.0, *turns))
+    alone = min(after - before for before, after in pairwise(seen_at)) * values.size > _APART
+    turns = turns if alone else turns[:1]
     if abs(frequency_hz - mains_hz) * spacing_s * values.size > 2.0:
         turns.append(mains_hz * spacing_s)
     angle = 2.0 * math.pi * np.outer(steps, turns)
     basis = np.column_stack([np.ones_like(steps), steps / values.size, np.cos(angle), np.sin(angle)])
     found, *_ = np.linalg.lstsq(basis, values, rcond=None)
-    tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1))
+    tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1 if alone else 0))
     # The variance that noise gives the amplitude, and the lines of the spectrum it is read from
     width = 1.0 / values.size
     places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
@@ -152,10 +161,11 @@ def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_
         frequency_hz=frequency_hz,
         amplitude=abs(tone) / float(np.sinc(frequency_hz * aperture_s)),
         u_amplitude=math.sqrt(power) / float(np.sinc(frequency_hz * aperture_s)),
-        third=(third * swing.conjugate() ** 3).real / float(np.sinc(_HARMONICS * frequency_hz * aperture_s)),
+        third=alone * (third * swing.conjugate() ** 3).real / float(np.sinc(_HARMONICS * frequency_hz * aperture_s)),
         spacing_s=spacing_s,
         noise_dof=2.0 * places.size,
         noise_hz=tuple((places / spacing_s).tolist()),
+        alone=alone,
     )
 
 
@@ -249,11 +259,35 @@ def response_phase_deg(frequency_hz: float, known: Known, parameters: Floats) ->
 
     `parameters` are those of :func:`split_response`.
     """
-    passed = _transfer(np.array([frequency_hz, 0.0]), known.drive_hz, parameters)
+    return float(np.degrees(np.angle(_filtered(np.array([frequency_hz]), known, parameters)[0])))
+
+
+def _filtered(f: Floats, known: Known, shape: Floats) -> NDArray[np.complex128]:
+    """Return H(f) / H(0) with its Butterworth filter."""
+    passed, at_rest = (_transfer(at, known.drive_hz, shape) for at in (f, np.zeros(1)))
     order = known.low_pass_order
     poles = np.exp(1j * math.pi * (2.0 * np.arange(order) + order + 1.0) / (2.0 * order))
-    filtered = np.prod(-poles) / np.prod(1j * frequency_hz / known.low_pass_hz - poles)
-    return float(np.degrees(np.angle(passed[0] / passed[1] * filtered)))
+    through = np.prod(-poles / (1j * f[:, None] / known.low_pass_hz - poles), axis=1)
+    return np.asarray(passed / at_rest * through)
+
+
+def _straightened(tones: Sequence[Tone], known: Known, shape: Floats | None = None) -> Floats:
+    """Return the amplitudes without the compression of the output stage, which the third harmonics tell.
+
+    A cube of the output makes three times as much of the fundamental as of the third harmonic. The modulator makes a
+    third harmonic too, the same at all frequencies, that passes through the modes: with the `shape` of the response it
+    is told from the other; without, tones near the peak tell enough.
+    """
+    level, third, u = np.array([(tone.amplitude, tone.third, tone.u_amplitude) for tone in tones]).T
+    if shape is None:
+        high = level > 0.5 * level.max()
+        cube = float(third[high] @ level[high] ** 3) / float((level[high] ** 6).sum())
+    else:
+        f = np.array([tone.frequency_hz for tone in tones])
+        one, three = (_filtered(order * f, known, shape) for order in (1.0, 3.0))
+        columns = np.column_stack([level**3, (three * (one.conj() / np.abs(one)) ** 3).real]) / u[:, None]
+        cube = float(np.linalg.lstsq(columns, third / u, rcond=None)[0][0])
+    return np.asarray(level * (1.0 - 3.0 * cube * level**2))
 
 
 def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:
@@ -271,32 +305,34 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         ConfigError: fewer than ten tones, or no peak among them.
     """
     floor = _LEAST_SHARE * min(tones, key=lambda tone: tone.frequency_hz).amplitude if tones else 0.0
-    seen = [tone for tone in tones if tone.amplitude > max(floor, _LEAST_U * tone.u_amplitude)]
+    seen = [tone for tone in tones if tone.alone and tone.amplitude > max(floor, _LEAST_U * tone.u_amplitude)]
     ordered = sorted(seen, key=lambda tone: tone.frequency_hz)
     if len(ordered) < 10:
         raise ConfigError(f"a response needs at least ten frequencies, got {len(ordered)}")
     f = np.array([tone.frequency_hz for tone in ordered])
-    level = np.array([tone.amplitude for tone in ordered])
-    # The relative change of the fundamental per square of the amplitude, by the third harmonics near the peak. A cube
-    # of the output makes three times as much of the fundamental as of the third harmonic
-    largest = max(tone.amplitude for tone in ordered)
-    high = [tone for tone in ordered if tone.amplitude > 0.5 * largest]
-    weight = sum(tone.amplitude**6 for tone in high)
-    level = level * (1.0 - (3.0 * sum(tone.third * tone.amplitude**3 for tone in high) / weight) * level**2)
     filter_gain = _filter_gain(f, known)
-    gain = level / filter_gain / amplitude
+    gain = _straightened(ordered, known) / filter_gain / amplitude
     place = int(gain.argmax())
     q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
     u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
     u = np.hypot(np.maximum(u, float(np.median(u / gain)) * gain), known.off_form * gain)
 
+    unknown = 0.8, known.in_phase_split_hz, 0.0
+
+    def least(start: Floats, u: Floats) -> ModelFit:
+        """Return the better fit of two: a start far off ends beside the minimum, with a lag that nothing has."""
+        fits = [fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")]
+        again = np.array([*fits[0].parameters[:3], *unknown])
+        fits.append(fit_model(lambda p: _residuals(p, f, gain, u, known), again, "bandwidth"))
+        return min(fits, key=lambda fit: fit.chi_square)
+
     def fitted(side: float, u: Floats) -> tuple[ModelFit, Floats]:
-        start = np.array([side * f[place], q, gain[0], 0.8, known.in_phase_split_hz, 0.0])
+        start = np.array([side * f[place], q, gain[0], *unknown])
         for _ in range(2):
-            fit = fit_model(lambda p, u=u: _residuals(p, f, gain, u, known), start, "bandwidth")  # type: ignore[misc]
+            fit = least(start, u)
             start = fit.parameters
             u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
-        return fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth"), u
+        return least(start, u), u
 
     sides: list[tuple[ModelFit, Floats]] = []
     for side in (1.0, -1.0):
@@ -306,8 +342,10 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         raise ConfigError("bandwidth: the points do not determine the model")
     best, *others = sorted(sides, key=lambda each: (each[0].parameters[3] < 0.0, each[0].chi_square))
     either = any(o.parameters[3] > 0.0 and o.chi_square < best[0].chi_square + _TELLS for o, _ in others)
+    gain = _straightened(ordered, known, _shape(best[0].parameters)) / filter_gain / amplitude
+    fit = fit_model(lambda p: _residuals(p, f, gain, best[1], known), best[0].parameters, "bandwidth")
     dof = sum(tone.noise_dof for tone in ordered)
-    return _band(best[0], known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
+    return _band(fit, known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
 
 
 def _shape(parameters: Floats) -> Floats:
@@ -321,15 +359,18 @@ def _residuals(parameters: Floats, f: Floats, gain: Floats, u: Floats, known: Kn
 
 
 def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats:
-    """Return the uncertainty of each amplitude: the noise of all tones of one spacing, as flat part and response.
+    """Return the uncertainty of each amplitude: the noise of all tones of one spacing, flat, by the modes, and flicker.
 
     It was read beside each tone and counts at the tone: near the peak these are not the same.
     """
-    f, shape = np.array([tone.frequency_hz for tone in tones]), _shape(parameters)
-    passed = _passed(f, shape, known)
-    beside = np.array([float(_passed(np.array(t.noise_hz or (t.frequency_hz,)), shape, known).mean()) for t in tones])
-    least = passed.min()
-    passed, beside = passed / least, beside / least
+    at, shape = [np.array([tone.frequency_hz]) for tone in tones], _shape(parameters)
+    lines = [np.array(tone.noise_hz) if tone.noise_hz else own for tone, own in zip(tones, at, strict=True)]
+    here, beside = (
+        np.array([[1.0, float(_passed(f, shape, known).mean()), float(np.mean(1.0 / f))] for f in each])
+        for each in (at, lines)
+    )
+    scale = here.min(axis=0)
+    here, beside = here / scale, beside / scale
     variance = np.array([tone.u_amplitude**2 for tone in tones])
     weight = np.sqrt([tone.noise_dof for tone in tones])
     group = np.array([round(tone.spacing_s * 1e3) for tone in tones])
@@ -337,12 +378,13 @@ def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats
     for each in np.unique(group):
         of = group == each
         model = np.full(int(of.sum()), float(np.mean(variance[of])))
-        columns = np.column_stack([np.ones(model.size), beside[of]])
-        for _ in range(8 if model.size > 3 else 0):
+        if few := model.size <= _FEW:
+            smooth[of] = model
+        for _ in range(0 if few else _NOISE_ROUNDS):
             rows = weight[of] / model
-            found = not_negative(columns * rows[:, None], variance[of] * rows)
-            model = columns @ found
-        smooth[of] = found @ [np.ones(model.size), passed[of]] if model.size > 3 else model
+            found = not_negative(beside[of] * rows[:, None], variance[of] * rows)
+            # halfway, by factors: one tone of more noise than the model has would make the weights swing
+            model, smooth[of] = np.sqrt(model * (beside[of] @ found)), here[of] @ found
     return np.asarray(np.sqrt(smooth))
 
 
@@ -364,6 +406,10 @@ def _band(
         return _points(drive_hz, parameters)
 
     model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
+    dof = f.size + 2 - fit.parameters.size
+    # Gains that lie further off the form than their noise says are as uncertain as that (Birge 1932)
+    wider = max(1.0, fit.chi_square / dof)
+    fit = replace(fit, covariance=wider * fit.covariance)
     split, q, _, in_phase, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     if either_side or in_phase[0] < _SEEN * in_phase[1]:
         q = q[0], math.hypot(q[1], 2.0 * abs(split[0]) / drive_hz * q[0] / math.sqrt(3.0))
@@ -386,7 +432,7 @@ def _band(
         u_gain=u,
         residual=gain / model - 1.0,
         chi_square=fit.chi_square,
-        dof=f.size + 2 - fit.parameters.size,
+        dof=dof,
         noise_dof=noise_dof,
     )
 
