@@ -237,6 +237,7 @@ def test_a_run_that_was_broken_off_goes_on_with_all_its_devices(whole: Run, tmp_
     for each, before in zip(again.devices, whole.devices, strict=True):
         k, k_before = (of.values["scale_factor"] for of in (each, before))
         assert abs((k.value or 0.0) - (k_before.value or 0.0)) < (k.u95 or 0.0) + (k_before.u95 or 0.0)
+    assert all("of 3 points 2 were measured before the break" in each.resumed[0] for each in again.devices)
     for one in (again, *again.devices):
         assert one.directory is not None
         assert verify_run(one.directory).wrong is None

@@ -298,7 +298,7 @@ class _Check(Struct):
     def _earlier(self) -> Iterator[str]:
         """Hold the steps taken over against the record that they come from, where that is beside this one."""
         resumed_from = self.record.header.get("resumed_from")
-        if not isinstance(resumed_from, dict):
+        if not isinstance(resumed_from, dict) or "several" in self.record.header:  # it is their run that was resumed
             return
         name = str(resumed_from.get("run"))
         earlier = RunDirectory(self.directory.path.parent / Path(name).name)

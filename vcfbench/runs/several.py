@@ -53,6 +53,9 @@ def _device_run(
     directory, entries = prepared.directory, {"utc": header["utc"]}
     if directory is not None:
         entries["several"] = {"run": directory.run, "device": device.name, "seal": seal}
+    if isinstance(before := header.get("resumed_from"), dict):
+        taken = [line for line in projected(journal.lines(), device.name) if "taken_over" in line]
+        entries["resumed_from"] = {**before, "points": sum("point" in line for line in taken)}
     own = UnderWay(_PreparedDevice(prepared, device, entries), key=whole.key, safe_reports=whole.safe_reports)
     if directory is not None:
         own.prepared.directory = create_run(directory.path.parent, prepared.name)
