@@ -222,6 +222,19 @@ def test_an_output_that_does_not_answer_is_no_output() -> None:
         require_no_jump(walk)
 
 
+@pytest.mark.parametrize(("at_200_deg_s_v", "believed"), [(4e-4, True), (1e-4, False)])
+def test_an_output_answers_where_its_slope_is_eight_times_its_uncertainty(
+    at_200_deg_s_v: float, *, believed: bool
+) -> None:
+    """A mean is known to 43 uV by noise and flicker."""
+    walk, rng = walked(np.zeros(len(RATES))), np.random.default_rng(2)
+    for n, each in enumerate(walk.windows):
+        output_v = at_200_deg_s_v * each.table_deg_s / 200.0 + NOISE_V / math.sqrt(10.0) * rng.normal()
+        walk.windows[n] = replace(each, point=replace(each.point, output_v=output_v))
+    with nullcontext() if believed else pytest.raises(MeasurementError, match="does not answer"):
+        require_no_jump(walk)
+
+
 SWEEPS = [
     Case("turntable"),
     Case("turntable", order=Order.LOOP, zeros=Zeros.ENDS),

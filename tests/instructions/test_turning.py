@@ -36,3 +36,10 @@ def test_two_records_turn_either_way_whatever_the_drive_and_the_split() -> None:
             found = turned_hz(step, apart)
             assert sum(each * sign > 0.0 for each in found) >= 2
             assert abs(median(found[-2:]) - sign * near_hz) < 0.5 * near_hz + 1e-3
+
+
+def test_records_that_turn_as_they_should_are_taken_once() -> None:
+    for near_hz in (5.0, -5.0):
+        step = CaptureRotations((1, 2, 3), (1.0, 1.0, 1.0), 2, 1000, near_hz, 30_000.0)
+        assert len(turned_hz(step, 30e-6)) == 2  # off by 1.8 Hz
+        assert len(turned_hz(step, 45e-6)) == 4  # by 2.7 Hz

@@ -129,11 +129,16 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
 
     They are those at the smallest of some sizes that the results refuse; where they refuse none, those of 1 mV, 0.1 %.
     """
-    number = sum(len(found.measured.found(kind)) for kind in (SineResponse, ModulatedRecord))
+    sines, both = (found.measured.found(kind) for kind in (SineResponse, ModulatedRecord))
+    number, looked_at = len(sines) + len(both), {OFFSET, GAIN}
+    if not number:
+        return
+    if any(each.v_vc_v for _, each in both):
+        looked_at |= {V_VC_OFFSET, V_VC_GAIN}
     over, before = np.linspace(0.0, 1.0, number), found.evaluated(found.settings, found.measured)
     one = (np.arange(number) == number // 3).astype(float)
     courses = {"step": np.ones(number), "change": (over >= _HALF).astype(float), "pulse": one, "creep": over}
-    for kind, unit in _IN_RECORDS if number else ():
+    for kind, unit in (each for each in _IN_RECORDS if each[1] in looked_at):
         refused = None
         for size in _SIZES:
             spoilt = found.measured.changed(in_records(unit, (size * courses[kind]).tolist()))
