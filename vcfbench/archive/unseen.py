@@ -129,12 +129,11 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
 
     They are those at the smallest of some sizes that the results refuse; where they refuse none, those of 1 mV, 0.1 %.
     """
-    sines, both = (found.measured.found(kind) for kind in (SineResponse, ModulatedRecord))
-    number, looked_at = len(sines) + len(both), {OFFSET, GAIN}
+    both = found.measured.found(ModulatedRecord)
+    number = len(found.measured.found(SineResponse)) + len(both)
     if not number:
         return
-    if any(each.v_vc_v for _, each in both):
-        looked_at |= {V_VC_OFFSET, V_VC_GAIN}
+    looked_at = {OFFSET, GAIN, *((V_VC_OFFSET, V_VC_GAIN) if any(each.v_vc_v for _, each in both) else ())}
     over, before = np.linspace(0.0, 1.0, number), found.evaluated(found.settings, found.measured)
     one = (np.arange(number) == number // 3).astype(float)
     courses = {"step": np.ones(number), "change": (over >= _HALF).astype(float), "pulse": one, "creep": over}
