@@ -74,6 +74,30 @@ def test_windows_of_one_setting_may_differ_by_the_warm_up_between_them(
         walk.require_same(walk.windows[-1])
 
 
+@pytest.mark.parametrize(("third_v", "believed"), [(0.0, True), (-8e-4, False)])
+def test_window_is_held_against_every_earlier_one_of_its_setting(third_v: float, *, believed: bool) -> None:
+    """Within 1 mV of the first, but 1.6 mV away from the second."""
+    settings = make_settings(station=Station(meter_resolution_v=1e-5, sources=KNOWN))
+    limits = replace(Limits.of(settings), warm_up_v=0.0, flicker_v=0.0, wander_v=1e-3)
+    walk = Walk(settings, limits)
+    for at_s, output_v in ((0.0, 0.0), (20.0, 8e-4), (40.0, third_v)):
+        point = Point(1, 0.0, 0.0, output_v, 1e-6, 10)
+        walk.add(Seen(point, False, (), 0.0, False, at_s, at_s + 10.0))  # noqa: FBT003
+    with nullcontext() if believed else pytest.raises(MeasurementError, match="V apart"):
+        walk.require_same(walk.windows[-1])
+
+
+@pytest.mark.parametrize(("rate_error", "believed"), [(1e-3, True), (1e-6, False)])
+def test_rates_of_a_table_may_be_off_by_as_much_as_is_told(rate_error: float, *, believed: bool) -> None:
+    """One of +100 deg/s by half of 0.1 %: 0.6 mV."""
+    off_v = np.where(np.array(RATES) == 100.0, 5e-4 * K * 100.0, 0.0)
+    known = replace(KNOWN, table_rate=rate_error, bias_instability_deg_h=0.5)
+    walk = walked(off_v)
+    walk.limits = Limits.of(make_settings(station=Station(meter_resolution_v=1e-5, sources=known)))
+    with nullcontext() if believed else pytest.raises(MeasurementError, match="no smooth curve"):
+        require_no_jump(walk)
+
+
 def by_columns(walk: Walk) -> float:
     """Return the sigmas of the largest pattern, a column for each, as in the definition."""
     windows = walk.windows
