@@ -103,7 +103,7 @@ def test_what_hands_cannot_do_on_the_simulated_bench_is_said() -> None:
         hands = simulated_operator(bench)
         context = Context(bench, lambda _: None, operator=hands) if hands is not None else None
         assert context is not None
-        with pytest.raises(ConfigError, match=r"multimeter\.input\.lamp: the simulated bench has nothing of that name"):
+        with pytest.raises(ConfigError, match=r"multimeter\.input\.lamp: the simulated bench has no such"):
             AskOperator("light it", adjustments=(("multimeter.input.lamp", True),)).perform(context)
         with pytest.raises(ConfigError, match="moon' is none of output"):
             AskOperator("go", adjustments=(("multimeter.input.node", "moon"),)).perform(context)
