@@ -2,44 +2,63 @@
 
 from __future__ import annotations
 
+import math
 from random import Random
-from statistics import median
+from typing import cast
+
+import pytest
 
 from tests.procedures.fakes import make_settings
+from vcfbench.analysis.rotating import reference_phase
 from vcfbench.instructions.routines import turning
 from vcfbench.steps import CaptureRotations, Done, RotationRecord, Rotations, SetSine
+from vcfbench.uncertainty.oscilloscope import aimed
+
+REFERENCE_DEG = 87.0
 
 
-def turned_hz(step: CaptureRotations, apart: float) -> list[float]:
-    """Return by how much the sense signal turned in each record, the time bases `apart`, relative."""
-    set_hz, work = 2.0 * step.drive_hz + step.difference_hz, turning(make_settings(), step, 1.0)
-    asked = next(work)
+def lag_deg(over_usual: float) -> float:
+    """Return the lag of a Butterworth filter of fourth order, which the usual difference is a twelfth of."""
+    over_corner = over_usual / 12.4
+    return math.degrees(over_corner / math.sin(math.pi / 8.0) + over_corner**3 / 3.0 / math.sin(3.0 * math.pi / 8.0))
+
+
+def turned(step: CaptureRotations, apart: float, off_hz: float) -> tuple[list[RotationRecord], float]:
+    """Return records of a sense signal whose filter's lag is curved, the time bases `apart`, relative."""
+    set_hz = 2.0 * step.drive_hz + step.difference_hz - off_hz
+    work = turning(make_settings(), step, 1.0, off_hz)
+    asked, sign = next(work), math.copysign(1.0, step.difference_hz)
     while True:
         if isinstance(asked, SetSine):
             set_hz = asked.frequency_hz
         seen_hz = set_hz * (1.0 + apart) - 2.0 * step.drive_hz
-        record = RotationRecord(step.drive_hz, seen_hz, 90.0, 1.0, 1.0)
+        record = RotationRecord(
+            step.drive_hz, seen_hz, REFERENCE_DEG + lag_deg(seen_hz / step.difference_hz) * sign, 1.0, 1.0
+        )
         result = Rotations((record,) * step.count) if isinstance(asked, CaptureRotations) else Done()
         try:
             asked = work.send(result)
         except StopIteration as ended:
-            return [each.difference_hz for each in ended.value]
+            return cast("tuple[list[RotationRecord], float]", ended.value)
 
 
-def test_two_records_turn_either_way_whatever_the_drive_and_the_split() -> None:
+def test_the_reference_is_that_of_records_that_turned_alike_either_way() -> None:
     random = Random(1)  # noqa: S311  # frequencies, no secrets
     for _ in range(200):
         drive_hz, near_hz = 10.0 ** random.uniform(3.0, 4.7), 10.0 ** random.uniform(0.0, 0.9)
-        apart = random.uniform(-45e-6, 45e-6)
-        for sign in (1.0, -1.0):
+        apart, off_hz, took = random.uniform(-45e-6, 45e-6), 0.0, []
+        found: list[RotationRecord] = []
+        for sign in (1.0, -1.0, -1.0, 1.0):
             step = CaptureRotations((1, 2, 3), (1.0, 1.0, 1.0), 2, 1000, sign * near_hz, drive_hz)
-            found = turned_hz(step, apart)
-            assert sum(each * sign > 0.0 for each in found) >= 2
-            assert abs(median(found[-2:]) - sign * near_hz) < 0.5 * near_hz + 1e-3
+            records, off_hz = turned(step, apart, off_hz)
+            found += records
+            took.append(len(records))
+        assert took[1:] == [2, 2, 2]  # the first has shown how far the time bases are apart
+        assert reference_phase(aimed(found, near_hz)).phase_deg == pytest.approx(REFERENCE_DEG, abs=2e-3)
 
 
 def test_records_that_turn_as_they_should_are_taken_once() -> None:
     for near_hz in (5.0, -5.0):
         step = CaptureRotations((1, 2, 3), (1.0, 1.0, 1.0), 2, 1000, near_hz, 30_000.0)
-        assert len(turned_hz(step, 30e-6)) == 2  # off by 1.8 Hz
-        assert len(turned_hz(step, 45e-6)) == 4  # by 2.7 Hz
+        assert len(turned(step, 4e-6, 0.0)[0]) == 2  # off by 0.24 Hz
+        assert len(turned(step, 5e-6, 0.0)[0]) == 4  # by 0.3 Hz

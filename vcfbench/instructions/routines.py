@@ -11,6 +11,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.scope import AIMED
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Plan, Routine, answer
 
 S = TypeVar("S", bound=ProcedureSettings)
@@ -137,19 +138,21 @@ def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: floa
 
 
 def turning(
-    settings: ProcedureSettings, step: steps.CaptureRotations, amplitude_v: float
-) -> Routine[list[steps.RotationRecord]]:
+    settings: ProcedureSettings, step: steps.CaptureRotations, amplitude_v: float, off_hz: float
+) -> Routine[tuple[list[steps.RotationRecord], float]]:
     """Take records of the sense signal as V_Vc, a sine beside twice the drive's frequency, turns it against the drive.
 
     Once more, with another sine, where it turns otherwise than it was to: of a drive at 30 kHz the time bases of
-    generator and oscilloscope differ by 3 Hz.
+    generator and oscilloscope differ by 3 Hz. `off_hz` is what the sine was set lower by for that; what the next one
+    shall be is returned beside the records.
     """
-    taken = list(answer((yield step), steps.Rotations).records)
-    off_hz = fmean(each.difference_hz for each in taken) - step.difference_hz
-    if abs(off_hz) < 0.5 * abs(step.difference_hz):
-        return taken
-    yield from set_sine(settings, 2.0 * step.drive_hz + step.difference_hz - off_hz, amplitude_v)
-    return taken + list(answer((yield step), steps.Rotations).records)
+    taken = answer((yield step), steps.Rotations).records
+    missed_hz = fmean(each.difference_hz for each in taken) - step.difference_hz
+    off_hz += missed_hz
+    if abs(missed_hz) > AIMED * abs(step.difference_hz):
+        yield from set_sine(settings, 2.0 * step.drive_hz + step.difference_hz - off_hz, amplitude_v)
+        taken += answer((yield step), steps.Rotations).records
+    return list(taken), off_hz
 
 
 def set_v_vc(settings: ProcedureSettings, v_vc_v: float) -> Routine[float]:

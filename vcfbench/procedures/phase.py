@@ -31,7 +31,7 @@ from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Routine, answer
 from vcfbench.uncertainty import oscilloscope
 from vcfbench.uncertainty.measurand import as_kept, measurand, quantity_table
-from vcfbench.uncertainty.oscilloscope import CaptureSense, amplitudes, at_both_signs, channels_of, sense_phasor
+from vcfbench.uncertainty.oscilloscope import CaptureSense, aimed, amplitudes, at_both_signs, channels_of, sense_phasor
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 LEAST_CYCLES: Final = 3
@@ -126,7 +126,7 @@ def phases_of(
     carrier = _Angle(math.remainder(first_deg + fmean(beside), 360.0), u_deg, len(beside) - 1)
     coriolis = _response(states, lambda step: step.rate_deg_s, f"a rate of {settings.rate_deg_s:g} deg/s")
     virtual = _response(states, lambda step: step.v_vc_v, f"V_Vc of {settings.v_vc_v:g} V")
-    reference = reference_phase([(each.difference_hz, each.reference_deg) for each in turned])
+    reference = reference_phase(aimed(turned, settings.difference_hz))
     if reference.scatter_deg > _LARGEST_SCATTER_DEG:
         raise MeasurementError(
             "the output does not answer to the sense signal: the demodulator's phase scatters by "
@@ -295,11 +295,13 @@ def plan(settings: PhaseSettings) -> steps.Plan:
     drive, shown_v, turning_v = yield from _scales(settings)
     states: list[tuple[CaptureSense, SineRecords]] = []
     turned: list[RotationRecord] = []
+    off_hz = 0.0
     for cycle in range(1, settings.most_cycles + 1):
         yield steps.Note(f"Cycle {cycle}")
         signs = (1.0, -1.0) if cycle % 2 else (-1.0, 1.0)
         states += yield from _static(settings, signs, shown_v, drive)
-        turned += yield from _rotations(settings, signs, turning_v, drive.frequency_hz)
+        taken, off_hz = yield from _rotations(settings, signs, turning_v, drive.frequency_hz, off_hz)
+        turned += taken
         if cycle >= LEAST_CYCLES and phases_of(settings, states, turned).target_met:
             return
 
@@ -379,9 +381,9 @@ def _static(
 
 
 def _rotations(
-    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...], drive_hz: float
-) -> Routine[list[RotationRecord]]:
-    """Take the records of a cycle's sines."""
+    settings: PhaseSettings, signs: tuple[float, float], shown_v: tuple[float, ...], drive_hz: float, off_hz: float
+) -> Routine[tuple[list[RotationRecord], float]]:
+    """Take the records of a cycle's sines, set `off_hz` lower; return what the next are to be, too."""
     slow = _slow(settings)
     yield slow
     channels = channels_of(settings, "sense", "output")
@@ -390,11 +392,12 @@ def _rotations(
     taken: list[RotationRecord] = []
     for sign in signs:
         offset_hz, count = sign * settings.difference_hz, settings.rotation_records
-        yield from set_sine(settings, 2.0 * drive_hz + offset_hz, settings.sine_amplitude_v)
+        yield from set_sine(settings, 2.0 * drive_hz + offset_hz - off_hz, settings.sine_amplitude_v)
         step = steps.CaptureRotations(channels, shown_v, count, points, offset_hz, drive_hz)
-        taken += yield from turning(settings, step, settings.sine_amplitude_v)
+        records, off_hz = yield from turning(settings, step, settings.sine_amplitude_v, off_hz)
+        taken += records
     yield from v_vc_level_again()
-    return taken
+    return taken, off_hz
 
 
 def phase_characteristics(_settings: PhaseSettings, found: Phases) -> device_values.Characteristics:

@@ -351,6 +351,10 @@ class FindAmplitudes(Step, Struct, frozen=True, omit_defaults=True):
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 
 
+AIMED = 0.05
+"""Of a difference to the drive: sines so close to it both ways lose what the filter's lag is curved by, to 1e-3 deg."""
+
+
 class RotationRecord(Struct, frozen=True):
     """One record of a sense signal that turns against the drive: see :class:`vcfbench.analysis.rotating.Rotation`."""
 

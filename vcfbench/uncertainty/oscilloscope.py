@@ -10,6 +10,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.station.parts import Node
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import one_two_five
+from vcfbench.steps.scope import AIMED
 from vcfbench.steps.step import Routine, answer
 from vcfbench.uncertainty.measurand import mean_of_records
 from vcfbench.values.value import Measurand, UncertaintyPart
@@ -25,6 +26,8 @@ _LEAST_A_PERIOD, _MANY_POINTS = 2.5, 100_000
 """Points in a period at least, where more would be more than so many: they take their time to come."""
 _ROUNDS = 8.0
 """Times that the phases which a slow screen shows must go round in a record, at least."""
+_LEAST_EITHER_WAY = 2
+"""Records that a line over differences of either sign needs."""
 
 
 def points_over(span_s: float, highest_hz: float, a_period: float) -> int:
@@ -104,6 +107,14 @@ def frequency_of(values_hz: Sequence[float], owner: str = "oscilloscope") -> Mea
 def skew(drive_hz: float, owner: str | None = None) -> UncertaintyPart:
     """Return the uncertainty of a phase by different delays of two channels, deg."""
     return UncertaintyPart("skew of two channels", math.sqrt(2.0 / 3.0) * 360.0 * drive_hz * _SKEW_S, of=owner)
+
+
+def aimed(records: Sequence[steps.RotationRecord], difference_hz: float) -> list[tuple[float, float]]:
+    """Return difference (Hz) and reference (deg) of records that turned as they were to; of all, if too few did."""
+    found = [(each.difference_hz, each.reference_deg) for each in records]
+    close = [each for each in found if abs(abs(each[0]) - difference_hz) <= AIMED * difference_hz]
+    above = sum(each_hz > 0.0 for each_hz, _ in close)
+    return close if min(above, len(close) - above) >= _LEAST_EITHER_WAY else found
 
 
 def sense_phasor(record: steps.SineRecord) -> complex:

@@ -16,7 +16,7 @@ from vcfbench.procedures.health.plan import RING_DOWNS, CaptureFar, Modes, level
 from vcfbench.procedures.resonance import rang_down
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
-from vcfbench.steps import CaptureMeanSines, RotationRecord, Rotations, SineRecord, SineRecords
+from vcfbench.steps import CaptureMeanSines, CaptureRotations, RotationRecord, Rotations, SineRecord, SineRecords
 from vcfbench.steps.measured import Measured
 from vcfbench.uncertainty import oscilloscope
 from vcfbench.uncertainty.measurand import as_kept, mean_of_records, measurand, quality_of
@@ -77,10 +77,11 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     share, beyond_deg = _share(pairs, at_rest_v, phase_deg, carrier.value)
     drive_v = fmean(each.amplitudes_v[0] for each in means)
     carrier_v = [drive_v * ratio for ratio in carrier_over_drive(means, turned)]
-    rotations = [(step, each) for step, found in measured.found(Rotations) for each in found.records]
-    far = [each for step, each in rotations if isinstance(step, CaptureFar)]
-    near = [(each.difference_hz, each.reference_deg) for step, each in rotations if not isinstance(step, CaptureFar)]
-    reference = reference_phase(near)
+    turns = [(step, found) for step, found in measured.found(Rotations) if isinstance(step, CaptureRotations)]
+    far = [each for step, found in turns if isinstance(step, CaptureFar) for each in found.records]
+    near = [(step, found) for step, found in turns if not isinstance(step, CaptureFar)]
+    near_hz = abs(near[0][0].difference_hz)
+    reference = reference_phase(oscilloscope.aimed([each for _, found in near for each in found.records], near_hz))
     reference_deg = math.remainder(reference.phase_deg - 90.0, 180.0)
     records = UncertaintyPart("records", reference.u_phase_deg, reference.dof)
     kept_share = _share_of(then, middle) or as_kept(share)

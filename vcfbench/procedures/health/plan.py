@@ -206,16 +206,17 @@ def examined(
     far_hz = max((of * drive_hz for of in _OF_DRIVE), key=lambda off: min(abs(off - each) for each in own_hz))
     far_points = points_over(10.0 * far_s_per_div, drive_hz + far_hz, _FAR_A_PERIOD)
     near, far = channels_of(settings, "sense", "output"), channels_of(settings, "sense", "carrier")
+    apart_hz = 0.0
     for kind, channels, s_per_div, count, points, off_hz in (
         (steps.CaptureRotations, near, near_s_per_div, _NEAR_RECORDS, near_points, near_hz),
         (CaptureFar, far, far_s_per_div, _FAR_RECORDS, far_points, far_hz),
     ):
         yield steps.ConfigureScope(s_per_div, channels[0])
         for sign in (1.0, -1.0):  # V_Vc turns the sense signal against the drive
-            yield from set_sine(settings, 2.0 * drive_hz + sign * off_hz, 2.0 * level_v(settings))
+            yield from set_sine(settings, 2.0 * drive_hz + sign * off_hz - apart_hz, 2.0 * level_v(settings))
             shown_v = yield from amplitudes(settings, *channels, points=points_that_show(10.0 * s_per_div, drive_hz))
             step = kind(channels, shown_v, count, points, sign * off_hz, drive_hz)
-            yield from turning(settings, step, 2.0 * level_v(settings))
+            _, apart_hz = yield from turning(settings, step, 2.0 * level_v(settings), apart_hz)
     yield from v_vc_level_again()
     yield from _off_again(settings)
 
