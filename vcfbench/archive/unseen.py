@@ -47,6 +47,7 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
+_LATE: Final = 0.85  # Of a run: where a change of a gain begins that shows little
 _SIZES: Final = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)  # Of a fault in records, V or shares
 _IN_RECORDS: Final = (
     *(("step", unit) for unit in (OFFSET, V_VC_OFFSET)),
@@ -135,22 +136,34 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
         return
     looked_at = {OFFSET, GAIN, *((V_VC_OFFSET, V_VC_GAIN) if any(each.v_vc_v for _, each in both) else ())}
     over, before = np.linspace(0.0, 1.0, number), found.evaluated(found.settings, found.measured)
-    one = (np.arange(number) == number // 3).astype(float)
-    courses = {"step": np.ones(number), "change": (over >= _HALF).astype(float), "pulse": one, "creep": over}
+    one, few = (np.abs(np.arange(number) - number // 3) <= wide for wide in (0, 1))
+    least = (over >= _LATE, (over >= 1.0 / 3.0) & (over < 2.0 / 3.0), few)  # what shows least in a sweep
+    courses: dict[str, list[Floats]] = {
+        "step": [np.ones(number)],
+        "change": [each.astype(float) for each in least],
+        "pulse": [one.astype(float)],
+        "creep": [over],
+    }
     for kind, unit in (each for each in _IN_RECORDS if each[1] in looked_at):
-        refused = None
-        for size in _SIZES:
-            spoilt = found.measured.changed(in_records(unit, (size * courses[kind]).tolist()))
-            try:
-                after = found.evaluated(found.settings, spoilt)
-            except BenchError:
-                refused = size
-                continue
-            most = (refused or UNIT) / size
-            grown = {name: before[name] + most * (each - before[name]) for name, each in after.items()}
-            if moved := _beyond(found, before, grown, MATTERS_UNREFUSED if refused is None else MATTERS):
-                yield Unseen(kind, refused, unit, moved)
-            break
+        ends = list[tuple[float | None, Mapping[str, float]]]()
+        for course in courses[kind]:
+            refused = None
+            for size in _SIZES:
+                spoilt = found.measured.changed(in_records(unit, (size * course).tolist()))
+                try:
+                    after = found.evaluated(found.settings, spoilt)
+                except BenchError:
+                    refused = size
+                    continue
+                ends.append((refused, {name: (each - before[name]) / size for name, each in after.items()}))
+                break
+        sizes = [refused for refused, _ in ends]
+        largest = None if None in sizes else max(filter(None, sizes), default=None)
+        share = MATTERS_UNREFUSED if largest is None else MATTERS
+        per = {name: max((abs(each[name]) for _, each in ends), default=0.0) for name in found.u95}
+        most = {name: before[name] + (largest or UNIT) * each for name, each in per.items()}
+        if moved := _beyond(found, before, most, share):
+            yield Unseen(kind, largest, unit, moved)
 
 
 def in_records(unit: str, sizes: Sequence[float]) -> Callable[[StepResult], StepResult]:
