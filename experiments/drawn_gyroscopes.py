@@ -26,7 +26,6 @@ import tempfile
 import time
 from functools import partial
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -34,7 +33,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from limits import outside, scores
 from msgspec import structs
-from procedures_truth import MEMORY, Modes, Stated, Truth, changed, stated
+from procedures_truth import MEMORY, Modes, Stated, Truth, changed, stated, vibration_truth
 
 import vcfbench
 from vcfbench import steps
@@ -43,7 +42,7 @@ from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.health.check import MAY_HAVE
 from vcfbench.procedures.online.settings import OnlineSettings
-from vcfbench.sim.simulation import physical_parameters, true_output
+from vcfbench.sim.simulation import physical_parameters
 from vcfbench.studies.truth import truth_of
 from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
 
@@ -110,15 +109,10 @@ def values(name: str, run: Run, bench: BenchDescription) -> Iterator[Stated]:
         if each is not None:  # of a split whose sign nobody tells the size is stated
             yield from stated(key, each, abs(truth) if "split" in key and each.value > 0.0 else truth)
     if name == "vibration":
-        modes, output = Modes.of(bench), true_output(bench, at_input=True)
-        levels = [(math.copysign(1.0, point.v_vc_v), point.v_vc_measured_v or point.v_vc_v) for point in run.points]
-        at_rest = sum(s * output(0.0, v) for s, v in levels) / sum(s * v for s, v in levels)
+        at_rest, responses = vibration_truth(bench, run)
         yield from stated("static", found.static_v_per_v, at_rest)
-        for each, (_, record) in zip(found.responses, run.measured.found(steps.ModulatedRecord), strict=True):
-            # About the level at which the generators leave V_Vc, where a bent modulator has a slope of its own
-            level_v, half_v = fmean(record.v_vc_v), 0.75**0.5 * each.v_vc_amplitude_v
-            slope = (output(0.0, level_v + half_v) - output(0.0, level_v - half_v)) / (2.0 * half_v)
-            yield from stated("response", each.response, modes.filtered(each.frequency_hz) * slope / at_rest)
+        for each, truth in zip(found.responses, responses, strict=True):
+            yield from stated("response", each.response, truth)
 
 
 def since_certificate(bench: BenchDescription, seed: int) -> tuple[BenchDescription, dict[str, float]]:

@@ -23,7 +23,9 @@ import math
 import os
 import sys
 import tempfile
+import tomllib
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any, NamedTuple
 from unittest.mock import patch
 
@@ -34,6 +36,7 @@ from limits import outside, scores
 from msgspec import structs
 
 import vcfbench
+from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim import world
@@ -44,6 +47,7 @@ from vcfbench.testing import gyroscopes
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
+    from vcfbench.archive.run import Run
     from vcfbench.station.description import BenchDescription
 
     Line = dict[str, Any]
@@ -521,20 +525,33 @@ def vibration(seed: int, where: str) -> Iterator[Stated]:
     """A sine of the second generator; what is told of split, Q and in-phase mode is off by its u."""
     bench = drawn_bench(seed)
     true, draw = Modes.of(bench), np.random.default_rng([20260725, seed])
-    told = {"split_hz": (abs(true.split_hz), 1e-3 * abs(true.split_hz)), "q": (true.sense_q[0], 0.01 * true.sense_q[0])}
+    told = {"split_hz": (true.split_hz, 1e-3 * abs(true.split_hz)), "q": (true.sense_q[0], 0.01 * true.sense_q[0])}
     told["in_phase_share"] = (true.in_phase_share, 0.01)
     settings = {name: value + u * float(draw.standard_normal()) for name, (value, u) in told.items()}
     settings |= {f"u_{name}": u for name, (_, u) in told.items()}
     done = run("vibration", bench, seed, where, **settings)
-    found, at_v = done.results, done.header["settings"]["static_v_vc_v"]
-    output = true_output(bench, at_input=True)
-    at_rest = (output(0.0, at_v) - output(0.0, -at_v)) / (2.0 * at_v)
+    found, (at_rest, responses) = done.results, vibration_truth(bench, done)
     yield from stated("static_v_per_v", found.static_v_per_v, at_rest)
-    for place, each in enumerate(found.responses):
-        truth = true.filtered(each.frequency_hz)
+    for place, (each, truth) in enumerate(zip(found.responses, responses, strict=True)):
         yield from stated(f"response at {place}", each.response, truth)
-        yield from stated(f"expected at {place}", each.expected, truth)
+        yield from stated(f"expected at {place}", each.expected, true.filtered(each.frequency_hz))
     yield Stated("largest_e_n, below 1", 1.0, found.largest_e_n)
+
+
+def vibration_truth(bench: BenchDescription, run: Run) -> tuple[float, list[float]]:
+    """Return the response at rest, V/V, and those to the vibrations, between the levels at which V_Vc really was.
+
+    Generators have offsets, and a bent modulator has a slope of its own about each.
+    """
+    modes, output = Modes.of(bench), true_output(bench, at_input=True)
+    levels = [(math.copysign(1.0, point.v_vc_v), point.v_vc_measured_v or point.v_vc_v) for point in run.points]
+    at_rest = sum(s * output(0.0, v) for s, v in levels) / sum(s * v for s, v in levels)
+    responses = []
+    for each, (_, record) in zip(run.results.responses, run.measured.found(steps.ModulatedRecord), strict=True):
+        level_v, half_v = fmean(record.v_vc_v), 0.75**0.5 * each.v_vc_amplitude_v
+        slope = (output(0.0, level_v + half_v) - output(0.0, level_v - half_v)) / (2.0 * half_v)
+        responses.append(modes.filtered(each.frequency_hz) * slope / at_rest)
+    return at_rest, responses
 
 
 def temperature(seed: int, where: str) -> Iterator[Stated]:
@@ -726,7 +743,8 @@ def threshold(seed: int, where: str) -> Iterator[Stated]:
 
 def threshold_by_table(seed: int, where: str) -> Iterator[Stated]:
     """The same by the table."""
-    yield from _threshold(seed, where, {"by": "table", "rate_tolerance_deg_s": 0.01})
+    smallest_deg_s = min(tomllib.loads(gyroscopes.drawn_bench(seed))["procedure"]["threshold"]["steps_deg_s"])
+    yield from _threshold(seed, where, {"by": "table", "rate_tolerance_deg_s": min(0.01, smallest_deg_s)})
 
 
 def _threshold(seed: int, where: str, settings: Mapping[str, Any]) -> Iterator[Stated]:
