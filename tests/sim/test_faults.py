@@ -101,9 +101,9 @@ def test_a_script_is_read(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("[[fault]", "f: expected TOML"),
-        ("speed = 1", "f: expected seed and"),
-        ('seed = "a"', "f: expected seed and"),
-        ("fault = 3", "f: expected seed and"),
+        ("speed = 1", "f: expected only seed and"),
+        ('seed = "a"', "f: expected only seed and"),
+        ("fault = 3", "f: expected only seed and"),
         ('[[fault]]\nkind = "late"', "f: fault 1: expected instrument and kind"),
         ('[[fault]]\ninstrument = "power"\nkind = "late"\nuntil = 3', "f: fault 1: expected instrument and kind"),
         ('[[fault]]\ninstrument = "power"\nkind = "tired"', "f: fault 1: a fault is one of silent, late"),
