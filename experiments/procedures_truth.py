@@ -432,6 +432,19 @@ class Modes(NamedTuple):
         corner_hz, order = self.low_pass
         return self.gain(frequency_hz) / math.sqrt(1.0 + (frequency_hz / corner_hz) ** (2 * order))
 
+    def noise(self, per_sqrt_hz: float) -> float:
+        """Return the standard deviation of the output by white noise of the force, both sides of the drive, as a rate.
+
+        Nearly all of that of a narrow mode is at the split, where a reading shows nothing of it.
+        """
+        narrow_hz, (corner_hz, order) = self.sense_hz[0] / (2.0 * self.sense_q[0]), self.low_pass
+        beside_hz = narrow_hz * np.sinh(np.linspace(0.0, math.asinh(20.0 * abs(self.split_hz) / narrow_hz), 400))
+        hz = self.split_hz + np.concatenate([-beside_hz[:0:-1], beside_hz])
+        still = abs(self.answer(self.shown_of_rate, self.drive_hz))
+        passed = [abs(self.answer(self.shown_of_rate, self.drive_hz - each)) / still for each in hz.tolist()]
+        squares = np.square(passed) / (1.0 + (hz / corner_hz) ** (2 * order))
+        return per_sqrt_hz * math.sqrt(float(np.sum((squares[1:] + squares[:-1]) * np.diff(hz))) / 2.0)
+
     def peak_hz(self) -> float:
         """Return where the response is largest, to a millihertz or better."""
         low, high = 0.8 * abs(self.split_hz), 1.2 * abs(self.split_hz)
@@ -674,8 +687,13 @@ def _rate_limits(
     if by != "table":
         small, most = level_deg_s / abs(bench.procedure.k_vc_guess_deg_s_per_v), 10.0
 
-    def at(x: float) -> float:
-        return output(x, None) if by == "table" else output(0.0, x)
+    of_noise_deg_s = Modes.of(bench).noise(physical_parameters(bench).noise.angle_random_walk_deg_sqrt_s)
+    spots, weights = np.polynomial.hermite_e.hermegauss(60)
+
+    def at(x: float) -> float:  # the mean of what clips the gyroscope's own noise before it clips the rate
+        rates, v_vc_v = (x, None) if by == "table" else (0.0, x)
+        rates = (rates + of_noise_deg_s * spots).tolist()
+        return float(weights @ [output(each, v_vc_v) for each in rates] / weights.sum())
 
     zero_v, per_input = at(0.0), (at(small) - at(-small)) / (2.0 * small)
     turned = 1.0 if by == "table" else math.copysign(1.0, per_input / slope)
