@@ -10,7 +10,7 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench import steps
-from vcfbench.analysis.input_limits import Line, limit_of
+from vcfbench.analysis.input_limits import Limit, Line, limit_of
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.rate_limits import RATE_LIMITS
 from vcfbench.sim.simulation import true_output
@@ -132,6 +132,26 @@ def test_line_and_limit_by_hand() -> None:
     assert found is not None
     assert (found.at, found.half_width, found.first, found.rises) == pytest.approx((3.25, 0.25, 2, 0.0))
     assert limit_of(line, SHARE, [3.0, 4.0], [6.5, 8.5], 0) is None
+
+
+@pytest.mark.parametrize("of_input", [True, False])
+@pytest.mark.parametrize("rises", [0.9, 0.0, -3.0, -60.0])
+def test_noise_of_the_line_moves_its_limit_by_its_weights(rises: float, *, of_input: bool) -> None:
+    """Against lines through outputs that are off one by one; an output that comes back fixes the input, not the line's.
+
+    One that is clipped does it the other way round.
+    """
+    inputs, outputs_v, at, off_v = [0.0, 1.0, -1.0, -1.0, 1.0, 0.0], [0.5, 2.5, -1.5, -1.5, 2.5, 0.5], 7.0, 1e-6
+    line, follows = Line.of(inputs, outputs_v), 1.0 - SHARE
+
+    def size_v(off: int) -> float:
+        moved = Line.of(inputs, [each + off_v * (place == off) for place, each in enumerate(outputs_v)])
+        stays_v = line.zero_v + line.slope * at * (follows - rises) - moved.zero_v
+        return (line if of_input else moved).slope * stays_v / (follows * moved.slope - rises * line.slope)
+
+    found = Limit(at, 0.0, 0, rises, follows - rises)
+    moves = [(size_v(each) - line.slope * at) / off_v for each in range(6)]
+    assert found.weights(line, SHARE, of_input=of_input) == pytest.approx(moves, rel=1e-3, abs=1e-5)
 
 
 @pytest.mark.parametrize("second_order_per_v", [0.03, -0.03])

@@ -9,6 +9,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.errors import ConfigError
 
 _PARAMETERS = 3
@@ -155,6 +156,16 @@ class Limit(Struct, frozen=True):
     first: int
     rises: float
     leaves: float
+
+    def weights(self, line: Line, may_lack: float, *, of_input: bool) -> list[float]:
+        """Return the weights of the line's windows in the line's output at the limit.
+
+        They move where the output leaves the line; with `of_input` the input there is meant, in outputs of this slope.
+        Else an error of the slope is one of the line's output as well: none is left where the output beyond stands.
+        """
+        lever = 0.0 if of_input else 0.5 * self.at / line.apart
+        pairs = zip(CHOPPED, line.weights(self.at, may_lack), strict=True)
+        return [way * lever - weight / self.leaves for way, weight in pairs]
 
 
 def limit_of(

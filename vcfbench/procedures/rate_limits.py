@@ -10,7 +10,6 @@ from functools import partial
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Struct
-from msgspec.structs import replace
 
 from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
@@ -249,10 +248,9 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
         parts = [*noise, *_of_inputs(settings, Limit(most, 0.0, 0, 1.0, 1.0), line)]
         reached = as_rate(measurand(line.slope * most, "V", parts), slope, 0.0 if settings.by_table else scale.u)
         return RateLimit(None, math.copysign(max(abs(reached.value) - reached.u95, 0.0), reached.value), most)
-    # An error of the output moves the line's output at the limit by itself over how fast the output leaves the line
-    weights = {each: -weight for each, weight in enumerate(line.weights(found.at, settings.may_lack))}
-    noise = noise_v(settings, windows, {**weights, tried[found.first]: 1.0}, points[: len(CHOPPED)])
-    parts = [*(replace(each, u=each.u / found.leaves) for each in noise), *_of_inputs(settings, found, line)]
+    weights = dict(enumerate(found.weights(line, settings.may_lack, of_input=settings.by_table)))
+    noise = noise_v(settings, windows, {**weights, tried[found.first]: 1.0 / found.leaves}, points[: len(CHOPPED)])
+    parts = [*noise, *_of_inputs(settings, found, line)]
     gaps = settings.station.sources.missing("k_vc") if settings.by_table else ()
     at_limit = measurand(line.slope * found.at, "V", parts, {"table rate", "misalignment"}.intersection(gaps))
     limit = as_rate(at_limit, slope, 0.0 if settings.by_table else scale.u)
