@@ -132,6 +132,9 @@ def test_line_and_limit_by_hand() -> None:
     assert found is not None
     assert (found.at, found.half_width, found.first, found.rises) == pytest.approx((3.25, 0.25, 2, 0.0))
     assert limit_of(line, SHARE, [3.0, 4.0], [6.5, 8.5], 0) is None
+    found = limit_of(line, SHARE, [1.0, 2.0, 3.0, 5.0, 4.0], [2.5, 4.4, 6.5, 6.6, 6.6], 1)
+    assert found is not None  # at 2 it was noise
+    assert (found.at, found.first) == (3.5, 4)
 
 
 @pytest.mark.parametrize("of_input", [True, False])

@@ -174,13 +174,15 @@ def limit_of(
     """Return the limit of inputs of one sign; None where the output followed all of them.
 
     The first `of_line` inputs are those that the line goes through: where the output curves, one of them lies above it
-    and its opposite below, and neither is a limit.
+    and its opposite below, and neither is a limit. What falls short before one that follows does so by noise.
     """
-    order = np.argsort(np.abs(inputs))
-    short = [int(i) for i in order if i >= of_line and line.lacks(inputs[i], outputs_v[i]) > may_lack]
+    order = np.argsort(np.abs(inputs)).tolist()
+    follows = [i < of_line or line.lacks(inputs[i], outputs_v[i]) <= may_lack for i in order]
+    kept = len(order) - follows[::-1].index(True)
+    short = order[kept:]
     if not short:
         return None
-    first, last = short[0], next(int(i) for i in order[::-1] if abs(inputs[i]) < abs(inputs[short[0]]))
+    first, last = short[0], order[kept - 1]
     beyond = next((each for each in short if abs(inputs[each]) >= _NEAR * abs(inputs[first])), last)
     rise_v, apart = outputs_v[beyond] - outputs_v[first], inputs[beyond] - inputs[first]
     rises = rise_v / apart / line.slope if apart else 0.0

@@ -164,16 +164,23 @@ def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
         while good < most and bad - good > settings.resolution_deg_s:
             rate_deg_s = min(good * settings.growth, most) if bad == math.inf else 0.5 * (good + bad)
             points.append((yield from _point(settings, _RAISED, sign * rate_deg_s, points)))
-            short = line.lacks(settings.input_of(points[-1]), points[-1].output_v) > settings.may_lack
-            good, bad = (good, rate_deg_s) if short else (rate_deg_s, bad)
+            good, bad = (good, rate_deg_s) if _short(settings, line, points[-1]) else (rate_deg_s, bad)
+            if bad - good <= settings.resolution_deg_s:
+                beyond_deg_s = min(settings.beyond * bad, most)
+                points.append((yield from _point(settings, _BEYOND, sign * beyond_deg_s, points)))
+                if not _short(settings, line, points[-1]):  # it was noise
+                    good, bad = beyond_deg_s, math.inf
         if bad < math.inf:
-            points.append((yield from _point(settings, _BEYOND, sign * min(settings.beyond * bad, most), points)))
             points.append((yield from _point(settings, _BACK, sign * settings.level_deg_s, points)))
             _require_same_leads(settings, line, points[-1])
         again += [sign * each for each in (settings.level_deg_s, good, bad) if math.isfinite(each)]
     yield steps.Note("Small rates and the last of each search again, to compare")
     for rate_deg_s in again:
         points.append((yield from _point(settings, _AGAIN, rate_deg_s, points)))
+
+
+def _short(settings: RateLimitsSettings, line: Line, point: Point) -> bool:
+    return line.lacks(settings.input_of(point), point.output_v) > settings.may_lack
 
 
 def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) -> None:
@@ -254,7 +261,7 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     gaps = settings.station.sources.missing("k_vc") if settings.by_table else ()
     at_limit = measurand(line.slope * found.at, "V", parts, {"table rate", "misalignment"}.intersection(gaps))
     limit = as_rate(at_limit, slope, 0.0 if settings.by_table else scale.u)
-    beyond, back = (next(each for each in own if points[each].step == step) for step in (_BEYOND, _BACK))
+    beyond, back = (max(each for each in own if points[each].step == step) for step in (_BEYOND, _BACK))
     before = [each for each in own if points[each].step == _LINE]
     again = {back: 1.0, **dict.fromkeys(before, -1.0 / len(before))}
     came_v = math.fsum(weight * points[each].output_v for each, weight in again.items())
