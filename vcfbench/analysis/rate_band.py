@@ -326,11 +326,15 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         fits.append(fit_model(lambda p: _residuals(p, f, gain, u, known), again, "bandwidth"))
         return min(fits, key=lambda fit: fit.chi_square)
 
+    def without_lag(fit: ModelFit) -> Floats:
+        """Return where to go on from: of a lag of nearly 0 the scale would be as small, and its slope rounding."""
+        return np.array([*fit.parameters[:-1], 0.0])
+
     def fitted(side: float, u: Floats) -> tuple[ModelFit, Floats]:
         start = np.array([side * f[place], q, gain[0], *unknown])
         for _ in range(2):
             fit = least(start, u)
-            start = fit.parameters
+            start = without_lag(fit)
             u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
         return least(start, u), u
 
@@ -343,7 +347,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     best, *others = sorted(sides, key=lambda each: (each[0].parameters[3] < 0.0, each[0].chi_square))
     either = any(o.parameters[3] > 0.0 and o.chi_square < best[0].chi_square + _TELLS for o, _ in others)
     gain = _straightened(ordered, known, _shape(best[0].parameters)) / filter_gain / amplitude
-    fit = fit_model(lambda p: _residuals(p, f, gain, best[1], known), best[0].parameters, "bandwidth")
+    fit = fit_model(lambda p: _residuals(p, f, gain, best[1], known), without_lag(best[0]), "bandwidth")
     dof = sum(tone.noise_dof for tone in ordered)
     return _band(fit, known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
 
