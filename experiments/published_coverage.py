@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from ageing import ON_TABLE
 from limits import outside
 from procedures_truth import STUDIES
 
@@ -68,8 +69,9 @@ def errors(line: dict[str, Any]) -> Iterator[Error]:
     seed = int(line["seed"])
     if "cause" in line:
         scored = {name: value for name, value in line.items() if isinstance(value, dict) and "z" in value}
-        for name, value in scored.items():
-            yield Error(AGED, f"{name} ({line['cause']})", seed, value["z"], value["within_95"])
+        state = FRESH if line["cause"] == ON_TABLE else AGED
+        for name, value in scored.items():  # of all causes together
+            yield Error(state, f"self-calibration: {name}", seed, value["z"], value["within_95"])
     elif "procedure" in line:
         for name, (value, truth, u, u95) in line["values"].items():
             called = f"{line['procedure']}: {name}"
