@@ -88,12 +88,12 @@ def test_no_identity_is_left_in_a_bundle(tmp_path: Path) -> None:
     manager: Any = pyvisa.ResourceManager(library("33522B"))
     device = manager.open_resource(manager.list_resources("?*")[0])
     secrets = ("SERIAL77", "Miller", "gyro-lab", "10.11.12.13")
-    for message in ("DISP:TEXT 'SERIAL77'", "CAL:STR 'Miller 12345'", "SYST:COMM:LAN:HOST 'gyro-lab'"):
+    for message in ("DISP:TEXT 'SERIAL77'", "CAL:STR 'Miller QX-7312'", "SYST:COMM:LAN:HOST 'gyro-lab'"):
         device.write(message)
     device.write("SYST:COMM:LAN:IPAD '10.11.12.13'")
     recorded(tmp_path / "a.trace", "33522B")
     text = (tmp_path / "a.trace").read_text()
-    assert [each for each in (*secrets, *re.findall("MY[0-9]+", text), "12345") if each in text] == []
+    assert [each for each in (*secrets, *re.findall("MY[0-9]+", text), "QX-7312") if each in text] == []
 
 
 def test_a_driver_can_be_opened_on_the_bundle(tmp_path: Path) -> None:
