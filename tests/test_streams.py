@@ -92,6 +92,7 @@ def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
     assert run.values["output_v"].unit == "deg/s"
 
 
+@pytest.mark.exhaustive
 def test_of_increments_the_clock_of_the_device_is_in_the_budget(tmp_path: Path) -> None:
     runs = {
         ppm: vcfbench.run("turntable", stream_bench("dsp1760", clock_ppm=ppm), seed=1, settings=QUICK, runs=tmp_path)

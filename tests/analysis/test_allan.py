@@ -82,6 +82,7 @@ def test_a_record_that_may_be_overwritten_has_the_same_deviations() -> None:
     assert [each.deviation for each in allan_deviation(record, 0.1, overwrite=True)] == pytest.approx(kept, rel=1e-12)
 
 
+@pytest.mark.exhaustive
 def test_ten_million_samples_take_two_seconds_and_one_more_record() -> None:
     """Processor time, the best of three: others may hold the caches meanwhile."""
     record = np.random.default_rng(1).standard_normal(10_000_000)

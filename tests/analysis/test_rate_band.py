@@ -156,6 +156,7 @@ def test_what_the_closed_form_lacks_widens_the_uncertainty() -> None:
     assert abs(told.q[0] - 1224.0) < 2.0 * told.q[1]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("side", few([1.0, -1.0], -1.0))
 def test_mode_of_high_q_close_to_the_drive_is_found_on_its_side(side: float) -> None:
     """From a start far off the fit of the other side ended with a lag of 0.4 and the in-phase mode's sign turned."""
@@ -239,6 +240,7 @@ def test_tone_noise_is_taken_at_its_frequency() -> None:
     assert band.u_gain == pytest.approx(np.sqrt(noise(f)), rel=0.01)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("side", few([1.0, -1.0], -1.0))
 @pytest.mark.parametrize("seed", few(range(12), 1))
 def test_a_split_whose_side_is_not_seen_holds_that_of_either(seed: int, side: float) -> None:
@@ -252,6 +254,7 @@ def test_a_split_whose_side_is_not_seen_holds_that_of_either(seed: int, side: fl
     assert abs(band.split_hz[0] - split_hz) < 3.0 * band.split_hz[1]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("drive_hz", "split_hz"),
     few(list(product((1000.0, 3488.9, 12_000.0), (24.8, -24.8, 40.0, -40.0))), (1000.0, -24.8)),

@@ -107,6 +107,7 @@ def test_the_command_can_be_typed_again(quick: Run) -> None:
     )
 
 
+@pytest.mark.exhaustive
 def test_the_same_record_gives_the_same_bytes_and_a_note_is_harmless(quick: Run, tmp_path: Path) -> None:
     (page,) = vcfbench.write_report(quick, tmp_path / "one.html")
     assert quick.directory is not None

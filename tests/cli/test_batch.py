@@ -58,6 +58,7 @@ def summaries(folder: Path) -> tuple[Any, ...]:
     return vcfbench.run_summaries(folder / "runs")
 
 
+@pytest.mark.exhaustive
 def test_each_device_gets_record_with_serial_tag_and_operator(folder: Path) -> None:
     done = batch(folder, "--json", "--sheet", "sheet.md")
     assert done.returncode == 0, done.stderr
@@ -98,6 +99,7 @@ def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> Non
     assert summaries(folder)[0].run == first.run
 
 
+@pytest.mark.exhaustive
 def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Path) -> None:
     settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
     before = vcfbench.run("turntable", seed=1, settings=settings, metadata={"dut": "G-1"}, runs=folder / "runs")

@@ -85,6 +85,7 @@ def test_own_table_is_checked_and_turned_by_its_stand_in(station: Path) -> None:
     assert float(rate[1]) == pytest.approx(10.0, abs=2.0)
 
 
+@pytest.mark.exhaustive
 def test_table_without_a_limit_is_stopped(station: Path) -> None:
     text = station.read_text("utf-8").replace("max_acceleration_deg_s2 = 20", "max_acceleration_deg_s2 = 2000")
     station.write_text(text, "utf-8")

@@ -41,6 +41,7 @@ class Operator:
         raise TimeoutError(f"not {state}: {shown}")
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows sends no SIGINT to another process")
 def test_an_operator_measures_stops_one_and_goes_on(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(PLAN, "utf-8")

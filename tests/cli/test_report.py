@@ -40,6 +40,7 @@ def test_what_is_not_there_is_said(folder: Path) -> None:
     assert "there is no run 'none'" in done.stderr
 
 
+@pytest.mark.exhaustive
 def test_figures_are_drawn_alone_or_all(folder: Path) -> None:
     drawn = warm.run(["vcfbench", "plot", "-o", "fig.png"], folder)
     assert drawn.stdout.split() == ["fig-1.png", "fig-2.png"], drawn.stderr

@@ -120,6 +120,7 @@ def test_turntable_over_real_wires_gives_the_same_bytes(
     assert json.dumps(over_wires) == json.dumps(turntable)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("dialect", few(DIALECTS, "dd16"))
 def test_turntable_with_every_table_gives_the_same_bytes(short: Path, tmp_path: Path, dialect: str) -> None:
     """Frames, unasked status, answers in order: over TCP, and on the same server put back over a serial line."""

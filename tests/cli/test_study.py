@@ -47,6 +47,7 @@ def test_a_dry_run_lists_cases_and_writes_nothing(folder: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["s.toml"]
 
 
+@pytest.mark.exhaustive
 def test_json_is_all_there_is_on_stdout_and_progress_goes_to_stderr(folder: Path) -> None:
     done = study(folder, "-o", "x.csv", "--workers", "1", "--json")
     assert done.returncode == 0, done.stderr

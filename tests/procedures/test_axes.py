@@ -27,6 +27,7 @@ def three() -> vcfbench.Run:
     return vcfbench.run("axes", several(device=device), seed=1, settings=SETTINGS, runs=None)
 
 
+@pytest.mark.exhaustive
 def test_three_axes_of_one_stream_have_their_planted_directions(three: vcfbench.Run) -> None:
     for run, (axis, along) in zip(three.devices, PLANTED.items(), strict=True):
         found: AxesResult = run.results
@@ -38,6 +39,7 @@ def test_three_axes_of_one_stream_have_their_planted_directions(three: vcfbench.
         assert found.scale_factor.value == pytest.approx(math.hypot(*found.sensitivity))
 
 
+@pytest.mark.exhaustive
 def test_the_sheet_of_three_axes_has_the_matrix_and_the_angles(three: vcfbench.Run) -> None:
     text = vcfbench.text_of(lot_report(three))
     assert "Output for the rate about each axis" in text

@@ -61,6 +61,7 @@ def run(procedure: str, bench: Path, **settings: Any) -> Any:
     return vcfbench.run(procedure, bench, settings=settings, runs=bench.parent / "runs", seed=1).results
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("sheet", few(dict.fromkeys((*SHEETS[::4], *QUICK_SHEETS)), QUICK_SHEETS[1]), ids=named)
 def test_what_k_vc_depends_on_is_that_of_the_data_sheet(sheet: DataSheet, tmp_path: Path) -> None:
     found = run("kvc", bench_of(sheet, tmp_path), samples=3)

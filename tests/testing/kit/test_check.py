@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", few(list(MODELS), "34401A", "E3631A"))
 def test_a_simulated_instrument_is_the_same_as_itself(tmp_path: Path, model: str) -> None:
     left_anyhow(model, Random(model))  # noqa: S311
