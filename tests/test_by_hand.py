@@ -346,6 +346,7 @@ def test_enter_alone_is_done_where_nothing_is_to_be_typed(monkeypatch: pytest.Mo
     assert [ask(Request("mount it")), ask(Request("type it", types="V"))] == ["done", ""]
 
 
+@pytest.mark.exhaustive
 def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Path, tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "bench", "check", "--bench", str(bench)], tmp_path)
     assert done.returncode == 2, done.stderr

@@ -52,6 +52,7 @@ def bytes_of(directory: Path) -> list[bytes]:
 # --- the same as the command's ---
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("procedure", few(["turntable", "virtual-coriolis"], "virtual-coriolis"))
 def test_points_and_results_are_those_of_the_command(procedure: str, tmp_path: Path) -> None:
     run = vcfbench.run(procedure, seed=3, runs=tmp_path / "python")

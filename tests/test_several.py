@@ -165,6 +165,7 @@ def test_a_device_with_a_fault_ends_for_itself(whole: Run, device: int, fault: s
     assert run.devices[device - 1].error is not None or fault in {*LEFT_ALONE, "not well", "clock", "few dropped"}
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("at_s", "said"), few([(20.0, "off the others"), (24.0, "apart")], (24.0, "apart")))
 def test_a_device_that_jumps_ends_while_the_other_finishes(at_s: float, said: str, tmp_path: Path) -> None:
     bench = several(2)
@@ -345,6 +346,7 @@ def test_served_devices_give_the_same_scale_factors(of: str, tmp_path: Path) -> 
         assert abs((k.value or 0.0) - (k_there.value or 0.0)) < (k.u95 or 0.0)
 
 
+@pytest.mark.exhaustive
 def test_multimeters_of_each_device_read_at_the_same_time(tmp_path: Path) -> None:
     bench = meters()
     run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)

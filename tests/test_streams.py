@@ -85,6 +85,7 @@ def test_a_stream_is_calibrated_in_its_own_unit(profile: str, tmp_path: Path) ->
     assert verify_run(run.directory).wrong is None
 
 
+@pytest.mark.exhaustive
 def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
     settings = {"duration_s": 200.0, "powered_s": 10.0}
     run = vcfbench.run("zero", stream_bench("vn100"), seed=1, settings=settings, runs=tmp_path)

@@ -125,6 +125,7 @@ def test_a_long_record_takes_little_more_memory_than_its_numbers(tmp_path: Path)
     assert parts[-1] == 1.0
 
 
+@pytest.mark.exhaustive
 def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -> None:
     file = written(tmp_path / "zero.csv", "rate_deg_s", NOISE)
     done = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "-o", str(tmp_path / "zero.html")])

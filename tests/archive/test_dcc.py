@@ -68,6 +68,7 @@ def dcc(monkeypatch: pytest.MonkeyPatch) -> Any:
     return module
 
 
+@pytest.mark.exhaustive
 def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) -> None:
     certificate: Any = dcc.DCC(str(written))
     assert certificate.is_loaded()

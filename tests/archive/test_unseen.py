@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs, to_builtins
+from simrack_tests.cells import few
 
 import vcfbench
 from experiments.unseen import KINDS, Tried
@@ -112,9 +113,11 @@ def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
     ("procedure", "settings"),
     [
         ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
-        ("g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}),
-        ("repeatability", {"power_cycles": 3, "samples": 3}),
-        ("threshold", {"at_most_s": 60.0, "samples": 3}),
+        pytest.param(
+            "g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}, marks=pytest.mark.exhaustive
+        ),
+        pytest.param("repeatability", {"power_cycles": 3, "samples": 3}, marks=pytest.mark.exhaustive),
+        pytest.param("threshold", {"at_most_s": 60.0, "samples": 3}, marks=pytest.mark.exhaustive),
         ("rate-limits", LIMITS),
         *(
             pytest.param(name, {}, marks=pytest.mark.exhaustive)
@@ -146,7 +149,7 @@ def test_steps_about_a_dead_band_are_compared_level_by_level(tmp_path: Path) -> 
         assert line["outcome"] == "refused" or line["off"] < 1.0 / 3.0, line
 
 
-@pytest.mark.parametrize("kind", ["step", "ramp", "V_Vc's gain"])
+@pytest.mark.parametrize("kind", few(["step", "ramp", "V_Vc's gain"], "ramp"))
 def test_what_moves_between_the_rates_of_a_search_is_refused(limits: Tried, kind: str) -> None:
     told, _ = limits.sizes(kind)
     assert 0.0 < told < 3e-3
@@ -219,7 +222,13 @@ def test_fault_in_records_is_a_step_in_each_or_another_gain() -> None:
             set(),
             {("change", GAIN), ("change", V_VC_GAIN)},
         ),
-        ("bandwidth", {}, {("change", GAIN), ("creep", GAIN)}, {("step", OFFSET)}),
+        pytest.param(
+            "bandwidth",
+            {},
+            {("change", GAIN), ("creep", GAIN)},
+            {("step", OFFSET)},
+            marks=pytest.mark.exhaustive,
+        ),
     ],
 )
 def test_records_of_sines_say_what_gains_that_change_between_them_do(

@@ -68,6 +68,7 @@ def test_run_outside_a_limit_fails_with_1_in_all_outputs(tmp_path: Path) -> None
     assert "\nFAIL\n" in text.stdout
 
 
+@pytest.mark.exhaustive
 def test_a_run_within_its_guard_band_is_marginal_with_1(tmp_path: Path) -> None:
     results = json.loads(run(tmp_path, "", "--json").stdout)["results"]
     [bias] = [each for each in results["uncertainty"]["values"] if each["name"] == "bias"]

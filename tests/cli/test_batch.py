@@ -89,6 +89,7 @@ def test_the_sheet_has_eighty_columns_on_a_terminal(folder: Path) -> None:
     assert max(map(len, done.stdout.splitlines())) <= 80
 
 
+@pytest.mark.exhaustive
 def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> None:
     batch(folder)
     first, second = summaries(folder)

@@ -72,6 +72,7 @@ def test_stop_from_the_page_ends_as_from_the_keyboard(tmp_path: Path) -> None:
     assert all(each["safe"] for each in footer["safe"])
 
 
+@pytest.mark.exhaustive
 def test_a_page_that_nobody_looks_at_changes_nothing(tmp_path: Path) -> None:
     quiet = ["vcfbench", "run", "turntable", "--bench", "ideal", "--json", "--quiet"]
     without, with_page = warm.run(quiet, tmp_path), warm.run([*quiet, "--page"], tmp_path)

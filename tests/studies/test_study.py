@@ -114,6 +114,7 @@ def test_the_table_is_a_data_frame(whole: Path) -> None:
     pandas.testing.assert_frame_equal(read.drop(columns="message"), table.drop(columns="message"), check_dtype=False)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("share", few([0.0, 0.02, 0.4, 0.75, 0.999], 0.4))
 def test_a_study_that_was_cut_anywhere_goes_on(whole: Path, tmp_path: Path, share: float) -> None:
     journal = (whole / "t.journal.jsonl").read_bytes()

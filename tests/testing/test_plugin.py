@@ -72,6 +72,7 @@ def test_a_project_that_does_not_use_it_does_not_notice(tmp_path: Path) -> None:
     assert outcomes(run(project(tmp_path, tests), "-q")) == "1 passed"
 
 
+@pytest.mark.exhaustive
 def test_fixtures_marks_and_ini_options(tmp_path: Path) -> None:
     tests = """
     import pytest

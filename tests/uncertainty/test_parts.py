@@ -144,6 +144,7 @@ def test_noise_of_the_values_goes_through_the_parabola() -> None:
 AT_RUN_C = np.array([10.0, 30.0, 50.0, 30.0])
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("by", few(["table", "v-vc"], "v-vc"))
 def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp_path: Path) -> None:
     bench = vcfbench.load_bench("lab")

@@ -245,6 +245,7 @@ def test_drift_in_paper_order_errs_as_in_theory(drifting: dict[str, Any]) -> Non
     assert abs(expected) > 1e-4
 
 
+@pytest.mark.exhaustive
 def test_abba_and_zeros_take_the_drift_away(drifting: dict[str, Any]) -> None:
     """What is left is the bend of the exponential, some thousandths, and how exactly waits are known."""
     paper = abs(off_ppm(drifting, "paper"))

@@ -11,6 +11,7 @@ LONG = (
     "temperature with the split",
     "four steps, by both signs",
     "four steps, by a curve",
+    "K_Vc, levels as they are set",
 )
 
 

@@ -65,6 +65,7 @@ def test_ripple_at_twice_the_carrier_is_4e_8_of_the_demodulated_signal() -> None
     assert mean == pytest.approx(steady_output_v(bench, FULL_SCALE_RAD_S), rel=1e-8)
 
 
+@pytest.mark.exhaustive
 def test_the_carrier_level_meets_an_independent_integrator_on_a_short_span() -> None:
     bench = paper_bench()
     model = CarrierModel(bench)

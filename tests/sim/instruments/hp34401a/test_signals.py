@@ -331,6 +331,7 @@ def test_ac_volts_of_noise_are_its_power_behind_the_path() -> None:
 TRUEVOLT = [pytest.param(model, marks=pytest.mark.exhaustive) for model in (Keysight34461ATwin, Keysight34465ATwin)]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("model", [Hp34401ATwin, *TRUEVOLT])
 def test_a_generator_and_a_meter_on_v_vc(model: type[Hp34401ATwin]) -> None:
     """The whole way: words of both, the World's pieces of 1/64 s, mains in the meter's leads."""
