@@ -19,6 +19,7 @@ from vcfbench.belief.agreement import SLOPES
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, groups, patterns, refused_from
 from vcfbench.belief.patterns import MOST_WINDOWS
 from vcfbench.belief.walk import Limits, Seen, Walk
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.instructions.procedure import Watched
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.step import Step, StepResult
@@ -229,10 +230,16 @@ class _Faults(Struct, frozen=True):
 def _moved(
     course: Course, values: Evaluated, before: Mapping[str, float], by_window: Floats, *, of_v_vc: bool
 ) -> Mapping[str, float]:
-    """Return the amount by which the values move from those `before` with each window moved by so much, V."""
+    """Return the amount by which the values move from those `before` with each window moved by so much, V.
+
+    None moves where the evaluation refuses such readings: the run would have stated nothing.
+    """
     taken = [at for at, place in enumerate(course.places) if place is not None]
     moved, none = by_window[taken], np.zeros(len(taken))
-    after = values(none, moved) if of_v_vc else values(moved, none)
+    try:
+        after = values(none, moved) if of_v_vc else values(moved, none)
+    except (ConfigError, MeasurementError):
+        return dict.fromkeys(before, 0.0)
     return {name: abs(after[name] - before[name]) for name in before}
 
 
