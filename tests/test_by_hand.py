@@ -297,6 +297,7 @@ def typed_at_a_terminal(bench: Path, silent: str = "^$") -> tuple[int, str, Pers
     return process.wait(10.0), said, person
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
 def test_a_person_types_a_calibration_at_the_terminal(bench: Path) -> None:
     code, said, person = typed_at_a_terminal(bench)

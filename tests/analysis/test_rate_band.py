@@ -141,6 +141,7 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
     assert band.plus_3_db_hz[0] == pytest.approx(14.24, abs=0.2)
 
 
+@pytest.mark.exhaustive
 def test_what_the_closed_form_lacks_widens_the_uncertainty() -> None:
     """Gains that drift by 1 % in the order of the frequencies."""
     rng = np.random.default_rng(2)

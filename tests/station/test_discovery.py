@@ -221,7 +221,11 @@ def test_the_stanza_names_what_the_driver_opens(found: DiscoveredInstrument, lin
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
 @pytest.mark.parametrize(
-    "wires", [("pty", "tcp", "pty", "tcp", "pty"), ("tcp", "vxi11", "tcp", "vxi11", "tcp")], ids=["pty", "tcp"]
+    "wires",
+    [
+        pytest.param(("pty", "tcp", "pty", "tcp", "pty"), id="pty", marks=pytest.mark.exhaustive),
+        pytest.param(("tcp", "vxi11", "tcp", "vxi11", "tcp"), id="tcp"),
+    ],
 )
 def test_what_discover_prints_is_pasted_and_runs(
     wires: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
