@@ -137,7 +137,8 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
         (split_hz, u_split_hz), (q, u_q) = band.split_hz, band.q
         z.append([(split_hz - 24.8) / u_split_hz, (q - 1224.0) / u_q])
     assert np.abs(np.mean(z, axis=0)).max() < 0.45
-    assert 0.75 < np.std(z, axis=0).min() < np.std(z, axis=0).max() < 1.25
+    # u grows with chi-square and never shrinks, by 7 % on the average of so few points
+    assert 0.75 / 1.07 < np.std(z, axis=0).min() < np.std(z, axis=0).max() < 1.25
     assert band.plus_3_db_hz[0] == pytest.approx(14.24, abs=0.2)
 
 
@@ -191,6 +192,13 @@ def test_noise_of_tones_follows_the_modes_beside_one_that_flicker_spoils() -> No
     ]
     found = _smooth_u(tones, np.insert(shape, 2, 1.0), known)
     assert found[f > 40.0] == pytest.approx(u[f > 40.0], rel=0.3)
+
+
+def test_filter_far_below_the_split_does_not_hide_it_from_the_guess() -> None:
+    """Of a bandwidth of 4 Hz and a split of 12 Hz, 1.7 Hz was guessed: the filter's corner."""
+    f = np.array([0.15, 0.5, 1.0, 2.2, 4.4, 7.7, 9.7, 12.1, 15.0, 18.4, 29.0])
+    seen = response(f, 12.0, 6000.0, 0.8, 0.0) / np.sqrt(1.0 + (f / 4.0) ** 8)
+    assert split_guess_hz(f, seen, (4.0, 4)) == pytest.approx(12.0, rel=0.1)
 
 
 def test_the_split_is_guessed_from_a_few_gains() -> None:

@@ -219,8 +219,13 @@ def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Float
     return values
 
 
-def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
+def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike, low_pass: tuple[float, int] | None = None) -> float:
     """Return about where the response peaks, from gains at a few frequencies far apart.
+
+    Args:
+        frequency_hz: of the sines.
+        gain: there, in any unit.
+        low_pass: corner, Hz, and order of the filter behind the demodulator, which is divided out; None: it is not.
 
     Raises:
         ConfigError: fewer than four gains, or one that is not positive.
@@ -228,6 +233,8 @@ def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike) -> float:
     f, level = np.asarray(frequency_hz, dtype=np.float64), np.asarray(gain, dtype=np.float64)
     if f.size < 4 or not (level > 0.0).all():
         raise ConfigError(f"the split cannot be guessed from {f.size} gains; four positive ones are needed")
+    if low_pass is not None:
+        level = level / _filter_gain(f, Known(0.0, low_pass_hz=low_pass[0], low_pass_order=low_pass[1]))
     tried = np.geomspace(max(float(f.min()), 1e-3), float(f.max()), 2000)
     ratio = f[None, :] / tried[:, None]
     shape = -0.5 * np.log((1.0 - ratio**2) ** 2 + (0.1 * ratio) ** 2)

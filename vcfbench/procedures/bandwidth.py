@@ -231,7 +231,11 @@ def sweep(settings: BandwidthSettings) -> Routine[tuple[Responses, float]]:
     yield steps.Note("The sine at frequencies far apart")
     found = yield from _respond(settings, settings.frequencies_hz)
     tones = tones_of(settings, found)
-    split_hz = rate_band.split_guess_hz([tone.frequency_hz for tone in tones], [tone.amplitude for tone in tones])
+    split_hz = rate_band.split_guess_hz(
+        [tone.frequency_hz for tone in tones],
+        [tone.amplitude for tone in tones],
+        (settings.low_pass_hz, settings.low_pass_order),
+    )
     yield steps.Note(f"The sine about the split, near {split_hz:.4g} Hz")
     found += yield from _respond(settings, [float(f"{split_hz * ratio:.4g}") for ratio in settings.around_split])
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
