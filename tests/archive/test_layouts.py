@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -114,6 +115,11 @@ def test_files_that_are_no_text_are_read_by_the_same_grammar(tmp_path: Path) -> 
         table = arrow.table({"t_s": times, "x_dps": rates})
         importlib.import_module("pyarrow.parquet").write_table(table, tmp_path / "log.parquet")
         written += ["log.xlsx", "log.parquet"]
+    if tdms := pytest.importorskip("nptdms"):
+        waveform = {"unit_string": "deg/s", "wf_increment": 0.01}
+        with tdms.TdmsWriter(tmp_path / "log.tdms") as file:
+            file.write_segment([tdms.ChannelObject("Log", "x", np.array(rates), waveform)])
+        written += ["log.tdms"]
     for name in written:
         found = analyze_record(tmp_path / name, layout=Layout(columns=names.get(name, ())))
         assert found.samples == 80, name
@@ -121,16 +127,36 @@ def test_files_that_are_no_text_are_read_by_the_same_grammar(tmp_path: Path) -> 
         assert found.interval_s == pytest.approx(0.01)
 
 
-LIBRARIES = {".xlsx": "openpyxl", ".parquet": "pyarrow"}
+LIBRARIES = {".xlsx": "openpyxl", ".parquet": "pyarrow", ".tdms": "nptdms"}
 
 
-@pytest.mark.parametrize("suffix", [".xlsx", ".npy", ".mat", ".parquet"])
+@pytest.mark.parametrize("suffix", [".xlsx", ".npy", ".mat", ".parquet", ".tdms"])
 def test_file_that_is_not_what_its_name_says_is_refused(tmp_path: Path, suffix: str) -> None:
     if suffix in LIBRARIES:
         pytest.importorskip(LIBRARIES[suffix], reason="pip install '.[dev]'")
     (tmp_path / f"log{suffix}").write_text("no such thing")
     with pytest.raises(ConfigError, match=r"log.*: expected a"):
         analyze_record(tmp_path / f"log{suffix}")
+
+
+TDMS_REFUSED: dict[str, tuple[list[tuple[str, str, int, float | None]], str]] = {
+    "two groups": ([("A", "x_dps", 9, None), ("B", "x_dps", 9, None)], "one group with channels, got A, B"),
+    "two lengths": ([("A", "x_dps", 9, None), ("A", "y_dps", 8, None)], "x_dps of 9 by None s, y_dps of 8"),
+    "two intervals": ([("A", "x_dps", 9, 0.01), ("A", "y_dps", 9, 0.1)], "by 0.01 s, y_dps of 9 by 0.1 s"),
+    "nothing": ([("A", "x_dps", 0, None)], "got none"),
+}
+
+
+@pytest.mark.parametrize("what", TDMS_REFUSED)
+def test_tdms_file_without_one_table_is_refused(tmp_path: Path, what: str) -> None:
+    tdms = pytest.importorskip("nptdms", reason="pip install '.[dev]'")
+    channels, expected = TDMS_REFUSED[what]
+    with tdms.TdmsWriter(tmp_path / "log.tdms") as file:
+        for group, name, length, interval_s in channels:
+            properties = {} if interval_s is None else {"wf_increment": interval_s}
+            file.write_segment([tdms.ChannelObject(group, name, np.ones(length), properties)])
+    with pytest.raises(ConfigError, match=re.escape(expected)):
+        analyze_record(tmp_path / "log.tdms")
 
 
 REFUSED: dict[str, tuple[str, str]] = {

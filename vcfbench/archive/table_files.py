@@ -17,7 +17,7 @@ from vcfbench.files import opened, shown
 
 @contextmanager
 def opened_table(path: Path | str) -> Iterator[IO[bytes]]:
-    """Open a table that a user named as text: CSV and the like as they are, .xlsx, .mat, .npy and .parquet as CSV.
+    """Open a table that a user named as text: CSV and the like as they are, the others of `_READERS` as CSV.
 
     Raises:
         ConfigError: it is no such file, or has several tables.
@@ -99,9 +99,40 @@ def _parquet(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     return _of_columns(plain)
 
 
+def _tdms(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    """Read the channels of LabVIEW's file, each with its ``unit_string``; a waveform's interval makes the times."""
+    tdms = need("nptdms", "export", f"{name}: a TDMS file")
+    try:
+        groups = [each for each in tdms.TdmsFile.read(raw).groups() if any(len(channel) for channel in each.channels())]
+        filled = [(each.name, [channel for channel in each.channels() if len(channel)]) for each in groups]
+        cells = [[each[:] for each in channels] for _, channels in filled]
+    except Exception as error:  # npTDMS's own, struct's, NumPy's
+        raise ConfigError(f"{name}: expected a TDMS file: {error}") from error
+    if len(filled) != 1:
+        came = ", ".join(group for group, _ in filled) or "none"
+        raise ConfigError(f"{name}: expected one group with channels, got {came}", hint="export the group as CSV")
+    (_, channels), (values,) = filled[0], cells
+    lengths = {each.name: len(each) for each in channels}
+    intervals = {each.properties.get("wf_increment") for each in channels}
+    if len(set(lengths.values())) != 1 or len(intervals) != 1:
+        came = ", ".join(f"{each.name} of {len(each)} by {each.properties.get('wf_increment')} s" for each in channels)
+        raise ConfigError(f"{name}: expected channels of one length and interval, got {came}")
+    columns = dict[str, Sequence[Any]]()
+    if (interval_s := intervals.pop()) is not None:
+        start_s = channels[0].properties.get("wf_start_offset", 0.0)
+        columns["t [s]"] = [start_s + place * interval_s for place in range(len(channels[0]))]
+    for channel, column in zip(channels, values, strict=True):
+        unit = channel.properties.get("unit_string")
+        array = np.asarray(column)
+        text = array.dtype.kind == "M"
+        columns[f"{channel.name} [{unit}]" if unit else channel.name] = (array.astype(str) if text else array).tolist()
+    return _of_columns(columns)
+
+
 _READERS: Final[dict[str, Callable[[IO[bytes], str], Iterator[Iterable[Any]]]]] = {
     ".xlsx": _xlsx,
     ".npy": _npy,
     ".mat": _mat,
     ".parquet": _parquet,
+    ".tdms": _tdms,
 }
