@@ -15,6 +15,7 @@ import msgspec
 from msgspec import NODEFAULT, Struct, inspect, structs
 
 import vcfbench.steps
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records import device_values, devices
 from vcfbench.station.description import BenchDescription
@@ -27,8 +28,9 @@ if TYPE_CHECKING:
 HEAD = """\
 # Formats
 
-Fields of [records](records.md) and of [devices](devices.md), keys of [table profiles](rate-tables.md), and the bounds
-of [bench files](bench-file.md), made from the program. The unit is at the end of a field's name.
+Fields of [records](records.md) and of [devices](devices.md), keys of [table profiles](rate-tables.md), the bounds of
+[bench files](bench-file.md), and the instruments of [procedures](procedures/index.md), made from the program. The unit
+is at the end of a field's name.
 """
 ENTRIES = (
     *(devices.Certificate, devices.KvcCurve, devices.CurveShare, device_values.Sensitivity, devices.SelfCalibration),
@@ -67,7 +69,25 @@ def formats_page() -> str:
         parts += [f"### {head}\n", "| key | default | content |", "|---|---|---|", *keys_of(kind), ""]
     parts += ["## Bounds of a bench file\n", "| key | least | most |", "|---|---:|---:|"]
     parts += [f"| `{key}` | {least:g} | {most:g} |" for key, (least, most) in bench_bounds().items()]
+    parts += [
+        "\n## Instruments of each procedure\n",
+        "| procedure | needs | one of (`by`) | uses if present |",
+        "|---|---|---|---|",
+    ]
+    parts += needs_rows()
     return "\n".join(parts) + "\n"
+
+
+def needs_rows() -> list[str]:
+    """Return the rows of a table of the roles that each procedure needs, and those that it uses."""
+    cells = {
+        name: (kind.needs, kind.either, [role for role in kind.uses if role not in kind.needs])
+        for name, kind in PROCEDURES.items()
+    }
+    return [
+        f"| `{name}` | {' | '.join(', '.join(f'`{role}`' for role in roles) for roles in each)} |"
+        for name, each in cells.items()
+    ]
 
 
 def ours(kind: type[Any]) -> bool:

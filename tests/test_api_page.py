@@ -11,6 +11,7 @@ from typer.main import get_command
 
 import vcfbench
 from vcfbench.cli.main import app
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.steps.step import Step, StepResult
 from vcfbench_tables import language
 
@@ -53,6 +54,8 @@ def test_page_of_formats_has_steps_fields_and_bounds() -> None:
     assert all(f"| `{name}` | " in page for name in kinds)
     assert all(set(made["said_of"](kind)) == set(kind.__struct_fields__) for kind in made["ENTRIES"])
     assert "| `uncertainty.table_rate_error` | 0 | 0.1 |" in page
+    assert "| `turntable` | `multimeter`, `rate_table` |  | `power`, `oscilloscope`, `rate_source` |" in page
+    assert all(f"\n| `{name}` | " in page for name in PROCEDURES)
 
 
 def test_page_of_formats_has_every_key_of_a_table_profile() -> None:

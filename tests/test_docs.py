@@ -31,7 +31,6 @@ from simrack_tests.ports import free_port
 from tests import warm
 from tests.conftest import HERE, SLOW
 from tests.test_examples import installed
-from vcfbench.procedures.catalogue import PROCEDURES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -207,23 +206,6 @@ def test_prose_is_wrapped_at_100_characters() -> None:
         prose = [line for line in text.splitlines() if not line.startswith(("|", "#", "<", "["))]
         long = [line for line in prose if len(line) > 100 and len(UNBROKEN.findall(line.lstrip("-* "))) > 1]
         assert long == [], document
-
-
-def _roles(name: str) -> tuple[set[str], ...]:
-    """Return the roles that a procedure needs, those of which it needs one, and those that it only uses."""
-    needs, either = set(PROCEDURES[name].needs), set(PROCEDURES[name].either)
-    return needs, either, set(PROCEDURES[name].uses) - needs
-
-
-def test_table_of_needs_is_that_of_the_procedures() -> None:
-    page = (ROOT / "docs" / "procedures" / "index.md").read_text(encoding="utf-8").partition("## What a bench must")[2]
-    rows = [
-        [re.findall(r"`([\w-]+)`", cell) for cell in row.split("|")[1:5]] for row in page.splitlines() if "| `" in row
-    ]
-    shown = {name: tuple(map(set, roles)) for names, *roles in rows for name in names}
-    real = {name: _roles(name) for name in PROCEDURES}
-    shown["characterize"] = real["characterize"]  # "all others"
-    assert shown == real
 
 
 def test_code_blocks_are_marked() -> None:
