@@ -24,7 +24,6 @@ from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription
 from vcfbench.studies.truth import turntable_truth
 
-VOLTS_PER_DEG_S = -0.0125
 FRAME = {"header": "A5 5A", "length": 12, "counter": {"at": 2, "type": "uint8"}, "checksum": {"name": "crc16-modbus"}}
 KINDS: dict[str, dict[str, Any]] = {
     "rate, LSB": {"unit": "LSB", "value": {"at": 6, "type": "int16"}},
@@ -37,8 +36,8 @@ AT_REST = {"duration_s": 200.0, "powered_s": 5400.0}
 ALONE = dict.fromkeys(("power", "rate_source", "multimeter", "oscilloscope"))
 
 
-def drawn_bench(kind: str, seed: int) -> tuple[BenchDescription, float]:
-    """Return a bench by its seed, and the number that a deg/s is in the unit of its output."""
+def drawn_bench(kind: str, seed: int) -> BenchDescription:
+    """Return a bench by its seed."""
     random = Random(seed)  # noqa: S311  # no secret
     per_deg_s = random.choice((65.5, 131.0)) if KINDS[kind]["unit"] == "LSB" else 1.0
     values = msgspec.to_builtins(structs.replace(vcfbench.load_bench(), name="drawn", **ALONE))
@@ -47,7 +46,7 @@ def drawn_bench(kind: str, seed: int) -> tuple[BenchDescription, float]:
     errors = {"clock_ppm": random.uniform(-200.0, 200.0), "latency_s": random.uniform(0.0, 0.02)}
     errors |= {"dropped": 0.01, "flipped": 0.01, "lsb_per_deg_s": per_deg_s}
     values["simulation"]["errors"]["multimeter"] = errors
-    return checked_bench({key: each for key, each in values.items() if each is not None}, "drawn"), per_deg_s
+    return checked_bench({key: each for key, each in values.items() if each is not None}, "drawn")
 
 
 def main(turntables: int, records: int) -> None:
@@ -57,7 +56,7 @@ def main(turntables: int, records: int) -> None:
         for kind in KINDS:
             inside, ratios = dict[str, int](), dict[str, list[float]]()
             for seed in range(count // len(KINDS)):
-                bench, per_deg_s = drawn_bench(kind, seed)
+                bench = drawn_bench(kind, seed)
                 settings = TURNTABLE if procedure == "turntable" else AT_REST
                 try:
                     run = vcfbench.run(procedure, bench, seed=seed, settings=settings, runs=None)
@@ -67,9 +66,9 @@ def main(turntables: int, records: int) -> None:
                 rails = run.header["settings"]["positive_rail_v"], run.header["settings"]["negative_rail_v"]
                 output = true_output(bench, rails_v=rails)
                 truth = turntable_truth(output, RATES_DEG_S)
-                truth = {key: per_deg_s * truth[key] / VOLTS_PER_DEG_S for key in ("scale_factor", "bias")}
+                truth = {key: truth[key] for key in ("scale_factor", "bias")}
                 if procedure == "zero":
-                    truth = {"output_v": per_deg_s * output(0.0, None) / VOLTS_PER_DEG_S}
+                    truth = {"output_v": output(0.0, None)}
                 for key, true in truth.items():
                     found = run.values[key]
                     ratio = ((found.value or 0.0) - true) / (found.u95 or math.nan)

@@ -24,6 +24,7 @@ from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
 from vcfbench.records.schema import Status
+from vcfbench.runs.batch import read_batch
 from vcfbench.runs.conduct import conduct
 from vcfbench.runs.needs import what_can_run
 from vcfbench.runs.request import Request, prepare
@@ -32,6 +33,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
 from vcfbench.station.writing import bench_text
+from vcfbench.studies.file import read_study
 from vcfbench.testing import serve_simulated
 from vcfbench.values.sources import TABLE_RATE
 
@@ -268,6 +270,17 @@ def test_serial_numbers_of_a_run_are_in_bench_order() -> None:
         vcfbench.dry_run("turntable", several(2), metadata={"dut": "A"})
     with pytest.raises(ConfigError, match="dut: expected one serial number"):
         vcfbench.dry_run("turntable", several(2).of_device("G-1"), metadata=metadata)
+
+
+def test_batch_and_study_refuse_a_bench_of_several_gyroscopes(tmp_path: Path) -> None:
+    (tmp_path / "lot.toml").write_text(bench_text(several(2)), "utf-8")
+    told = 'bench = "lot.toml"\n'
+    (tmp_path / "batch.toml").write_text(f'name = "b"\n{told}[[runs]]\nprocedure = "turntable"\n', "utf-8")
+    (tmp_path / "study.toml").write_text(f'title = "s"\nprocedure = "turntable"\n{told}[seeds]\ncount = 2\n', "utf-8")
+    with pytest.raises(ConfigError, match=r"batch\.toml: bench: .* has several"):
+        read_batch(tmp_path / "batch.toml")
+    with pytest.raises(ConfigError, match=r"study\.toml: bench: .* has several"):
+        read_study(tmp_path / "study.toml")
 
 
 def test_a_procedure_whose_plans_part_is_refused() -> None:

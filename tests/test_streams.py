@@ -25,6 +25,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.stream_profiles import stream_profiles
 from vcfbench.station.writing import bench_text
 from vcfbench.steps.stream import StreamSeen
+from vcfbench.studies.truth import truth_of
 from vcfbench.testing import serve_simulated
 from vcfbench.values.printing import in_unit
 
@@ -83,6 +84,23 @@ def test_a_stream_is_calibrated_in_its_own_unit(profile: str, tmp_path: Path) ->
     assert "frames, 0 missing" in text
     assert run.directory is not None
     assert verify_run(run.directory).wrong is None
+
+
+FIELD = {"at": 6, "type": "int32"}
+FRAME = {"header": "A5 5A", "length": 12, "sample_rate_hz": 100.0}
+NUMBERS: dict[str, dict[str, Any]] = {
+    "deg/s": {"unit": "deg/s", "value": {**FIELD, "scale": 1e-5}},
+    "rad/s": {"unit": "rad/s", "value": {**FIELD, "scale": 1e-7}},
+    "LSB": {"unit": "LSB", "value": FIELD},
+    "deg": {"unit": "deg", "kind": "increment", "value": {**FIELD, "scale": 1e-7}},
+}
+
+
+@pytest.mark.parametrize("unit", few(NUMBERS, "LSB"))
+def test_a_study_knows_the_truth_in_the_unit_of_the_stream(unit: str) -> None:
+    bench = stream_bench({**FRAME, **NUMBERS[unit]}, lsb_per_deg_s=5000.0)
+    run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=None)
+    assert run.values["scale_factor"].value == pytest.approx(truth_of(run, bench)["scale_factor"], rel=1e-4)
 
 
 @pytest.mark.exhaustive

@@ -29,6 +29,8 @@ _KEPT = 16_384
 """Bytes that the computer at the other end keeps when nobody reads."""
 _AHEAD_S = 0.05
 """How far ahead frames are foreseen: real time passes between two looks at the clock."""
+VOLTS_PER_DEG_S = -0.0125
+"""What a deg/s is on the analogue output, of which the numbers are made."""
 _IDLE_S = 0.1
 """Time after the last read from which nobody listens: frames are counted then and not made."""
 
@@ -91,7 +93,7 @@ class StreamTwin:
         *,
         errors: StreamErrors,
         stream: Mapping[str, Any],
-        volts_per_deg_s: float = -0.0125,
+        volts_per_deg_s: float = VOLTS_PER_DEG_S,
         noise_seed: int = 0,
         axes: Iterable[tuple[Leads, Mapping[str, Any]]] = (),
     ) -> None:

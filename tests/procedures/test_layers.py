@@ -113,9 +113,7 @@ def test_impossible_default_is_named_with_its_place() -> None:
     text = embedded_text("ideal").replace("max_rate_deg_s = 300", "max_rate_deg_s = 9")
     said = refusal(lambda: parse_bench(text, "lab.toml"))
     assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")
-    assert said.endswith(
-        "got 200.0, the default; put rates_deg_s into [procedure] of the bench file, with what it bears"
-    )
+    assert said.endswith("got 200.0, the default; set rates_deg_s in [procedure] of the bench file")
     lab = parse_bench(text.replace("[procedure.drive]", "[procedure]\nrates_deg_s = [5, 0, -5]\n[procedure.drive]"), "")
     assert settings_of(TURNTABLE, lab).rates_deg_s == (5.0, 0.0, -5.0)
     said = refusal(lambda: settings_of(VIRTUAL_CORIOLIS, lab, source="lab.toml"))

@@ -39,8 +39,8 @@ class Spread(Struct, frozen=True):
         ppm = 1e6 / abs(self.mean) if self.mean else math.nan
         mean = shorthand(self.factor * self.mean, abs(self.factor) * self.u_mean)
         said = [f"Scale factor of {self.devices} devices: mean {mean} {self.unit}."]
-        own = f"of it {ppm * self.u_own:.3g} ppm by the measurement of each"
-        said.append(f"Standard deviation {ppm * self.spread:.3g} ppm, {own}.")
+        own = f"their measurements alone would make it {ppm * self.u_own:.3g} ppm"
+        said.append(f"Standard deviation of the devices {ppm * self.spread:.3g} ppm; {own}.")
         if self.owners:
             common = f"u {ppm * self.u_common:.3g} ppm of each value and of the mean, none of their differences"
             said.append(f"Common to all: {', '.join(self.owners)}: {common}.")

@@ -1,6 +1,7 @@
 """``vcfbench bench``: the instruments that answer, and the contents of a bench file."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any
 
 import typer
@@ -158,17 +159,26 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
                 given = {key: value for key, value in station[name].items() if value not in (None, "none")}
                 said = ", ".join(f"{key} {_shown(value)}" for key, value in given.items())
                 typer.echo(f"{name}: {said or otherwise}")
-            able = [name for name, lacking in station["procedures"].items() if lacking is None]
-            bad = (
-                f"{', '.join(done.not_ready())} not ready"
-                if done.not_ready()
-                else "each needs other instruments beside these"
-            )
-            typer.echo(f"can run: {', '.join(able) or f'no procedure: {bad}'}")
-            for lacking in filter(None, station["procedures"].values() if able else ()):
-                typer.echo(f"cannot run: {lacking}")
+            not_ready = f"{', '.join(done.not_ready())} not ready" if done.not_ready() else ""
+            typer.echo(_abilities(station["procedures"], not_ready or "each needs other instruments beside these"))
 
     answer(show, done.failure())
+
+
+def _abilities(lacks: Mapping[str, str | None], none_because: str) -> str:
+    """Say which procedures can run, and what the others lack: those together that lack the same."""
+    able, others = [], defaultdict[str, list[str]](list)
+    for name, lack in lacks.items():
+        if lack is None:
+            able.append(name)
+        else:
+            others[lack.removeprefix(f"{name} ")].append(name)
+    if not able:
+        return f"can run: no procedure: {none_because}"
+    unable = (
+        f"cannot run: {', '.join(names)}{': each ' if len(names) > 1 else ' '}{lack}" for lack, names in others.items()
+    )
+    return "\n".join([f"can run: {', '.join(able)}", *unable])
 
 
 def _checked_row(each: CheckedInstrument) -> tuple[str, ...]:

@@ -170,7 +170,7 @@ def _settled(kind: type[S], layers: Sequence[Layer], station: Station) -> S:
     for invalid_value in unsaid:
         keys, came = keys_of(invalid_value.path), words(invalid_value.came)
         said = f"{named(layers, keys)}: expected {invalid_value.expected}, got {came}, the default"
-        raise ConfigError(said, hint=f"put {keys[0]} into [procedure] of the bench file, with what it bears")
+        raise ConfigError(said, hint=f"set {keys[0]} in [procedure] of the bench file")
     return chosen
 
 

@@ -217,7 +217,8 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
     `operator` is another one than it names, `store` another directory of the devices than the settings have.
 
     Raises:
-        ConfigError: it cannot be read, a key is unknown, a device or a procedure stands in it twice.
+        ConfigError: it cannot be read, a key is unknown, a device or a procedure stands in it twice, or its
+            bench has several devices.
         PlanError: there is no such procedure.
     """
     path, source = Path(file), shown(file)
@@ -225,6 +226,12 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
     bench = (
         said.bench if said.bench in EMBEDDED and not (path.parent / said.bench).is_file() else path.parent / said.bench
     )
+    description = described(bench)
+    if description.several:
+        raise ConfigError(
+            f"{source}: bench: expected a bench with one gyroscope, {bench} has several ([[device]])",
+            hint="a batch mounts one after another: `vcfbench run --dut A,B` measures them together",
+        )
     runs = []
     for number, each in enumerate(said.runs):
         named = path.parent / each.procedure if is_file(each.procedure) else each.procedure
@@ -233,7 +240,7 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
         runs.append(BatchRun(catalogue.procedure(named), layer))
     _require_once([each.procedure.name for each in runs], f"{source}: runs")
     _require_once(said.devices, f"{source}: devices")
-    return Batch(said.name, said.devices, bench, described(bench), operator or said.operator, tuple(runs), store)
+    return Batch(said.name, said.devices, bench, description, operator or said.operator, tuple(runs), store)
 
 
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:

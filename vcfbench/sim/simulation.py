@@ -83,14 +83,23 @@ def physical_parameters(description: BenchDescription) -> BenchParameters:
 def true_output(
     description: BenchDescription, *, at_input: bool = False, rails_v: tuple[float, float] | None = None
 ) -> Callable[[float, float | None], float]:
-    """Return the true output of the warm gyroscope, V, by rate (deg/s) and V_Vc (V); None with the generator off.
+    """Return the true output of the warm gyroscope by rate (deg/s) and V_Vc (V); None with the generator off.
 
-    V_Vc is the level of the open generator, or that `at_input`, where a second meter sees it. `rails_v` are the rails,
-    positive and negative; None means the nominal ones of the gyroscope.
+    It is in V, or in the unit of its stream of numbers: deg/s or LSB. V_Vc is the level of the open generator, or that
+    `at_input`, where a second meter sees it. `rails_v` are the rails, positive and negative; None means the nominal
+    ones of the gyroscope.
     """
     from simrack.instruments.agilent33220a.settings import SOURCE_OHM  # noqa: PLC0415
 
-    return warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
+    output_v = warm_output(physical_parameters(description), 0.0 if at_input else SOURCE_OHM, rails_v)
+    if description.stream is None:
+        return output_v
+    from simrack.stream import VOLTS_PER_DEG_S, StreamErrors  # noqa: PLC0415
+
+    asked = simulation_of(description).errors.multimeter
+    errors = overridden(StreamErrors.none(), asked if isinstance(asked, dict) else {})
+    per_deg_s = errors.lsb_per_deg_s if description.stream.unit == "LSB" else 1.0
+    return lambda rate_deg_s, v_vc_v: per_deg_s * output_v(rate_deg_s, v_vc_v) / VOLTS_PER_DEG_S
 
 
 def simulation_of(description: BenchDescription) -> Simulation:

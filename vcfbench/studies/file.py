@@ -177,7 +177,7 @@ def read_study(file: Path | str) -> Study:
     """Return the study that a TOML file describes; its values are checked by :meth:`Study.check`.
 
     Raises:
-        ConfigError: it cannot be read, a key is unknown, or its bench is not simulated.
+        ConfigError: it cannot be read, a key is unknown, or its bench is not simulated or has several gyroscopes.
         PlanError: there is no such procedure.
     """
     path, source = Path(file), shown(file)
@@ -220,6 +220,11 @@ def _study(said: _File, source: str, folder: Path) -> Study:
         seeds=range(said.seeds.first, said.seeds.first + said.seeds.count),
         metrics=said.metrics,
     )
+    if changed.get("device"):
+        raise ConfigError(
+            f"{source}: bench: expected a bench with one gyroscope, {bench} has several ([[device]])",
+            hint="a study runs one gyroscope with many seeds: leave out the tables [[device]]",
+        )
     if not isinstance(changed.get("simulation"), dict) or "served" in changed:
         raise ConfigError(
             f"{source}: bench: expected a bench that is simulated here, {bench} is not",
