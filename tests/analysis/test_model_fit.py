@@ -14,7 +14,7 @@ DESIGN = np.column_stack([np.ones(12), X])
 
 def test_a_straight_line_has_the_covariance_of_the_normal_equations() -> None:
     y = 3.0 - 0.2 * X + 0.1 * np.random.default_rng(1).standard_normal(12)
-    fit = fit_model(lambda p: (DESIGN @ p - y) / 0.1, np.array([1.0, 1.0]), "line")
+    fit = fit_model(lambda p: (p @ DESIGN.T - y) / 0.1, np.array([1.0, 1.0]), "line")
     expected, *_ = np.linalg.lstsq(DESIGN, y, rcond=None)
     covariance = 0.01 * np.linalg.inv(DESIGN.T @ DESIGN)
     assert fit.parameters == pytest.approx(expected, abs=1e-9)
@@ -29,7 +29,7 @@ def test_what_the_points_do_not_determine_is_refused() -> None:
     with pytest.raises(ConfigError, match="comb: 2 points do not determine 3"):
         fit_model(lambda p: p[:2], np.ones(3), "comb")
     with pytest.raises(ConfigError, match="comb: the points do not determine"):
-        fit_model(lambda p: DESIGN[:, 1] * (p[0] + p[1] - 1.0), np.array([1.0, 2.0]), "comb")
+        fit_model(lambda p: DESIGN[:, 1] * (p[..., :1] + p[..., 1:] - 1.0), np.array([1.0, 2.0]), "comb")
 
 
 def test_nearly_dependent_columns_do_not_alternate_for_ever() -> None:

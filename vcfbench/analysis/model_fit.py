@@ -31,7 +31,7 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
     """Minimise the sum of squares of `residuals`, each already divided by its standard uncertainty.
 
     Args:
-        residuals: from the parameters to the residuals.
+        residuals: from parameters, (parameters,) or (sets, parameters), to residuals, (points,) or (sets, points).
         start: first guess; its magnitudes are the scales of the parameters.
         what: the thing that is fitted, for messages.
 
@@ -70,7 +70,9 @@ def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats
     """
     found, left = start, scaled(start)
     for _ in range(_ROUNDS):
-        slopes = derivatives(scaled, found, 1e-6 * np.maximum(1.0, np.abs(found)))
+        moved = np.diag(1e-6 * np.maximum(1.0, np.abs(found)))
+        up, down = np.split(scaled(found + np.concatenate([moved, -moved])), 2)
+        slopes = np.ascontiguousarray((up - down).T / (2.0 * moved.diagonal()))
         step, _, _, sizes = np.linalg.lstsq(slopes, -left, rcond=None)
         if not sizes[-1] > _DETERMINED * sizes[0]:
             return None

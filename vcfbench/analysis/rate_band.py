@@ -245,19 +245,22 @@ def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike, low_pass: tuple[flo
 def split_response(frequency_hz: ArrayLike, drive_hz: float, parameters: Floats | Sequence[float]) -> Floats:
     """Return |H(f)| / |H(0)| for split (Hz), Q, force and pick-off of the in-phase mode over the other, its split, lag.
 
-    Both side bands of the carrier through both modes, demodulated with a phase of `lag` (rad) against the force.
+    Parameters (5,) or (sets, 5) give gains (frequencies,) or (sets, frequencies). Both side bands of the carrier
+    through both modes, demodulated with a phase of `lag` (rad) against the force.
     """
     f = np.atleast_1d(np.asarray(frequency_hz, dtype=np.float64))
-    passed, at_rest = (_transfer(at, drive_hz, parameters) for at in (f, np.zeros(1)))
-    return np.asarray(np.abs(passed) / np.abs(at_rest))
+    size = np.abs(_transfer(np.append(f, 0.0), drive_hz, parameters))
+    return np.asarray(size[..., :-1] / size[..., -1:])
 
 
 def _transfer(at: Floats, drive_hz: float, parameters: Floats | Sequence[float]) -> NDArray[np.complex128]:
-    split, q, share, in_phase_split, lag = parameters
-    total = np.zeros(at.shape, dtype=np.complex128)
+    split, q, share, in_phase_split, lag = np.asarray(parameters).T[..., None]
+    side = np.stack([drive_hz + at, at - drive_hz]).reshape(2, *(1,) * (lag.ndim - 1), -1)
+    turn = np.exp(1j * np.stack([-lag, lag]))
+    total: NDArray[np.complex128] = np.zeros(1, dtype=np.complex128)
     for part, own in ((1.0, drive_hz - split), (share, drive_hz - in_phase_split)):
-        for side, turn in ((drive_hz + at, -lag), (at - drive_hz, lag)):
-            total += part * np.exp(1j * turn) / (own**2 - side**2 + 1j * side * own / q)
+        upper, lower = part * turn / (own**2 - side**2 + 1j * side * own / q)
+        total = total + upper + lower
     return total
 
 
@@ -360,13 +363,13 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
 
 
 def _shape(parameters: Floats) -> Floats:
-    return np.asarray(np.concatenate([parameters[:2], parameters[3:]]))
+    return parameters[..., [0, 1, 3, 4, 5]]
 
 
 def _residuals(parameters: Floats, f: Floats, gain: Floats, u: Floats, known: Known) -> Floats:
-    model = parameters[2] * split_response(f, known.drive_hz, _shape(parameters))
-    place = (parameters[4] - known.in_phase_split_hz) / known.u_in_phase_split_hz
-    return np.asarray(np.concatenate([(model - gain) / u, [place, parameters[5] / known.u_phase_rad]]))
+    model = parameters[..., 2:3] * split_response(f, known.drive_hz, _shape(parameters))
+    place = (parameters[..., 4:5] - known.in_phase_split_hz) / known.u_in_phase_split_hz
+    return np.concatenate([(model - gain) / u, place, parameters[..., 5:6] / known.u_phase_rad], axis=-1)
 
 
 def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats:
