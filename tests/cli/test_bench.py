@@ -134,7 +134,7 @@ def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) 
     assert "OVERDUE since 2020-01-01" in done.stdout
     assert "limits: none\nacceptance: bias_v -0.1 to 0.1\ncan run: zero, " in done.stdout
     assert "cannot run: vibration needs rate_source and vibration_source, which bench small has not\n" in done.stdout
-    assert "cannot run: warmup, repeatability: each needs power, which bench small has not\n" in done.stdout
+    assert "cannot run: warmup, power, repeatability: each needs power, which bench small has not\n" in done.stdout
     answer = json.loads(vcfbench("bench", "check", "--json").stdout)
     assert answer["limits"]["max_rate_deg_s"] == 300
     assert answer["procedures"]["turntable"] is None
