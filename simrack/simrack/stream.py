@@ -17,7 +17,7 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
-from msgspec.structs import fields, replace
+from msgspec.structs import replace
 
 from simrack.adjustment import Adjustment, number
 from simrack.leads import Leads
@@ -149,8 +149,7 @@ class StreamTwin:
 
     def adjustments(self) -> Iterable[Adjustment]:
         """Return the adjustments of a served stream: its imperfections."""
-        for each in fields(StreamErrors):
-            name = each.name
+        for name in StreamErrors.__struct_fields__:
             yield Adjustment(
                 *(f"stream.{name}", "", name.replace("_", " "), partial(getattr, self._errors, name)),
                 partial(self._adjust, name),

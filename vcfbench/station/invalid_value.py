@@ -29,7 +29,7 @@ def lost_digits(value: object, path: str) -> Iterator[InvalidValue]:
     """
     if isinstance(value, Struct):
         for name, below in structs.asdict(value).items():
-            if "_u_" not in f"_{name}":
+            if isinstance(below, Struct | tuple | float) and "_u_" not in f"_{name}":
                 yield from lost_digits(below, f"{path}.{name}" if path else name)
     elif isinstance(value, tuple):
         for index, below in enumerate(value):

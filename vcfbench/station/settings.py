@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from enum import Enum
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from msgspec import Meta, Struct, field, structs
+from msgspec import UNSET, Meta, Struct, field, structs
 
 from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
@@ -413,7 +413,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield the contradictions that ranges cannot tell: between values, or with the limits of the station."""
-        yield from lost_digits(structs.replace(self, station=Station()), "")
+        yield from lost_digits(structs.replace(self, station=UNSET), "")
         yield from turned_windows(self.drive, "drive")
         if len(set(self.rates_deg_s)) < 3:
             yield InvalidValue("rates_deg_s", "at least three different rates", list(self.rates_deg_s))

@@ -6,7 +6,7 @@ the power come. What the bench cannot do is left out, and it is said why.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
 from typing import Annotated, Any, Self, cast
 
@@ -220,6 +220,10 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     def lacking(self, name: str) -> str:
         """Name the bench's lack for the part `name`; empty where it has all."""
+        return self._absent(name) or next(self._not_borne(name, self.of(name).contradictions()), "")
+
+    def _absent(self, name: str) -> str:
+        """Name the instruments that the part `name` lacks, and their lacking abilities."""
         procedure = PROCEDURES[name]
         roles = [*procedure.needs, *(_BY_NAME[name].roles if name in _BY_NAME else ())]
         there = set(self.station.instruments) - {"rate_table"}
@@ -234,11 +238,13 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
                 continue
             if absent := interfaces.lacking(getattr(driver, "driver_class", driver), capability):
                 return f"the {role} ({placed.model}) has no {', '.join(absent)}"
-        for invalid_value in self.of(name).contradictions():
-            if keys_of(invalid_value.path)[0] not in self.given(name):
-                # nobody said it: this place does not bear the part
-                return f"{invalid_value.path}: expected {invalid_value.expected}, got {invalid_value.came}"
         return ""
+
+    def _not_borne(self, name: str, found: Iterable[InvalidValue]) -> Iterator[str]:
+        """Yield what this place does not bear of the part `name`: nobody said it."""
+        for each in found:
+            if keys_of(each.path)[0] not in self.given(name):
+                yield f"{each.path}: expected {each.expected}, got {each.came}"
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
@@ -253,10 +259,10 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
         if len(set(self.parts)) < len(self.parts):
             yield InvalidValue("parts", "each procedure once", list(self.parts))
         for name in self.parts:
-            if self.lacking(name):
-                continue
-            for invalid_value in self.of(name).contradictions():
-                yield InvalidValue(f"{name}.{invalid_value.path}", invalid_value.expected, invalid_value.came)
+            found = () if self._absent(name) else tuple(self.of(name).contradictions())
+            if not any(self._not_borne(name, found)):
+                for each in found:
+                    yield InvalidValue(f"{name}.{each.path}", each.expected, each.came)
 
 
 def _written(settings: ProcedureSettings) -> dict[str, Any]:
