@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from simrack_tests.cells import few
 
 import vcfbench
 from tests.test_resume import cut
+from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.bench import open_bench
 from vcfbench.errors import BenchError, ConfigError
@@ -87,13 +89,30 @@ def test_a_stream_is_calibrated_in_its_own_unit(profile: str, tmp_path: Path) ->
 
 
 FIELD = {"at": 6, "type": "int32"}
-FRAME = {"header": "A5 5A", "length": 12, "sample_rate_hz": 100.0}
+FRAME = {"header": "A5 5A", "length": 12, "sample_rate_hz": 100.0, "counter": {"at": 2, "type": "uint8"}}
 NUMBERS: dict[str, dict[str, Any]] = {
     "deg/s": {"unit": "deg/s", "value": {**FIELD, "scale": 1e-5}},
     "rad/s": {"unit": "rad/s", "value": {**FIELD, "scale": 1e-7}},
     "LSB": {"unit": "LSB", "value": FIELD},
     "deg": {"unit": "deg", "kind": "increment", "value": {**FIELD, "scale": 1e-7}},
 }
+
+
+ABSENT = re.compile(r"multimeter|generator|(?<!without )V_Vc|oscilloscope|rail|volts?\b")
+ALL_OF_A_STREAM: dict[str, dict[str, Any]] = {
+    "turntable": QUICK,
+    "zero": {"duration_s": 200.0, "powered_s": 10.0},
+    "temperature": {"by": "table", "temperatures_c": [0.0, 20.0, 40.0], "soak_s": 60.0},
+    "axes": {},
+}
+
+
+@pytest.mark.parametrize("procedure", few(ALL_OF_A_STREAM, "turntable"))
+def test_the_report_of_a_stream_names_no_instrument_that_is_not_there(procedure: str, tmp_path: Path) -> None:
+    run = vcfbench.run(procedure, stream_bench("vn100"), settings=ALL_OF_A_STREAM[procedure], runs=tmp_path)
+    text = vcfbench.text_of(full_report(run))
+    found = [line for line in text.splitlines() if ABSENT.search(line) and not line.startswith("not checked: ")]
+    assert found == []
 
 
 @pytest.mark.parametrize("unit", few(NUMBERS, "LSB"))

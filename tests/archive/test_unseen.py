@@ -25,6 +25,7 @@ from vcfbench.cli.conduct import RunOptions, _show
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Heading, Text
+from vcfbench.reports.text import text_of
 from vcfbench.station.file import embedded_text
 from vcfbench.steps import Done, ModulatedRecord, SineResponse
 from vcfbench.testing.gyroscopes import drawn_bench
@@ -321,3 +322,10 @@ def test_of_very_many_windows_the_answer_says_where_it_stands(
         capsys.readouterr().out
         == f"\nnot seen: vcfbench report has it, of {len(turntable.run.points)} windows it takes minutes\n"
     )
+
+
+@pytest.mark.parametrize("procedure", few(["zero", "kvc", "power", "bandwidth", "electrical"], "zero"))
+def test_report_of_a_run_without_a_record_says_what_it_cannot_list(procedure: str) -> None:
+    settings = {"duration_s": 200.0} if procedure == "zero" else {}
+    report = full_report(vcfbench.run(procedure, settings=settings, runs=None))
+    assert "worked out from its record, and it has none" in text_of(report)

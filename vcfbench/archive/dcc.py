@@ -227,7 +227,7 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[Value]) -> None:
 
 def _equipment(parent: ET.Element, each: Equipment) -> None:
     parent.set("refType", "basic_measurementStandard")
-    _say(parent, "name", each.role.replace("_", " "))
+    _say(parent, "name", each.title)
     dates = (("calibrated", each.calibrated), ("calibration due", each.calibration_due))
     said = [f"{name}: {value}" for name, value in (*dates, ("certificate", each.certificate)) if value is not None]
     if each.overdue:

@@ -26,7 +26,7 @@ from vcfbench.values.value import Value as Stated
 from vcfbench.values.verdict import RULES
 
 BLANK: Final = "_" * 24  # Stands for what was not told
-_MEASURING: Final = ("multimeter", "v_vc_meter", "rate_table")  # Results are traced by them: blanks if nothing is told
+_MEASURING: Final = ("multimeter", "v vc meter", "rate table")  # Results are traced by them: blanks if nothing is told
 MOST: Final = 12  # So many results stand on the first page; the others follow
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
 
@@ -81,10 +81,9 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
     days = days_of(run)
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
     traced = [
-        f"{each.model} ({each.role.replace('_', ' ')}) {each.certificate or BLANK}"
-        f"{f', {each.calibrated}' if each.calibrated else ''}"
+        f"{each.model} ({each.title}) {each.certificate or BLANK}{f', {each.calibrated}' if each.calibrated else ''}"
         for each in run.equipment
-        if each.role in _MEASURING or each.certificate or each.calibrated
+        if each.title in _MEASURING or each.certificate or each.calibrated
     ]
     return [
         ("laboratory", said("laboratory", "laboratory_address", "laboratory_code")),
@@ -191,7 +190,8 @@ def _limits_of_meters(station: Mapping[str, Any]) -> Iterator[str]:
     """Yield for each voltmeter the distribution of the limits of its data sheet."""
     sources, meters = station.get("sources", {}), station.get("meters", {})
     for role, key in (("multimeter", "meter"), ("v_vc_meter", "v_vc")):
-        if role not in station.get("instruments", {}) or sources.get(f"{key}_gain") is None:
+        is_stream = role == "multimeter" and (station.get("gyro") or {}).get("stream")
+        if is_stream or role not in station.get("instruments", {}) or sources.get(f"{key}_gain") is None:
             continue
         sigmas, name = sources.get(f"{key}_sigmas"), role.replace("_", " ")
         counted = (

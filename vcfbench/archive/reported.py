@@ -58,7 +58,7 @@ def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "
             *(Heading("Conditions", 2), _conditions(run, header)),
             *_equipment(run.equipment),
             *(Heading("Results", 2), *_results(run, [part for part in found if part is not first], first)),
-            *([Heading("Not seen", 2), *unseen_parts(run, left_unseen)] if left_unseen else []),
+            *([Heading("Not seen", 2), *not_seen] if (not_seen := unseen_parts(run, left_unseen)) else []),
             *([Heading("Remarks", 2), *remarks] if remarks else []),
             *_settings(header),
             *(Heading("Record", 2), *_record(run)),
@@ -130,7 +130,7 @@ def _equipment(equipment: Sequence[Equipment]) -> Iterator[Part]:
         numbers = ", ".join(filter(None, (each.serial_number, each.inventory_number))) or None
         calibrated = None if each.calibrated is None else str(each.calibrated)
         due = f"{due} OVERDUE" if each.overdue else due
-        rows.append((each.role.replace("_", " "), model, numbers, calibrated, due, each.certificate))
+        rows.append((each.title, model, numbers, calibrated, due, each.certificate))
     yield Heading("Equipment", 2)
     yield Table(texts("role", "instrument", "serial number", "calibrated", "due", "certificate"), rows)
 
@@ -216,7 +216,7 @@ def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
     yield facts(_known(rows))
     if run.equipment:
         columns = texts("role", "resource", "firmware", verbatim=True)
-        answered = [(e.role, e.resource, None if e.identity is None else e.identity.firmware) for e in run.equipment]
+        answered = [(e.title, e.resource, None if e.identity is None else e.identity.firmware) for e in run.equipment]
         yield Table(columns, answered, "Where the instruments answered")
 
 

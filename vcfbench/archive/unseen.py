@@ -30,7 +30,7 @@ from vcfbench.values.value import Value
 
 K_VC: Final = "of K_Vc"  # Unit of a fault: the share by which K_Vc is another
 V_VC_SET: Final = "of V_Vc as it was set"  # The same of what arrives
-_WORDS: Final[Mapping[tuple[str, str], str]] = {
+_WORDS: Final[dict[tuple[str, str], str]] = {
     ("step", OFFSET): "a step of the output",
     ("pulse", OFFSET): "a shift of the output for a while",
     ("ramp", OFFSET): "a ramp of the output to the end",
@@ -45,6 +45,11 @@ _WORDS: Final[Mapping[tuple[str, str], str]] = {
     ("change", V_VC_SET): "V_Vc that arrives otherwise than it was set, as at a terminator of 50 ohm",
     ("pulse", V_VC_GAIN): "another gain of the meter on V_Vc for one record",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
+}
+_OF_STREAM: Final[dict[tuple[str, str], str]] = {  # No instrument reads the output
+    ("change", GAIN): "a change of the gyroscope's own gain",
+    ("pulse", GAIN): "another gain of the gyroscope for one record",
+    ("creep", GAIN): "a creeping gain of the gyroscope",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
 _LATE: Final = 0.85  # Of a run: where a change of a gain begins that shows little
@@ -84,11 +89,12 @@ class Refusable(Struct, frozen=True, eq=False):
 def refusable(run: Run) -> Refusable | None:
     """Return a function that evaluates `run` again; None if nothing can be computed again.
 
-    One of several procedures (`characterize`) would be evaluated for minutes.
+    A run without a record has lost its readings; one of several procedures (`characterize`) would be evaluated for
+    minutes.
     """
     stated = {name: u95 for name, value in run.values.items() if (u95 := _half_width(value))}
     known = run.procedure in PROCEDURES and run.no_results is None
-    if not known or not stated or run.measured.parted(BeginPart):
+    if not known or not stated or run.directory is None or run.measured.parted(BeginPart):
         return None
     procedure = PROCEDURES[run.procedure]
     try:
@@ -222,12 +228,12 @@ def _half_width(value: Value) -> float | None:
 def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, str]]:
     """Yield for each fault its kind, the size up to which it is not refused, and its effect on each value."""
     volts = unit_of_record(run.header)
-    offset = (1e3, "mV") if volts == "V" else (1.0, volts)
+    offset, known = ((1e3, "mV"), _WORDS) if volts == "V" else ((1.0, volts), _WORDS | _OF_STREAM)
     for each in found:
         factor, unit = offset if each.unit in OFFSETS else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
         size, of = ("any size", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
-        yield _WORDS[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
+        yield known[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
 
 
 def unseen_in_short(run: Run, found: Sequence[Unseen]) -> str:
@@ -244,5 +250,9 @@ def _effect(value: Value, effect: float) -> str:
 
 def unseen_parts(run: Run, found: Sequence[Unseen]) -> tuple[Part, ...]:
     """Return the table of the faults that the run cannot have seen, and its explanation."""
+    if run.directory is None and run.values:
+        return (Text("The faults that the run cannot have seen are worked out from its record, and it has none."),)
+    if not found:
+        return ()
     rows = list(unseen_words(run, found))
     return Table(texts("not refused", "size", "may have moved, by as much as"), rows), Text(_EXPLAINED)

@@ -155,8 +155,8 @@ def turntable_report(_settings: object, points: Sequence[Point], results: Turnta
 TURNTABLE = Procedure(
     name="turntable",
     method=(
-        "The rate table turns the gyroscope at each rate in turn, the generator off. At each rate the table's "
-        "read-back is checked and the output is the mean of repeated readings of the multimeter. A least-squares line "
+        "The rate table turns the gyroscope at each rate in turn, without V_Vc. At each rate the table's "
+        "read-back is checked and the output is the mean of repeated readings. A least-squares line "
         "through the means gives scale factor (slope) and bias (value at rest); what it leaves over gives the "
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),

@@ -105,6 +105,11 @@ class Equipment(Struct, frozen=True, kw_only=True):
     certificate: str | None = None
     overdue: bool = False
 
+    @property
+    def title(self) -> str:
+        """Role of the instrument as it is printed; an output that is a stream of numbers is read by none."""
+        return "stream" if self.model == "stream" else self.role.replace("_", " ")
+
     def as_json(self) -> dict[str, Any]:
         """Return all of it but `identity`, which records hold by role; dates as texts, ``2027-01-15``."""
         values = {name: value for name, value in asdict(self).items() if name != "identity"}

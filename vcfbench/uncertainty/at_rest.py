@@ -92,7 +92,7 @@ def parts_at_rest(
 
     The `scale_factor` is in V/(deg/s); the output was averaged for `lasted_s`.
     """
-    if "multimeter" in settings.station.instruments:
+    if "multimeter" in settings.station.instruments and settings.station.stream is None:
         meter = meter_error(settings, "multimeter")
         yield UncertaintyPart(METER_GAIN, abs(output_v) * meter.u_gain, None, meter.owner)
         yield UncertaintyPart(METER_OFFSET, meter.u_offset_v, None, meter.owner)

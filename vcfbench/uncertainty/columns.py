@@ -192,7 +192,7 @@ def residuals_figure(lines: Sequence[tuple[str, Sequence[Point], CalibrationColu
         ppm = 1e6 / (abs(column.scale_factor.value) * (max(rates) - min(rates)))
         u_ppm = None if (u_v := _u_outputs(points, column)) is None else [ppm * each for each in u_v]
         series.append(Series(name, rates, [ppm * each for each in column.residuals_v], u_ppm))
-    beside = "U is of the outputs read; errors of the rates and of V_Vc are not in it."
+    beside = "U is of the outputs read; errors of the rates are not in it."
     return Figure(
         "Residuals of the least-squares line", RATE, Axis("residual of the span", "ppm"), series, caption=beside
     )

@@ -29,10 +29,10 @@ _MEASURED = 1
 NOT_HELD = (
     "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
     "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and what is the same at all of them, which "
-    "the coefficients do not see: gain and offset of the multimeter and, of a scale factor, rate and angle of the "
-    "table or the gain of the generator. They do not hold: the scale factor that turns volts into deg/s, what the soak "
-    "left, a sensor whose error changes with temperature, the gyroscope's own heat (it is warmer than the air, by as "
-    "much at all temperatures), lack of fit, and what drift other than flicker does to the bias."
+    "the coefficients do not see: gain and offset of the reading and, of a scale factor, {}. They do not hold: the "
+    "scale factor that turns the output into deg/s, what the soak left, a sensor whose error changes with "
+    "temperature, the gyroscope's own heat (it is warmer than the air, by as much at all temperatures), lack of fit, "
+    "and what drift other than flicker does to the bias."
 )
 BY_V_VC = (
     "The scale factor is that to V_Vc (V/V). K_Vc goes with 1 / drive frequency, so that to the rate has the "
@@ -302,7 +302,9 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
         if factor is None or bias is None
         else f"what the parabolas leave: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
     )
-    said = [left, BY_V_VC if results.by == "v-vc" else "", NOT_HELD]
+    by_v_vc = results.by == "v-vc"
+    source = "the gain of the generator" if by_v_vc else "rate and angle of the table"
+    said = [left, BY_V_VC if by_v_vc else "", NOT_HELD.format(source)]
     if results.split is None:
         said.insert(0, "mode split: not measured (--set split=true)")
     if settings.chamber is None:

@@ -76,7 +76,7 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
 ZERO = Procedure(
     name="zero",
     method=(
-        "After the wait under power the output is recorded at rest, the generator off and the table, where there is "
+        "After the wait under power the output is recorded at rest, without V_Vc and the table, where there is "
         "one, held under servo. Overlapping Allan deviations with 95 % confidence intervals give the noise "
         "coefficients by a weighted fit; means and slope give bias stability and trend."
     ),

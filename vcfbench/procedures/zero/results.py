@@ -373,10 +373,11 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
 
 
 _WHAT_U_HOLDS = """\
-The mean is stated for the mean over horizon_h around the record; it holds the Earth's rate along the axis. Its u holds
-the noise of this record with all correlations, flicker over the horizon, multimeter, temperature, warm-up and phases as
-far as the bench file knows them, and as a rate the scale factor's. The trend is that of this record. Not in any u:
-turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the supply, changes after the run."""
+The mean is stated for the mean over horizon_h around the record; it holds the Earth's rate along the axis. Its u
+holds the noise of this record with all correlations, flicker over the horizon, errors of the meter, temperature,
+warm-up and phases as far as the bench file knows them, and as a rate the scale factor's. The trend is that of this
+record. Not in any u: turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the supply, changes
+after the run."""
 
 
 def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
