@@ -194,7 +194,7 @@ def test_a_fault_is_told_or_refused_and_never_a_wrong_number(
     ("errors", "said"),
     [
         ({"silent": 1.0}, "silent"),
-        ({"stuck": 1.0}, "is stuck, or quiet"),
+        ({"stuck": 1.0}, "it is stuck; if"),
         ({"frozen": 1.0}, "stands still"),
         ({"saturated": 1.0}, "saturated"),
         ({"status": 1.0}, "status"),

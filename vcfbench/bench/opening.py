@@ -46,10 +46,12 @@ def open_role(
     model, resource, like = settings.pop("model"), settings.pop("resource"), settings.pop("like", None)
     if role == "rate_table" and stand.rate_table != resource:  # its wire is elsewhere, messages name the bench file's
         settings["port"] = stand.rate_table
+    name = role
     if role == "multimeter" and description.stream:
+        name = "stream"  # for messages: no meter reads it
         settings = {"stream": description.stream, "port": stand.streams.get(resource)} | more
     instrument = open_instrument(
-        role, model, resource, library=stand.visa_library, clock=stand.clock, settings=settings, like=like
+        name, model, resource, library=stand.visa_library, clock=stand.clock, settings=settings, like=like
     )
     try:
         return instrument, instrument.identify()

@@ -262,7 +262,7 @@ class StreamReader:
     def _require_well(self, taken: list[Sample]) -> None:
         """Raise MeasurementError where frames say something that is no output."""
         ill = next((each.status for each in taken if each.status is not None), None)
-        self._require(ill is None, f"the status of the device is {ill or 0:#x}, that is not well")
+        self._require(ill is None, f"the device reports a fault: its status is {ill or 0:#x}")
         at_end = sum(each.saturated for each in taken)
         self._require(not at_end, f"the output is saturated in {at_end} of {len(taken)} frames")
         for each in taken:  # of a slow stream over several readings
@@ -270,7 +270,8 @@ class StreamReader:
             self._value = each.value
         self._require(
             self._alike < max(_ALIKE, len(taken)) or self.stream.quiet,
-            f"{self._alike} frames say {self._value:g} {self.stream.unit}: it is stuck, or quiet = true is to be said",
+            f"{self._alike} frames in a row say {self._value:g} {self.stream.unit}: it is stuck; if it is as quiet as "
+            "that, set quiet = true in [gyro.stream]",
         )
 
     def _mean(self, taken: list[Sample], steps: int) -> float:
@@ -291,7 +292,7 @@ class StreamReader:
         allowed_s = 2.0 * _LATE_S + (0.0 if counter else _MOST_LOST * due_s) + 1e-6 * self.stream.clock_ppm * due_s
         self._require(
             abs(lasted_s - due_s) <= allowed_s + 1.0 / rate_hz,
-            f"{steps} frames took {lasted_s:.3f} s, {due_s:.3f} s at sample_rate_hz = {rate_hz:g}",
+            f"{steps} frames came in {lasted_s:.3f} s; at sample_rate_hz = {rate_hz:g} they take {due_s:.3f} s",
         )
         if counter is None or taken[-1].counter is None or taken[0].counter is None:
             return
