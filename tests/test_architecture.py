@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import re
 import subprocess
 import sys
@@ -72,7 +73,12 @@ HEAVY = {"numpy", "scipy", "pyvisa", "pyvisa_py", "serial", "rich", "numba", "st
 @cache
 def modules() -> dict[str, ast.Module]:
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
-    return {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    gc.disable()  # it would look again and again at a million nodes that stay
+    try:
+        return {module_name(path): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 @cache

@@ -367,6 +367,7 @@ def find_language(name: str) -> TableLanguage | None:
     return _find(name, TableLanguage)
 
 
+@cache
 def profile_reader() -> Any:
     """Return the module of the package that brings table languages told in TOML: `load_profile` and `spoken`.
 
