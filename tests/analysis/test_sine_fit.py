@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vcfbench.analysis.sine_fit import fit_sine, phase_difference
+from vcfbench.analysis.sine_fit import fit_sine, phase_difference, u_of_frequency
 from vcfbench.errors import BenchError, ConfigError
 
 RATE = 50_000.0
@@ -72,6 +72,20 @@ def test_phase_between_channels_to_a_twentieth_of_a_degree() -> None:
 def test_what_is_no_sine_is_refused(samples: np.ndarray, message: str) -> None:
     with pytest.raises(BenchError, match=message):
         fit_sine(samples, 1e-3)
+
+
+@pytest.mark.parametrize(("noise", "points"), [(0.003, 1000), (0.03, 300)])
+def test_a_fitted_frequency_scatters_by_its_u(noise: float, points: int) -> None:
+    t, random = 5e-3 / points * np.arange(points), np.random.default_rng(1)
+    off = []
+    for _ in range(40):
+        taken = 2.0 * np.cos(2.0 * math.pi * 3488.9 * t + random.uniform(0.0, 6.0)) + noise * random.standard_normal(
+            points
+        )
+        found = fit_sine(taken, t[1])
+        off.append((found.frequency_hz - 3488.9) / u_of_frequency(taken, t[1], found))
+    assert np.std(off) == pytest.approx(1.0, abs=0.35)
+    assert abs(np.mean(off)) < 0.5
 
 
 def test_channels_of_different_length_are_refused() -> None:

@@ -13,11 +13,13 @@ from msgspec import structs
 import vcfbench
 from vcfbench.analysis.allan import Sampling
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, u_of_combination
+from vcfbench.devices.drive import characteristics_of
 from vcfbench.errors import ConfigError
 from vcfbench.instructions import kept
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.kvc import KVcSettings
-from vcfbench.records.device_values import Conditions, Measured
-from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, StaticNoise
+from vcfbench.records.device_values import Characteristics, Conditions, Measured
+from vcfbench.records.devices import Certificate, Characterisation, DeviceStore, KvcCurve, StaticNoise
 from vcfbench.station.settings import Sources
 from vcfbench.uncertainty.at_rest import about_horizon, flicker_counted
 from vcfbench.uncertainty.windows import Flicker
@@ -65,6 +67,15 @@ def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(known: Call
     assert told.assumed == {"warm_up_k": "1"}
     other = known("G-2", DAY)
     assert (other.bias_instability_deg_h, list(other.assumed)) == (5.6, ["bias_instability_deg_h", "warm_up_k"])
+
+
+@pytest.mark.parametrize("name", ["turntable", "virtual-coriolis", "kvc", "zero", "rate-limits", "threshold", "phase"])
+def test_what_is_known_of_the_drive_is_recalled_by_every_run_of_the_device(name: str, store: DeviceStore) -> None:
+    seen = Characteristics(drive_ppm_k=Measured(value=-29.5, u=0.2))
+    kept_of = {"done": DAY, "procedure": "temperature", "conditions": FOUND.conditions}
+    store.add(Characterisation(serial="G-1", characteristics=seen, **kept_of))
+    settings = PROCEDURES[name].settings(dut="G-1", devices=str(store.root))
+    assert characteristics_of(settings.recalled()) == seen
 
 
 def test_outdated_entry_is_refused_unless_allowed(known: Callable[..., Sources]) -> None:

@@ -225,7 +225,9 @@ class FakeScope(FakeInstrument):
         return self.phase_deg
 
     def waveform(self, channel: int, points: int = 1000) -> Waveform:
-        raise NotImplementedError
+        del channel
+        time_s = 5e-3 / points * np.arange(points)
+        return Waveform(time_s, self.amplitude_v * np.cos(2.0 * np.pi * self.frequency_hz * time_s))
 
 
 @dataclass

@@ -90,7 +90,10 @@ START_UP = [
 
 THE_ZERO = ["settle 2", "the zero"]
 
-SHUT_DOWN = ["# Shut down", "rate 0", "AwaitRate", "DisableTable", "DisableVvc", "DisableSupply"]
+SHUT_DOWN = [
+    *("# Shut down", "rate 0", "AwaitRate", "DisableTable", "ConfigureScope", "MeasureDriveAgain"),
+    *("DisableVvc", "DisableSupply"),
+]
 
 
 def table_sweep(step: int) -> list[str]:

@@ -55,6 +55,19 @@ def fit_sine(samples: ArrayLike, interval_s: float, start_hz: float | None = Non
     return Sine(frequency_hz, math.hypot(a, b), math.remainder(phase_rad, 2.0 * math.pi))
 
 
+def u_of_frequency(samples: ArrayLike, interval_s: float, fitted: Sine) -> float:
+    """Return the standard uncertainty of a fitted frequency by white residuals, Hz.
+
+    It is the bound that a fit of all four parameters reaches (Rife and Boorstyn 1974, *Single tone parameter estimation
+    from discrete-time observations*).
+    """
+    (taken,) = _checked([samples])
+    times = np.asarray((np.arange(taken.size) - (taken.size - 1) / 2.0) * interval_s)
+    basis, found = _at(taken[None, :], times, fitted.frequency_hz)
+    left = float(np.sqrt(np.mean((taken - (basis @ found)[:, 0]) ** 2)))
+    return float(math.sqrt(6.0 / taken.size) / (math.pi * taken.size * interval_s) * left / fitted.amplitude)
+
+
 def phase_difference(
     first: ArrayLike, second: ArrayLike, interval_s: float, start_hz: float | None = None
 ) -> PhaseDifference:

@@ -172,7 +172,8 @@ class Pair(Struct, frozen=True):
 
     def _moved(self, then: Value, now: Value) -> "_Moved | str":
         """Return the effects of other conditions of the runs; or the reason for no figure."""
-        if then.conditions == now.conditions:
+        at = now.conditions
+        if (then.conditions.temperature_c, then.conditions.rails_v) == (at.temperature_c, at.rails_v):
             return _Moved()
         try:
             known = self.coefficients()

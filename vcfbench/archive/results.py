@@ -68,12 +68,15 @@ def evaluate(
     Raises:
         BenchError: the points give no result, or one that cannot be written.
     """
+    from vcfbench.devices.drive import beyond_bearing, drive_of  # noqa: PLC0415  # NumPy, and no list needs it
+
     try:
         taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
         unit = settings.station.output_unit
         results = read_only(in_output_unit(procedure.results(settings, taken), unit))
         plain(results)  # what cannot be written is no result
-        values = tuple(defined(values_of(results).values(), settings, metadata))  # nor are there two of one name
+        drive = drive_of(settings, measured)
+        values = tuple(defined(values_of(results).values(), settings, metadata, drive))  # nor are there two of one name
         verdict = judged(limits, results, measured)
     except BenchError:
         raise
@@ -93,6 +96,8 @@ def evaluate(
         said = f"each reading remembers the one before: u of means is {math.sqrt(taken.growth):.2g} times as large"
         report = Report([*report.parts, Text(f"{said} as of independent ones; a longer sample_interval_s helps")])
     report = report_in_output_unit(report, unit)
+    if drive and (said := beyond_bearing(settings, drive)):
+        report = Report([*report.parts, Text(said)])
     if seen := measured.found(StreamSeen):
         report = Report([*report.parts, Text(f"the stream: {seen[-1][1].describe()}")])
     return Evaluation(results, verdict, report, values, measured)

@@ -5,7 +5,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar, cast
 
-from msgspec import Struct, structs
+from msgspec import Struct, structs, to_builtins
 
 from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
@@ -22,10 +22,10 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
     """Settings of procedures that keep characteristics of a device."""
 
     def recalled(self) -> Self:
-        """See that it can be kept under the device's name, where one is given."""
+        """Return these settings with the characteristics of the device; ConfigError: it has no room for more."""
         if self.dut is not None:
             devices.DeviceStore(Path(self.devices)).require_room(self.dut)
-        return self
+        return with_characteristics(self)
 
 
 def conditions_of(
@@ -73,8 +73,17 @@ class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     outdated: Annotated[bool, said("whether what is known may be used that is out of date")] = False
 
     def recalled(self) -> Self:
-        """Return these settings with the flicker of the device."""
-        return with_flicker(self, outdated=self.outdated)
+        """Return these settings with characteristics and flicker of the device."""
+        return with_characteristics(with_flicker(self, outdated=self.outdated))
+
+
+def with_characteristics(settings: S) -> S:
+    """Return the settings with the characteristics of their device by earlier procedures."""
+    if settings.dut is None:
+        return settings
+    seen = devices.DeviceStore(Path(settings.devices), settings.station.simulated).characteristics(settings.dut)
+    plain = {} if seen is None else to_builtins(seen)
+    return structs.replace(settings, station=structs.replace(settings.station, characteristics=plain))
 
 
 def with_flicker(settings: S, *, outdated: bool) -> S:

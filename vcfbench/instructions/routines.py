@@ -10,7 +10,7 @@ from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps.drive_check import check_drive
+from vcfbench.steps.drive_check import check_drive, one_two_five
 from vcfbench.steps.scope import AIMED
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Plan, Routine, answer
 
@@ -81,13 +81,21 @@ def rails_of(settings: ProcedureSettings) -> tuple[steps.ConfigureRail, ...]:
     )
 
 
-def look_at_drive(settings: ProcedureSettings) -> Routine[None]:
+def look_at_drive(settings: ProcedureSettings) -> Routine[steps.DriveReading | None]:
     """Check the drive signal where the bench has an oscilloscope; where it has none, wait, and have the run say so."""
     if settings.station.oscilloscope is None:
         yield steps.NotChecked("the drive signal", "the bench has no oscilloscope")
         yield steps.Settle(settings.drive.start_up_s, "drive loop starts, unseen")
-    else:
-        yield from check_drive(settings)
+        return None
+    return (yield from check_drive(settings))
+
+
+def look_again(settings: ProcedureSettings, seen: steps.DriveReading | None) -> Routine[None]:
+    """Measure the frequency of the drive once more, if it was `seen`."""
+    if seen is not None:
+        channel = settings.station.channel_of("drive")
+        yield steps.ConfigureScope(one_two_five(1.0 / seen.frequency_hz), channel)
+        yield steps.MeasureDriveAgain(channel, float(f"{seen.amplitude_v:.2g}"), float(f"{seen.frequency_hz:.4g}"))
 
 
 def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:
@@ -343,9 +351,11 @@ def held_at_rest(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:
 
 
 def drive_seen(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
-    """Look at the drive, then do `work`."""
-    yield from look_at_drive(settings)
-    return (yield from work)
+    """Look at the drive, do `work`, and measure the drive's frequency once more."""
+    seen = yield from look_at_drive(settings)
+    done = yield from work
+    yield from look_again(settings, seen)
+    return done
 
 
 def off_afterwards(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:

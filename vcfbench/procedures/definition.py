@@ -17,7 +17,7 @@ from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.instructions.schedule import KvcBy, SweepSettings
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.station.settings import DeviceSettings, ProcedureSettings
-from vcfbench.values.definition import Conditions, Definition
+from vcfbench.values.definition import Conditions, Definition, Drive
 from vcfbench.values.value import Value
 
 _BY_V_VC: Final = ("scale_factor_by_v_vc", "bias_by_v_vc", "bias_by_v_vc_deg_s", "nonlinearity_by_v_vc")
@@ -102,9 +102,11 @@ CIRCUMSTANCES: Final = frozenset(
 """Settings whose effects are in u, or are missing in it; those that only choose which values there are; all else."""
 
 
-def defined(values: Iterable[Value], settings: ProcedureSettings, metadata: RunMetadata) -> Iterator[Value]:
+def defined(
+    values: Iterable[Value], settings: ProcedureSettings, metadata: RunMetadata, drive: Drive | None = None
+) -> Iterator[Value]:
     """Yield the values of a run with their definitions and conditions; an author's own stay."""
-    conditions = _conditions(settings, metadata)
+    conditions = _conditions(settings, metadata, drive)
     for each in values:
         of = each.definition if each.definition != Definition() else _definition(settings, each)
         members = {name: getattr(each, name) for name in Value.__struct_fields__}  # of whatever kind of value it is
@@ -139,10 +141,11 @@ def _definition(settings: ProcedureSettings, value: Value) -> Definition:
     return Definition.of(settings.series_deg_s if isinstance(settings, SweepSettings) and on_line else (), choices)
 
 
-def _conditions(settings: ProcedureSettings, metadata: RunMetadata) -> Conditions:
+def _conditions(settings: ProcedureSettings, metadata: RunMetadata, drive: Drive | None) -> Conditions:
     """Return the conditions of a run: the temperature of the device where that was measured, else that of the room."""
-    measured_c = getattr(settings, "temperature_c", None)
-    return Conditions(settings.rails_v, metadata.ambient_temperature_c if measured_c is None else measured_c)
+    by_drive_c = None if drive is None else drive.temperature_c
+    known_c = (getattr(settings, "temperature_c", None), by_drive_c, metadata.ambient_temperature_c)
+    return Conditions(settings.rails_v, next((each for each in known_c if each is not None), None), drive)
 
 
 def _counts_gaps(settings: ProcedureSettings) -> bool:

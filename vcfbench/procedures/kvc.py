@@ -11,10 +11,10 @@ V_Vc is measured; the paper takes the generator's setting, which is good to 2 % 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import timedelta
-from typing import Annotated, Self
+from typing import Annotated
 
 import numpy as np
-from msgspec import Meta, Struct, structs, to_builtins
+from msgspec import Meta, Struct, structs
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.chopped import BlockNoise, polynomial_through_zero
@@ -72,13 +72,6 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     health: Annotated[bool, said(HEALTH, option=True)] = True
     exchange: Annotated[bool, said(EXCHANGE)] = True
     axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
-
-    def recalled(self) -> Self:
-        """Return these settings with the device's characteristics, as earlier procedures found them."""
-        settings = super().recalled()
-        seen = None if self.dut is None else self.store.characteristics(self.dut)
-        plain = {} if seen is None else to_builtins(seen)
-        return structs.replace(settings, station=structs.replace(settings.station, characteristics=plain))
 
     @property
     def fastest_deg_s(self) -> float:

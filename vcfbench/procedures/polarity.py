@@ -123,13 +123,14 @@ class PolarityResult(Struct, frozen=True):
 @routines.framed(routines.energised)
 def polarity(settings: PolaritySettings) -> steps.Plan:
     """Turn both ways, then drive V_Vc both ways."""
+    seen: steps.DriveReading | None
     if _carrier_has_a_sign(settings):  # one that is turned by half a cycle is a finding here, and no reason to end
         either_way = structs.replace(settings, drive=structs.replace(settings.drive, phase_deg=(-180.0, 180.0)))
         seen = yield from check_drive(either_way)
         if not _carrier_sign(settings, seen.phase_deg):
             yield from check_drive(settings)  # which ends the run, and says why
     else:
-        yield from routines.look_at_drive(settings)
+        seen = yield from routines.look_at_drive(settings)
     yield steps.Note("At rest, generator off")
     yield steps.Settle(settings.settle_s, "gyro settles")
     yield from routines.take(settings, AT_REST, rate_deg_s=0.0, v_vc_v=0.0)
@@ -150,6 +151,7 @@ def polarity(settings: PolaritySettings) -> steps.Plan:
             step=str(points[-1].step),
             hint=LOOK_AT_SIGNALS,
         )
+    yield from routines.look_again(settings, seen)
 
 
 def _carrier_has_a_sign(settings: PolaritySettings) -> bool:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from statistics import fmean, stdev
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from msgspec import Struct
 
@@ -38,6 +38,7 @@ _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the repeatability over switch-ons, beside those of all procedures."""
 
+    checked_warm: ClassVar[bool] = False
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after each power-on")] = 1800.0
     power_cycles: Annotated[int, ranged(3, 100, "how often it is switched on", option=True)] = 7
     off_s: Annotated[float, ranged(1.0, 86_400.0, "without power before each but the first")] = 1800.0
@@ -104,11 +105,12 @@ def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
         yield steps.Note(f"Switch-on {number + 1} of {settings.power_cycles}")
         yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
         yield from routines.rails_on(settings, settings.settle_s)
-        yield from routines.look_at_drive(settings)
+        seen = yield from routines.look_at_drive(settings)
         due_deg_s = table_due_deg_s(settings, 0.0)
         yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
         yield steps.Settle(settings.start_up_s, "warm-up")
         block = yield from watched(settings, chopped(settings, settings.cycles, block))
+    yield from routines.look_again(settings, seen)
 
 
 def results(settings: RepeatabilitySettings, measured: Measured) -> RepeatabilityResult:

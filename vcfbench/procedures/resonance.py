@@ -203,7 +203,12 @@ NOT_HELD = (
 )
 
 
-@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
+def _looked_at(settings: ResonanceSettings, work: steps.Plan) -> steps.Plan:
+    yield from routines.look_at_drive(settings)
+    yield from work
+
+
+@routines.framed(routines.energised, _looked_at, routines.held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
     """Sweep, then let the sense modes ring down, then the drive."""
     _, drive_hz = yield from sweep(settings)
@@ -224,6 +229,9 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
     channel = settings.station.channel_of("drive")
     seconds_a_division, points = _DRIVE_RECORD
     yield steps.DisableVvc()
+    yield steps.ConfigureScope(one_two_five(1.0 / drive_hz), channel)
+    (drive_v,) = yield from amplitudes(settings, channel)
+    yield steps.MeasureDriveAgain(channel, drive_v, drive_hz)  # while there is a drive
     yield steps.ConfigureScope(seconds_a_division, channel)
     (drive_v,) = yield from amplitudes(settings, channel, points=points_that_show(10.0 * seconds_a_division, drive_hz))
     rails = routines.rails_of(settings)

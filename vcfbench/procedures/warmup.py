@@ -62,6 +62,7 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, beside those of all procedures."""
 
     creeps: ClassVar[bool] = True
+    checked_warm: ClassVar[bool] = False
     shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
     longest_s: Annotated[float, ranged(180.0, 86_400.0, "and at most, steady or not")] = 3600.0
     window_s: Annotated[float, ranged(10.0, 600.0, "length of the means that must agree")] = 60.0
@@ -378,12 +379,13 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
     yield SwitchOnAndLog(settings.drive.start_up_s, _QUICK_INTERVAL_S)
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
-    yield from routines.look_at_drive(settings)
+    seen = yield from routines.look_at_drive(settings)
     yield steps.Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
     of_all = {**routines.window_of(settings), "samples": settings.readings_a_window}
     yield from watched(settings, _until_steady(settings, steps.Acquire(1, 0.0, 0.0, table_deg_s, **of_all)))
     yield from routines.require_answer(settings)
+    yield from routines.look_again(settings, seen)
 
 
 def _until_steady(settings: WarmupSettings, window: steps.Acquire) -> Routine[None]:

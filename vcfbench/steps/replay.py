@@ -28,6 +28,7 @@ from vcfbench.steps import (
     EnableSupply,
     FindDrive,
     MeasureDrive,
+    MeasureDriveAgain,
     Note,
     SetRate,
     Settle,
@@ -40,7 +41,10 @@ from vcfbench.steps.each import EachOf, EachResult
 from vcfbench.steps.step import Context, Effect, Plan, Routine, Step, StepResult, abandon
 
 _LOOKS_AT_DRIVE = (ConfigureScope, FindDrive, MeasureDrive)
-_COMES_TO_REST = {Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply}
+_COMES_TO_REST = {
+    *(Note, Settle, SetRate, AwaitRate, StopFlow, DisableTable, DisableVvc, DisableSupply),
+    *(ConfigureScope, MeasureDriveAgain),  # which after a break is that of another warm-up
+}
 """Steps of coming to rest: a plan that asks for no others any more only repeats making safe."""
 
 

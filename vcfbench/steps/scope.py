@@ -1,11 +1,12 @@
 """Everything about the oscilloscope: it looks at the drive signal before anything is measured."""
 
+import math
 from collections.abc import Callable, Sequence
 from statistics import fmean
 
 from msgspec import Struct
 
-from vcfbench.errors import ClippedRecord, MeasurementError
+from vcfbench.errors import ClippedRecord, ConfigError, MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, Waveform
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does
@@ -26,6 +27,12 @@ def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
     return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
 
 
+_DIGIT = 8.0 / 256.0
+"""Last bit of a screen of eight divisions, in divisions. A smaller amplitude may show as nothing, and is not."""
+_FREQUENCY_POINTS = 10_000
+"""Of a record that tells the drive's frequency to some ppm, a tenth of a kelvin; 1000 tell it to 10 ppm."""
+_NEAR, _LEAST_OF_DRIVE = 0.01, 0.3
+"""Share by which the fitted frequency may be off the oscilloscope's own, and of the amplitude that there must be."""
 _MOST_V = 15.0
 """No node exceeds the rails, which are 15 V at most: a third more, and every probe shows it."""
 _A_PERIOD = 2.1
@@ -98,10 +105,26 @@ class DriveAmplitudes(StepResult, Struct, frozen=True):
         return f"drive {self.drive_v:.3g} V, carrier {self.carrier_v:.3g} V"
 
 
+class DriveFrequency(StepResult, Struct, frozen=True):
+    """Frequency of the drive by a sine through one record, Hz.
+
+    Its u is by the residuals and the last digit. That of the time base is not in it. `trouble` says why there is none,
+    which ends no run.
+    """
+
+    frequency_hz: float
+    u_hz: float
+    trouble: str = ""
+
+    def describe(self) -> str:
+        return self.trouble or f"{self.frequency_hz:.3f} Hz"
+
+
 class DriveReading(StepResult, Struct, frozen=True):
     """The drive signal on the oscilloscope: frequency (Hz), amplitude (V), phase of the drive to the carrier (deg).
 
-    `t_s` is the bench time, s. `trouble` says why the record could not be measured; empty when it could.
+    `t_s` is the bench time, s. `trouble` says why the record could not be measured; empty when it could. `fitted` is
+    the frequency of a sine through the record, which resolves what the oscilloscope's own does not; None: of none.
     """
 
     frequency_hz: float
@@ -109,11 +132,13 @@ class DriveReading(StepResult, Struct, frozen=True):
     phase_deg: float
     t_s: float
     trouble: str = ""
+    fitted: DriveFrequency | None = None
 
     def describe(self) -> str:
         if self.trouble:
             return self.trouble
-        return f"{self.frequency_hz:.2f} Hz, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
+        frequency = f"{self.frequency_hz:.2f} Hz" if self.fitted is None else self.fitted.describe()
+        return f"{frequency}, {self.amplitude_v:.4g} V, {self.phase_deg:+.2f} deg"
 
 
 @does(Effect.SETS, "oscilloscope", overhead_s=0.1)
@@ -204,11 +229,56 @@ class MeasureDrive(Step, Struct, frozen=True):
             )
         except MeasurementError as error:
             return DriveReading(0.0, 0.0, 0.0, clock.now(), error.what)
-        return DriveReading(*measured, clock.now())
+        fitted = _frequency(context, self.drive_channel, self.drive_v, measured[0])
+        return DriveReading(*measured, clock.now(), fitted=None if fitted.trouble else fitted)
 
     def predict(self, gyro: LinearGyro) -> DriveReading:
         """Predict that the drive is as expected."""
         return DriveReading(*self.expected, 0.0)
+
+
+@does(Effect.MEASURES, "drive signal", overhead_s=0.3)
+class MeasureDriveAgain(Step, Struct, frozen=True):
+    """Take one record of the drive at the end of a run; amplitude (V) and frequency (Hz) are known roughly."""
+
+    channel: int
+    amplitude_v: float
+    expected_hz: float
+
+    def describe(self) -> str:
+        return "oscilloscope: frequency of the drive once more"
+
+    def perform(self, context: Context) -> DriveFrequency:
+        scope = context.bench.oscilloscope
+        scope.configure_channel(self.channel, scale_v_per_div(self.amplitude_v))
+        scope.acquire(self.channel)
+        return _frequency(context, self.channel, self.amplitude_v, self.expected_hz)
+
+    def predict(self, gyro: LinearGyro) -> DriveFrequency:
+        return DriveFrequency(self.expected_hz, 0.0)
+
+
+def _frequency(context: Context, channel: int, amplitude_v: float, near_hz: float) -> DriveFrequency:
+    """Return the frequency of a drive at about `near_hz` in the present record, on a screen for `amplitude_v`.
+
+    Of a sine that fills the digits without noise their errors go with it: a thousand of them count at most.
+    """
+    from vcfbench.analysis.sine_fit import fit_sine, u_of_frequency  # noqa: PLC0415  # NumPy, needed here alone
+
+    try:
+        taken = downloaded(context, channel, _FREQUENCY_POINTS)
+        interval_s = interval_of(taken, near_hz)
+        found = fit_sine(taken.voltage_v, interval_s)
+        if abs(found.frequency_hz - near_hz) > _NEAR * near_hz or found.amplitude < _LEAST_OF_DRIVE * amplitude_v:
+            seen = f"a sine of {found.frequency_hz:.6g} Hz and {found.amplitude:.3g} V is not the drive's"
+            return DriveFrequency(0.0, 0.0, seen)
+        by_digit = math.sqrt(6.0 / 1000.0 / 12.0) * _DIGIT * scale_v_per_div(amplitude_v)
+        by_digit /= math.pi * len(taken.voltage_v) * interval_s * found.amplitude
+        return DriveFrequency(
+            found.frequency_hz, math.hypot(u_of_frequency(taken.voltage_v, interval_s, found), by_digit)
+        )
+    except (ConfigError, MeasurementError) as error:
+        return DriveFrequency(0.0, 0.0, error.what)
 
 
 class SineRecord(Struct, frozen=True):
@@ -314,10 +384,6 @@ class Amplitudes(StepResult, Struct, frozen=True):
     def describe(self) -> str:
         seen = zip(self.channels, self.amplitudes_v, strict=True)
         return ", ".join(f"{channel}: {level:.4g} V" for channel, level in seen)
-
-
-_DIGIT = 8.0 / 256.0
-"""Last bit of a screen of eight divisions, in divisions. A smaller amplitude may show as nothing, and is not."""
 
 
 @does(Effect.MEASURES, "waveforms", overhead_s=1.0)

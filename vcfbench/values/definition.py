@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 from typing import Any, Final, Self
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench.values.kinds import in_words
 
@@ -67,23 +67,52 @@ class Definition(Struct, frozen=True):
         return "; ".join(said)
 
 
+class Drive(Struct, frozen=True):
+    """Frequency of the drive during a run, Hz, and the temperature of the device by it.
+
+    `moved_k` is how far that moved from the first record to the last, None where there is no first one of a warm
+    device; `temperature_c` is that of the device where its own coefficient is known, else it is `assumed` for moves.
+    """
+
+    frequency_hz: float
+    u_hz: float
+    moved_k: float | None = None
+    u_moved_k: float | None = None
+    temperature_c: float | None = None
+    u_temperature_k: float | None = None
+    assumed: str = ""
+
+    @property
+    def words(self) -> str:
+        """Return it in words: ``drive 3488.93 Hz, moved by +0.1 K (U95 0.5 K) during the run``."""
+        said = f"drive {self.frequency_hz:.2f} Hz"
+        if self.moved_k is None:
+            return said
+        by = f", {self.assumed}" if self.assumed else ""
+        return f"{said}, moved by {self.moved_k:+.1f} K (U95 {2.0 * (self.u_moved_k or 0.0):.1f} K{by}) during the run"
+
+
 class Conditions(Struct, frozen=True):
     """Conditions under which a value holds; None where nobody told."""
 
     rails_v: tuple[float, float] | None = None
     """Positive and negative rail."""
     temperature_c: float | None = None
+    drive: Drive | None = None
 
     def as_json(self) -> dict[str, Any]:
         """Return them by name."""
-        return {"rails_v": self.rails_v and [*self.rails_v], "temperature_c": self.temperature_c}
+        drive = {} if self.drive is None else {"drive": structs.asdict(self.drive)}
+        return {"rails_v": self.rails_v and [*self.rails_v], "temperature_c": self.temperature_c, **drive}
 
     @property
     def words(self) -> str:
         """Return the conditions in words: ``23.5 degC, rails +10, -10 V``."""
-        said = ["a temperature that nobody told" if self.temperature_c is None else f"{self.temperature_c:g} degC"]
+        said = ["a temperature that nobody told" if self.temperature_c is None else f"{self.temperature_c:.4g} degC"]
+        if self.drive is not None and self.temperature_c is not None and self.temperature_c == self.drive.temperature_c:
+            said = [f"{said[0]} (U95 {2.0 * (self.drive.u_temperature_k or 0.0):.1f} K, by the drive's frequency)"]
         said += [] if self.rails_v is None else ["rails " + ", ".join(f"{each:+g}" for each in self.rails_v) + " V"]
-        return ", ".join(said)
+        return ", ".join(said) + ("" if self.drive is None else f"; {self.drive.words}")
 
 
 def alike(first: tuple[tuple[float, int], ...], second: tuple[tuple[float, int], ...]) -> bool:

@@ -169,7 +169,7 @@ class Value(Struct, frozen=True):
 
     def in_results(self) -> dict[str, Any]:
         """Return it as the results in ``result.json`` have it, by the names of ever since."""
-        return structs.asdict(self)
+        return {**structs.asdict(self), "conditions": self.conditions.as_json()}
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``values`` of ``result.json`` have it: without the parts of its uncertainty, which results have.

@@ -17,9 +17,10 @@ from vcfbench.procedures.online.settings import OnlineSettings
 
 
 def _metered(settings: OnlineSettings, work: steps.Plan) -> steps.Plan:
-    yield from routines.look_at_drive(settings)
+    seen = yield from routines.look_at_drive(settings)
     yield from ready_v_vc_meter(settings, settings.v_vc_range_v)
     yield from work
+    yield from routines.look_again(settings, seen)
 
 
 @routines.framed(routines.energised, _metered, routines.held_at_rest)

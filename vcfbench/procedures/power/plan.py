@@ -127,11 +127,12 @@ def plan(settings: PowerSettings) -> steps.Plan:
             yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
     yield steps.Settle(settings.start_up_s, "warm-up")
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
-    yield from routines.look_at_drive(settings)
+    seen = yield from routines.look_at_drive(settings)
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield steps.Note("Steady currents")
     yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
     yield from watched(settings, _moved(settings))
+    yield from routines.look_again(settings, seen)
 
 
 def _moved(settings: PowerSettings) -> Routine[None]:

@@ -9,7 +9,7 @@ from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.belief.jumps import watched
 from vcfbench.devices.device import level_for
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.routines import energised, framed, look_at_drive, set_v_vc, take, v_vc_on
+from vcfbench.instructions.routines import drive_seen, energised, framed, set_v_vc, take, v_vc_on
 from vcfbench.instructions.v_vc import measured_levels, ready_v_vc_meter, take_driven
 from vcfbench.procedures.health.plan import examined
 from vcfbench.procedures.self_calibration import results
@@ -18,10 +18,9 @@ from vcfbench.steps import DisableVvc, Note, Plan, Settle
 from vcfbench.steps.step import Routine
 
 
-@framed(energised, watched)
+@framed(energised, drive_seen, watched)
 def self_calibration(settings: SelfCalibrationSettings) -> Plan:
     """Calibrate by V_Vc alone."""
-    yield from look_at_drive(settings)
     yield from ready_v_vc_meter(settings, settings.v_vc_range_v)
     curve, levels_v = settings.known.k_vc, {0.0: 0.0}
     for rate_deg_s in settings.magnitudes_deg_s:

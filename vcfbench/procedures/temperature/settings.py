@@ -1,7 +1,7 @@
 """Settings of a run over temperature."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from msgspec import structs
 
@@ -18,6 +18,7 @@ Celsius = Annotated[float, ranged(-100.0, 200.0)]
 class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
     """Settings of the run over temperature, beside those of all procedures."""
 
+    checked_warm: ClassVar[bool] = False
     temperatures_c: Annotated[tuple[Celsius, ...], several(3, 100, "temperatures of the air, in their order")] = (
         *(0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0),
     )
