@@ -219,6 +219,15 @@ def test_the_words_say_when_and_how_large() -> None:
         walked(np.where(np.arange(len(RATES)) > 14, 3e-3, 0.0))
 
 
+def test_an_output_that_is_cut_off_is_held_against_the_rails() -> None:
+    walk = walked(np.zeros(len(RATES)))
+    for place, each in enumerate(walk.windows):
+        within = replace(each.point, output_v=min(each.point.output_v, 2.3))
+        walk.windows[place] = replace(each, point=within, rails_v=(4.0, -4.0))
+    with pytest.raises(MeasurementError, match=r"whether it clips, at -2\.\d+ V on rails of 4 V"):
+        require_no_jump(walk)
+
+
 @pytest.mark.parametrize("since", [5, 13, 15])
 def test_disagreeing_windows_name_the_two_around_step(since: int) -> None:
     places = " and ".join(f"{RATES[at]:+g} deg/s" for at in (since - 1, since))

@@ -5,6 +5,7 @@ Tolerances: scale factor 100 ppm, split 0.1 %, Q 2 %, each and four standard unc
 
 from __future__ import annotations
 
+import math
 import re
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +17,8 @@ import vcfbench
 from tests.sim.gyro.plain import rate_response as integrated
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro, rate_response
+from vcfbench.sim.gyro.data_sheet import DataSheet, noise_bandwidth_hz, own_gyro, peak_response, rate_response
+from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.testing.gyroscopes import drawn_sheet
 
@@ -35,6 +37,9 @@ SHEET = {
     "bandwidth_hz": 12.0,
     "k_vc_deg_s_per_v": 300.0,
 }
+
+NARROW = {"bandwidth_hz": None, "q_sense": 20_000.0, "scale_factor_v_per_deg_s": 0.016}
+"""A response with a peak of 120 times, behind a filter that passes it."""
 
 
 def written(folder: Path, figures: dict[str, Any], **options: bool) -> tuple[DataSheet, Path]:
@@ -103,8 +108,19 @@ def test_with_the_papers_imperfections_it_is_still_that_gyroscope(tmp_path: Path
 @pytest.mark.parametrize(
     ("figures", "words"),
     [
-        ({"scale_factor_v_per_deg_s": 0.05}, "range_deg_s: expected outputs within 8.5 V, got 20.1 V"),
-        ({"scale_factor_v_per_deg_s": 0.02, "rail_v": 5.0}, "range_deg_s: expected outputs within 4.25 V, got 8.04 V"),
+        (
+            {"scale_factor_v_per_deg_s": 0.05},
+            "range_deg_s: expected outputs within 8.5 V, V_Vc up to 10 % off, got 22.1 V",
+        ),
+        ({"scale_factor_v_per_deg_s": 0.02, "rail_v": 5.0}, "range_deg_s: expected outputs within 4.25 V"),
+        (
+            {**NARROW, "angle_random_walk_deg_sqrt_h": 30.0},
+            "angle_random_walk_deg_sqrt_h: expected an output that scatters by at most",
+        ),
+        (
+            {**NARROW, "k_vc_deg_s_per_v": -980.0},
+            "q_sense: expected outputs within 8.5 V at the peak of the response, by a sine of 0.01 V on V_Vc",
+        ),
         ({"bandwidth_hz": 20.0}, "bandwidth_hz: expected a quarter to half the split, else no peak is seen, got 20"),
         ({"split_hz": 500.0}, "split_hz: expected a size from 3 to 80, either sign, got 500"),
         ({"split_hz": -2.0}, "split_hz: expected a size from 3 to 80, either sign, got -2"),
@@ -128,6 +144,19 @@ def test_with_the_papers_imperfections_it_is_still_that_gyroscope(tmp_path: Path
 def test_what_no_such_gyroscope_has_is_refused(figures: dict[str, float], words: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(words)):
         DataSheet(**{**SHEET, **figures})
+
+
+@pytest.mark.parametrize("seed", [58, 137, 5092, 6022, 7021])
+def test_a_drawn_output_is_free_of_its_end(seed: int) -> None:
+    sheet = drawn_sheet(seed)
+    output = warm_output(own_gyro(sheet, imperfections=True, latitude_deg=37.9))
+    whole_v = 1.02 * sheet.range_deg_s / abs(sheet.k_vc_deg_s_per_v) + 4e-3  # by a generator within its limits
+    level_v = max(abs(output(0.0, whole_v)), abs(output(0.0, -whole_v)))
+    sine_deg_s = 0.01 * abs(sheet.k_vc_deg_s_per_v) * peak_response(sheet) + abs(sheet.bias_deg_s)
+    most_v = max(level_v, sine_deg_s * abs(sheet.scale_factor_v_per_deg_s))
+    white_deg_s = sheet.angle_random_walk_deg_sqrt_h / 60.0
+    noise_deg_s = white_deg_s * math.sqrt(2.0 * noise_bandwidth_hz(sheet, 0.0))
+    assert most_v + 4.0 * noise_deg_s * abs(sheet.scale_factor_v_per_deg_s) < sheet.swing_v
 
 
 @pytest.mark.exhaustive

@@ -113,7 +113,7 @@ def test_a_window_that_scatters_too_much_is_said_to_look_like(added_v: np.ndarra
 def test_readings_that_stand_still_where_others_scatter_are_no_measurement() -> None:
     windows = honest(4)
     windows[30] = 1e-6
-    assert first_doubt(windows).endswith("a lead is off, or the others were disturbed")
+    assert first_doubt(windows).endswith("a lead is off, the output is at its end, or the others were disturbed")
 
 
 def test_where_one_window_stands_still_the_others_may_not_have_settled() -> None:
@@ -123,7 +123,7 @@ def test_where_one_window_stands_still_the_others_may_not_have_settled() -> None
     assert seen.doubt([0.0] * N) == ""
     said = seen.doubt([1e-6 * each - 2.5084 for each in rings_uv], turning=True)
     assert said.startswith("window 1 of the run: the readings scatter by 0 V only")
-    assert said.endswith(f": a lead is off, or the others were disturbed: {SETTLES}")
+    assert said.endswith(f": a lead is off, the output is at its end, or the others were disturbed: {SETTLES}")
 
 
 @pytest.mark.parametrize("times", [0.5, 2.0])

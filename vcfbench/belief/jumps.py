@@ -50,6 +50,8 @@ _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
 _ROUNDING_V = 1e-12
 """Readings that are all the same scatter by less."""
+_NEAR = 0.5
+"""Share of a rail from which on an output may be at its end, with its noise."""
 _NO_SWEEP = frozenset({ZERO_TABLE, ZERO_DRIVEN, SEARCH})
 _NO_LOOK = (MemoryError, np.linalg.LinAlgError)
 _CURVED = 0.2
@@ -81,9 +83,18 @@ def require_no_jump(walk: Walk) -> None:
                 f"{_what(found, windows)}: no smooth curve goes through all windows",
                 instrument="multimeter",
                 step=str(windows[found.pattern.last].point.step),
-                hint="look at leads and contacts, and at what else happened then; all points are in the record. "
-                "expected.zero_drift_v of the bench file is what may drift",
+                hint=f"look at leads and contacts, and at what else happened then{_near_its_end(windows)}; "
+                "all points are in the record. expected.zero_drift_v of the bench file is what may drift",
             )
+
+
+def _near_its_end(windows: Sequence[Seen]) -> str:
+    """Return how near the output comes to a rail, where that is half way or more, in words."""
+    most_v = max((each.point.output_v for each in windows), key=abs)
+    rail_v = min(map(abs, windows[0].rails_v), default=math.inf)
+    return (
+        "" if abs(most_v) < _NEAR * rail_v else f", and whether it clips, at {most_v:+.4g} V on rails of {rail_v:g} V"
+    )
 
 
 def note(walk: Walk, step: Step, result: StepResult) -> None:

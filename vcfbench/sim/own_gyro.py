@@ -9,6 +9,7 @@ from msgspec import structs, to_builtins
 from vcfbench.errors import ConfigError
 from vcfbench.sim.gyro.data_sheet import (
     FLICKER_MINIMUM,
+    LEAST_SINE_V,
     DataSheet,
     change_per_k,
     in_phase_share,
@@ -35,8 +36,8 @@ _TABLE_DEG_S = 900.0
 """The simulated table turns at 1000 deg/s, its own trip above the limit included."""
 TABLE_RATE_ERROR = 1e-5
 """Class of a BD125, unverified."""
-_LEAST_SINE_V, _LEAST_LEVEL_V, _LEAST_STEP_V = 0.01, 0.07, 0.04
-"""The least of a sine on V_Vc, of a level whose offset of 4 mV does not tell, of one taken with both signs."""
+_LEAST_LEVEL_V, _LEAST_STEP_V = 0.07, 0.04
+"""The least of a level whose offset of 4 mV does not tell, and of one taken with both signs."""
 _MOST_V_VC_V = 10.0
 _OFFSET_V = 0.06
 """V_Vc that an output at rest is off by as soon as V_Vc is on: the carrier comes through."""
@@ -228,7 +229,7 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     filters = {"in_phase_split_hz": _round(sheet.in_phase_split_hz), "low_pass_hz": _round(sheet.low_pass_hz)}
     modes = {"split_hz": _round(abs(sheet.split_hz)), "in_phase_share": _round(in_phase_share(sheet))}
     sines = {
-        "sine_amplitude_v": _round(max(_LEAST_SINE_V, peak_v)),
+        "sine_amplitude_v": _round(max(LEAST_SINE_V, peak_v)),
         "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
         "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
         **filters,

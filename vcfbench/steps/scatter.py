@@ -12,6 +12,7 @@ hours nothing drifts along a straight line, over a minute it does.
 import math
 from collections.abc import Sequence
 from itertools import accumulate, combinations
+from statistics import fmean
 
 from msgspec import Struct, field
 
@@ -182,8 +183,9 @@ class NoiseSeen(Struct):
         below = (run_v / max(window.std_v, _STILL * self.resolution_v, 1e-12)) ** 2
         if below > _LEAST_RATIO**2 and f_is_improbable(below, degrees, window.degrees, chance=FALSE_ALARM):
             return (
-                f"the readings scatter by {window.std_v:.2g} V only, those of the other windows by {run_v:.2g} V: "
-                f"a lead is off, or the others were disturbed{_likeness(self._extremes['wide'][1].readings_v)}"
+                f"the readings scatter by {window.std_v:.2g} V only, about {fmean(window.readings_v):+.4g} V, those of "
+                f"the other windows by {run_v:.2g} V: a lead is off, the output is at its end, or the others were "
+                f"disturbed{_likeness(self._extremes['wide'][1].readings_v)}"
             )
         return ""
 

@@ -27,8 +27,14 @@ _LEAST_LOOP_S = 0.01
 """Quality factor over frequency of the fastest drive mode whose loop is as fast: its sampled controller locks none."""
 _DRIVE_STARTS_S, _OUTPUT_SETTLES_S = 600.0, 20.0
 """Longest times that a drive loop takes to start and an output to settle."""
+_BY_V_VC = 1.1
+"""Output by a V_Vc for the range, over what is asked for: the paper's modulator and a generator of 2 % make 9 %."""
+_ROOM = 4.5
+"""Standard deviations of the output between it and its end: beyond, what is cut off its mean is not seen."""
 _LEAST_OUTPUT_V = 0.2
 """Output at the end of the range, of which a meter on its range of 10 V still tells a thousandth."""
+LEAST_SINE_V = 0.01
+"""The smallest sine of a 33220A."""
 _WHOLE_RANGE_V = (0.4, 9.0)
 """V_Vc that stands for the whole range, between which generators reach it with 2 % of it as their offset."""
 _NOISE_SHARE = 2e-3
@@ -102,9 +108,17 @@ class DataSheet(Struct, frozen=True, kw_only=True):
         settled = sense_s <= _OUTPUT_SETTLES_S
         yield "q_sense", f"an output that settles within {_OUTPUT_SETTLES_S:g} s", f"{sense_s:.3g} s", settled
         least_v, most_v = _LEAST_OUTPUT_V, self.swing_v
-        largest_v = abs(self.scale_factor_v_per_deg_s) * (self.range_deg_s + abs(self.bias_deg_s))
-        yield "range_deg_s", f"outputs within {most_v:g} V", f"{largest_v:.3g} V", largest_v <= most_v
-        whole_v = abs(self.scale_factor_v_per_deg_s) * self.range_deg_s
+        slope, bias_deg_s = abs(self.scale_factor_v_per_deg_s), abs(self.bias_deg_s)
+        level_v = slope * (_BY_V_VC * self.range_deg_s + bias_deg_s)
+        within = f"outputs within {most_v:g} V, V_Vc up to {100.0 * _BY_V_VC - 100.0:.0f} % off"
+        yield "range_deg_s", within, f"{level_v:.3g} V", level_v <= most_v
+        sine_v = slope * (LEAST_SINE_V * abs(self.k_vc_deg_s_per_v) * peak_response(self) + bias_deg_s)
+        within = f"outputs within {most_v:g} V at the peak of the response, by a sine of {LEAST_SINE_V:g} V on V_Vc"
+        yield "q_sense", within, f"{sine_v:.3g} V", sine_v <= most_v
+        noise_v, most_noise_v = slope * noise_deg_s(self), (most_v - max(level_v, sine_v)) / _ROOM
+        within = f"an output that scatters by at most {most_noise_v:.3g} V, or its end cuts it off"
+        yield "angle_random_walk_deg_sqrt_h", within, f"{noise_v:.3g} V", noise_v <= most_noise_v
+        whole_v = slope * self.range_deg_s
         least = f"an output of at least {least_v:g} V at the end of range_deg_s"
         yield "scale_factor_v_per_deg_s", least, f"{whole_v:.3g} V", whole_v >= least_v
         whole_v = self.range_deg_s / abs(self.k_vc_deg_s_per_v)
@@ -256,6 +270,12 @@ def peak_response(sheet: DataSheet) -> float:
     """Return how much larger the output is at a rate of the split's frequency than at a constant one."""
     passed = 1.0 + (sheet.split_hz / sheet.low_pass_hz) ** (2 * PERFECT.sense_path.low_pass_order)
     return rate_response(_modes(PERFECT, sheet), abs(sheet.split_hz)) / math.sqrt(passed)
+
+
+def noise_deg_s(sheet: DataSheet) -> float:
+    """Return the standard deviation of the output by white noise, deg/s: that of the mode, at the split."""
+    white = sheet.angle_random_walk_deg_sqrt_h / math.sqrt(_SECONDS)
+    return white * peak_response(sheet) * math.sqrt(2.0 * math.pi * sheet.drive_hz / sheet.q_sense)
 
 
 def settling_s(sheet: DataSheet) -> tuple[float, float]:
