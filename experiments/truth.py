@@ -197,6 +197,8 @@ def summary(lines: Sequence[Line]) -> list[str]:
         f"{'value':48} {'mean z':>7} {'sd z':>6} {'max |z|':>7} {'in U95':>7}",
     ]
     lines = [line for line in lines if "refused" not in line]
+    if not lines:
+        return rows
     for name in dict.fromkeys(each for line in lines for each in line if each not in {"seed", "e_n"}):
         stated = [line[name] for line in lines if name in line]  # a non-linearity within its U95 is not stated
         z = np.array([each[0] for each in stated])
