@@ -312,7 +312,7 @@ def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
         words = f"over {Definition.of(rates_deg_s).levels_words}, {how}; {as_they_stand}"
         return _Own((lines * relative - 1.0) * size, u, instruments, u**4 / dof, words)
 
-    levels = [_levels(each) for each in (a, b)]
+    levels = [sorted({round(float(rate), 6) for rate in each.rate_deg_s}, reverse=True) for each in (a, b)]
     both = [rate for rate in levels[0] if np.isclose(rate, levels[1], WITHIN, WITHIN_DEG_S).any()]
     if len(both) > 1 and both[0] - both[-1] >= _ENDS * (high - low):
         (one, u_one), (two, u_two) = (each.at(both, WITHIN, WITHIN_DEG_S).slope for each in (a, b))
@@ -335,11 +335,6 @@ def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
     curve = "both runs" if witness is None else f"both runs and {witness.run.name}"
     changed = "; the curve itself has changed, this holds for these rates only"
     return over(within, ratio, u, f"by the curve of {curve}{changed * (found.same_curve < _SAME_CURVE)}")
-
-
-def _levels(windows: Windows) -> list[float]:
-    """Return the different rates of a run, falling."""
-    return sorted({round(float(rate), 6) for rate in windows.rate_deg_s}, reverse=True)
 
 
 def _bridge(first: Definition, other: Definition) -> str:

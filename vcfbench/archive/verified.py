@@ -319,7 +319,9 @@ class _Check(Struct):
 def _step(line: Mapping[str, Any], packages: AbstractSet[str], own: set[str]) -> Iterator[str]:
     """Yield the deviations of a step: its form, its key, its point; kinds that are of no `packages` go to `own`."""
     kinds = ((Step.kinds, line["step_kind"]), (StepResult.kinds, line["result_kind"]))
-    others = {name for known, name in kinds if name not in known or _package(known[name]) not in packages}
+    others = {
+        name for known, name in kinds if name not in known or known[name].__module__.split(".")[0] not in packages
+    }
     own |= others
     step, result = step_of(line), result_of(line)
     if line["step_kind"] in others:
@@ -338,10 +340,6 @@ def _step(line: Mapping[str, Any], packages: AbstractSet[str], own: set[str]) ->
         yield "its point is not that of its result"
     elif {name: each.as_json() for name, each in result.recorded_points.items()} != line.get("points", {}):
         yield "its points are not those of its results"
-
-
-def _package(kind: type) -> str:
-    return kind.__module__.partition(".")[0]
 
 
 def _apart(line: Mapping[str, Any]) -> dict[str, Any]:

@@ -210,7 +210,8 @@ def _surroundings(role: str, description: BenchDescription, seed: int, number: i
         header = "u32le2" if part.reply_header == "auto" else part.reply_header
         return {"axis": part.axis, "header": header, "microsteps_per_deg": part.steps_per_deg, "noise_seed": noise_seed}
     return {
-        "rails": {wiring.rails.positive: "positive"} | wiring.rails.below_ground,
+        "rails": {wiring.rails.positive: "positive"}
+        | ({} if wiring.rails.single else {wiring.rails.negative: "negative"}),
         "node": _DRIVES.get(role, "input"),
         "channels": {n: f"channel_{n}" for n in wiring.oscilloscope.channels()},
         "mains_hz": float(description.site.mains_hz),

@@ -340,10 +340,6 @@ class SourceResistance(_Group, frozen=True):
     carrier_ohm: Annotated[float, "ohm", "node `carrier`: a resistor after the buffer", NOT_NEGATIVE] = 100.0
     sense_ohm: Annotated[float, "ohm", "node `sense`: a resistor after the buffer", NOT_NEGATIVE] = 100.0
 
-    def by_node(self) -> dict[str, float]:
-        """Return the resistance of each of these nodes, ohm."""
-        return {name.removesuffix("_ohm"): getattr(self, name) for name in self.__struct_fields__}
-
 
 class ParameterRow(Struct, frozen=True):
     """One line of ``vcfbench sim show``: a number of the simulation by its dotted path."""

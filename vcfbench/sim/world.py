@@ -10,7 +10,7 @@ from copy import copy
 from functools import partial
 
 import numpy as np
-from msgspec.structs import replace
+from msgspec.structs import asdict, replace
 from simrack.adding import added
 from simrack.adjustment import Adjustment
 from simrack.flutter import Flutter
@@ -44,7 +44,7 @@ class World(Loaded):
     inputs = INPUTS
 
     def __init__(self, clock: Clock, parameters: BenchParameters, seed: int, beside: "World | None" = None) -> None:
-        super().__init__(clock, parameters.source.by_node())
+        super().__init__(clock, {name.removesuffix("_ohm"): ohm for name, ohm in asdict(parameters.source).items()})
         self.parameters = parameters
         self._beside: list[World] = []
         """The gyroscopes beside this one on the same table."""

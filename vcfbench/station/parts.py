@@ -52,11 +52,6 @@ class RailWiring(BenchFileTable, frozen=True, kw_only=True):
         """True of a PCB with one supply, whose other side is ground."""
         return self.negative == "none"
 
-    @property
-    def below_ground(self) -> dict[str, str]:
-        """Output of the negative rail, where there is one, with the rail's name."""
-        return {} if self.single else {self.negative: "negative"}
-
 
 class RailSettings(Struct, frozen=True):
     """One rail of the PCB: its name, the supply output that feeds it, level (V) and current limit (A)."""

@@ -150,11 +150,6 @@ class Stream(_Table, frozen=True, kw_only=True):
         return replace(self, value=FrameQuantity())
 
     @property
-    def character_bits(self) -> int:
-        """Bits of a byte on its serial line."""
-        return 9 + self.stop_bits + (self.parity != "none")
-
-    @property
     def output_unit(self) -> str:
         """Unit of the output as a rate: ``deg/s``, or ``LSB``, of increments ``LSB/s``."""
         if self.unit != "LSB":
@@ -221,7 +216,7 @@ class Stream(_Table, frozen=True, kw_only=True):
                 yield "checksum.at", "with low_at, the two words of a CRC-32 within the frame", self.checksum.at
         for key, number in self.in_frame.items():
             yield from number.misplaced(key, end)
-        least = length * self.character_bits * self.sample_rate_hz
+        least = length * (9 + self.stop_bits + (self.parity != "none")) * self.sample_rate_hz
         if self.baud_rate < least and "://" not in self.resource and not self.resource.startswith("file:"):
             yield "baud_rate", f"at least {least:.0f}, for {self.sample_rate_hz:g} frames a second", self.baud_rate
 

@@ -114,7 +114,7 @@ class _Armed:
         if arming.pace.smooth:
             beyond_s += _AVERAGED_SHARE * screen.range_s
         self._before_s = max(0.0, -screen.left_s) * 1.001 + 1e-8 + beyond_s
-        self._after_s = max(0.0, screen.right_s) * 1.001 + 1e-8 + beyond_s
+        self._after_s = max(0.0, screen.left_s + screen.range_s) * 1.001 + 1e-8 + beyond_s
         self._search_s = max(_SEARCH_S, screen.range_s)
         self._armed_s = world.clock.now()
         self.due_s = 0.0

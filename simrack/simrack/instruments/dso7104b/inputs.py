@@ -83,11 +83,6 @@ class Screen(Struct, frozen=True):
     left_s: float
     range_s: float
 
-    @property
-    def right_s(self) -> float:
-        """The end of the window, s."""
-        return self.left_s + self.range_s
-
     def times_s(self, points: int, start: int = 0, count: int | None = None) -> NDArray[np.float64]:
         """Return the sample times of `points` from the left edge, or `count` of them from the `start`-th on."""
         stop = points if count is None else start + count

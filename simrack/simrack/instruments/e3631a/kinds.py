@@ -8,7 +8,7 @@ from __future__ import annotations
 from msgspec import Struct
 from msgspec.structs import replace
 
-from simrack.scpi import Limits, Number
+from simrack.scpi import Limits
 
 
 class OutputKind(Struct, frozen=True):
@@ -33,16 +33,6 @@ class OutputKind(Struct, frozen=True):
     fall_s: tuple[float, float]
     rated_a: float
     capacitance_f: float
-
-    @property
-    def volt_parameter(self) -> Number:
-        """A voltage for this output."""
-        return Number(unit="V", limits=self.volts)
-
-    @property
-    def amp_parameter(self) -> Number:
-        """A current limit for this output."""
-        return Number(unit="A", limits=self.amps)
 
 
 P6V = OutputKind(

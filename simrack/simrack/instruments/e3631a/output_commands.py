@@ -50,8 +50,8 @@ def _triggered_amps(supply: SimulatedE3631A) -> float:
 @remote_only
 def _apply(supply: SimulatedE3631A, name: str, volts: Any, amps: Any) -> None:
     kind = supply.outputs[name].kind
-    volts = None if volts is None else kind.volt_parameter.settle(volts, supply)
-    amps = None if amps is None else kind.amp_parameter.settle(amps, supply)
+    volts = None if volts is None else scpi.Number(unit="V", limits=kind.volts).settle(volts, supply)
+    amps = None if amps is None else scpi.Number(unit="A", limits=kind.amps).settle(amps, supply)
     supply.selected = name
     supply.program(name, volts=volts, amps=amps)
 

@@ -85,11 +85,6 @@ class Function(Struct, frozen=True):
         """The resolutions to be had, as fractions of the range; ac readings only mask digits (p. 57)."""
         return tuple(self.fractions.values()) if self.integrating else (1e-4, 1e-5, 1e-6)
 
-    @property
-    def usual_resolution(self) -> float:
-        """The resolution, as a fraction of the range, that CONFigure takes when it is told none."""
-        return self.fractions[10.0] if self.integrating else 1e-6
-
     def fraction_of(self, nplc: float) -> float:
         """Return the resolution, as a fraction of the range; between the power line cycles of the table by a power."""
         if nplc in self.fractions:

@@ -359,7 +359,8 @@ class Inputs:
     def _resistive(self, function: Function, node_v: float, scale: _Scale) -> float:
         source_ohm = self._world.source_ohm(self._node)
         if function.name == "DIOD":
-            return self._diode(ohms.diode_v(node_v, source_ohm), scale)
+            by_1_ma = OVERLOAD if math.isinf(source_ohm) else node_v + ohms.TEST_CURRENT_A[1e3] * source_ohm
+            return self._diode(by_1_ma, scale)
         if self._sense_open(function):
             return OVERLOAD
         leads = 0.0 if function.name == "FRES" else self._errors.ohms.lead_ohm

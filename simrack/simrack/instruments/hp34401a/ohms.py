@@ -61,8 +61,3 @@ def resistance_ohm(node_v: float, source_ohm: float, range_ohm: float) -> float:
     volts = (node_v + current * source_ohm) * _PARALLEL_OHM / (_PARALLEL_OHM + source_ohm)
     through = current - volts / _PARALLEL_OHM
     return volts / through if through > 0.0 else OVERLOAD
-
-
-def diode_v(node_v: float, source_ohm: float) -> float:
-    """Return the voltage that 1 mA makes at a node."""
-    return node_v + TEST_CURRENT_A[1e3] * source_ohm if not math.isinf(source_ohm) else OVERLOAD

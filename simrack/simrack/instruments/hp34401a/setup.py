@@ -57,7 +57,7 @@ def attainable_fraction(function: Function, range_: float, resolution: Any) -> f
     """Return the resolution as a fraction of the range, the coarsest attainable one that is fine enough (p. 55)."""
     legal = function.resolutions
     if resolution in (None, Special.DEF):
-        return function.usual_resolution
+        return function.fractions[10.0] if function.integrating else 1e-6
     if isinstance(resolution, Special):
         return min(legal) if resolution is Special.MIN else max(legal)
     wanted = resolution / range_

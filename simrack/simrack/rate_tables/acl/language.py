@@ -279,11 +279,6 @@ def switch(arguments: Arguments) -> bool:
     return text == "ON"
 
 
-def message_count(text: str) -> int:
-    """Return the number of messages that are wanted: a number, or ALL."""
-    return 64 if text.upper() == "ALL" else integer(text, 1, 64)
-
-
 ANGLE, RATE, ACCELERATION = 180.0, 11250.0, 703125.0
 """Weight of the top bit in BINARY format: deg, deg/s, deg/s2 (TM-8004-C 5.1.2)."""
 

@@ -125,8 +125,9 @@ class AclStatus:
     def _take_messages(self, arguments: language.Arguments) -> str:
         if not arguments or len(arguments) > 2 or arguments[0].upper() not in {"QERROR", "QFAULT", "QALL"}:
             raise language.Refusal(language.OUT_OF_RANGE)
-        wanted = 1 if len(arguments) == 1 else language.message_count(arguments[1])
-        messages = [self._messages.popleft() for _ in range(min(wanted, len(self._messages)))]
+        wanted = [*arguments, "1"][1]
+        most = 64 if wanted.upper() == "ALL" else language.integer(wanted, 1, 64)
+        messages = [self._messages.popleft() for _ in range(min(most, len(self._messages)))]
         if self.empty:  # the bit says that there are messages, as a summary bit does (unverified)
             self._byte &= ~_QUEUE
         return ";".join(messages)
