@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -48,3 +50,9 @@ def test_a_creep_that_no_single_run_shows_is_seen() -> None:
 
 def test_two_values_without_noise_are_compared() -> None:
     assert recursive_residuals(np.zeros(3), np.ones((3, 3))) == pytest.approx([0.0, 0.0])
+
+
+def test_a_prediction_is_the_mean_by_weights_of_all_before() -> None:
+    """0 +- 2 and 10 +- 1 predict 8 +- 0.89 for 5 +- 3."""
+    residuals = recursive_residuals(np.array([0.0, 10.0, 5.0]), np.diag([4.0, 1.0, 9.0]))
+    assert residuals == pytest.approx([10.0 / math.sqrt(5.0), -3.0 / math.sqrt(9.8)])

@@ -127,3 +127,14 @@ def test_bend_of_the_curve_is_no_point_off_the_line(bend: str) -> None:
 def test_dead_output_is_told() -> None:
     dead = 1e-4 + 1e-5 * np.random.default_rng(3).standard_normal(RATES.size)
     assert any("not beyond its own uncertainty" in each for each in of_table(dead))
+
+
+def test_a_largest_rate_that_is_visited_twice_is_no_saturation() -> None:
+    rates = np.array([-300.0, -300.0, -100.0, 0.0, 100.0, 300.0, 300.0])
+    line = fit_line(rates, -0.01 * rates)
+    assert doubts_of_line(rates, -0.01 * rates, line, line.u_scale_factor) == []
+
+
+def test_a_burst_is_told_whatever_the_rate() -> None:
+    (found,) = [each for each in doubts_of_record(100.0 + spoilt(3000, 3002, 9.5)) if "a burst" in each.words]
+    assert abs(found.row - 3000) <= 100

@@ -104,3 +104,9 @@ def test_channels_that_tell_two_frequencies_settle_between_them(apart_hz: float,
     sense = 2.2 * np.cos(2.0 * math.pi * (24_490.0 - apart_hz) * t + 1.0) + 2.2 * noise * left[1]
     found = phase_difference(drive, sense, 5e-7)
     assert found.phase_deg == pytest.approx(math.degrees(1.0) - 180.0 * apart_hz * t[-1], abs=0.5)
+
+
+def test_a_gain_is_that_of_the_second_over_the_first() -> None:
+    t = 1e-5 * np.arange(1000)
+    first, second = (size * np.cos(2.0 * math.pi * 1234.5 * t + turn) for size, turn in ((2.0, 0.0), (3.0, 0.5)))
+    assert phase_difference(first, second, 1e-5).gain == pytest.approx(1.5)

@@ -10,7 +10,8 @@ import pytest
 import vcfbench
 from tests.test_several import several
 from vcfbench.archive.lot import lot_report
-from vcfbench.procedures.axes import AxesResult
+from vcfbench.procedures.axes import AxesResult, between_axes
+from vcfbench.uncertainty.measurand import measurand
 
 SETTINGS = {"samples": 4, "mounting_deg": 0.01, "mount_s": 10.0}
 PLANTED = {"x": (1.0, 0.002, -0.003), "y": (0.004, 1.0, 0.001), "z": (0.0, -0.005, 1.0)}
@@ -60,3 +61,13 @@ def test_a_mounting_that_is_askew_is_in_the_angles() -> None:
     runs = [vcfbench.dry_run("axes", settings={"mounting_deg": deg}).expected for deg in (0.1, 0.5)]
     u95 = [next(each.u95 for each in run.values if each.name == "input_axis_towards_x") for run in runs]
     assert u95[1] == pytest.approx(5.0 * u95[0], rel=0.05)
+
+
+def test_the_angle_of_two_axes_has_readings_and_the_worse_mounting() -> None:
+    """X of the one and y of the other: each is turned by the other's small component alone, and by the mounting."""
+    common: dict[str, Any] = {"scale_factor": measurand(1.0, "V/(deg/s)", []), "towards": {}, "outputs_v": {}}
+    one = AxesResult(sensitivity=(1.0, 0.0, 0.0), u_sensitivity=(0.5, 0.003, 0.5), mounting_deg=0.1, **common)
+    two = AxesResult(sensitivity=(0.0, 1.0, 0.0), u_sensitivity=(0.004, 0.5, 0.5), mounting_deg=0.5, **common)
+    u = {part.source: part.u for part in between_axes(("x", one), ("y", two)).parts}
+    assert u.pop("readings") == pytest.approx(5.0)
+    assert [*u.values()] == [pytest.approx(1e3 * math.sqrt(2.0) * math.radians(0.5) / math.sqrt(3.0))]

@@ -11,7 +11,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import ReadsResistance
-from vcfbench.procedures.electrical import ElectricalSettings, findings
+from vcfbench.procedures.electrical import ElectricalSettings, _resistance, findings
 from vcfbench.sim.world import World
 from vcfbench.testing import simulated
 
@@ -122,3 +122,9 @@ def test_every_meter_reads_resistance_in_its_own_words(model: str) -> None:
     for line, true_ohm in zip(found.lines, GOOD.values(), strict=True):
         assert line.resistance.value == pytest.approx(true_ohm, rel=1e-5), line.of
     assert isinstance(ReadsResistance, type)
+
+
+def test_scatter_of_a_resistance_is_that_of_the_mean() -> None:
+    found = _resistance(ElectricalSettings(), 1000.0, (99.0, 100.0, 101.0, 100.0))
+    u = {part.source: part.u for part in found.parts}
+    assert u["readings"] == pytest.approx(math.sqrt(2.0 / 3.0) / 2.0)

@@ -20,10 +20,13 @@ from vcfbench.archive.results import evaluate
 from vcfbench.cli.main import app
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import asked_in_python, settings_of
+from vcfbench.procedures.layers import asked_in_python, meter_worth, settings_of
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
+from vcfbench.specifications import HP_34401A
 from vcfbench.station.file import embedded_text
+from vcfbench.station.parts import CalibrationPoint
+from vcfbench.station.settings import MeterKnown
 from vcfbench.steps.measured import Measured
 
 if TYPE_CHECKING:
@@ -250,3 +253,17 @@ def test_chosen_rule_covers_errors_of_a_meter(limits: str) -> None:
     u = 35e-6 / (sources.meter_sigmas or math.sqrt(3.0))
     drawn = np.random.default_rng(1).uniform(-35e-6, 35e-6, 2000)
     assert (np.mean(np.abs(drawn) <= 1.96 * u) > 0.93) == (limits == "rectangular")
+
+
+def test_levels_beside_the_line_of_a_certificate_are_in_the_offset() -> None:
+    """20 uV beside it at the most, rectangular."""
+
+    def squared(middle_v: float) -> float:
+        points = tuple(
+            CalibrationPoint(range_v=10.0, level_v=level_v, correction_v=correction_v, expanded_v=1e-5)
+            for level_v, correction_v in ((-10.0, 0.0), (0.0, middle_v), (10.0, 0.0))
+        )
+        u: float = meter_worth("meter", HP_34401A, MeterKnown(calibration=points), 10.0, 10.0)["meter_offset_v"]
+        return u**2
+
+    assert squared(30e-6) - squared(0.0) == pytest.approx((20e-6) ** 2 / 3.0)

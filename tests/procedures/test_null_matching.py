@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from types import MappingProxyType
+from types import MappingProxyType, SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -254,3 +254,8 @@ def test_what_cannot_be_is_refused() -> None:
     short = make_settings(k_vc_by=KvcBy.CURVE, match_rates_deg_s=(10.0, 20.0, 100.0))
     assert [invalid_value.path for invalid_value in short.contradictions()] == ["match_rates_deg_s"]
     assert not list(make_settings(k_vc_by=KvcBy.CURVE).contradictions())
+
+
+def test_rate_of_a_v_vc_is_the_curve_s() -> None:
+    curve: Any = SimpleNamespace(coefficients=(150.0, -2.0, 0.5))
+    assert NullVirtualCoriolisResult.rate_of(curve, 2.0) == pytest.approx(300.0 - 8.0 + 4.0)

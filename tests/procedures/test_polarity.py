@@ -15,7 +15,15 @@ import vcfbench
 from tests.procedures.fakes import MemoryJournal
 from vcfbench.cli.main import app
 from vcfbench.procedures.layers import asked_in_python, settings_of
-from vcfbench.procedures.polarity import CAUSES, DRIVEN, POLARITY, TURNED, PolaritySettings, results
+from vcfbench.procedures.polarity import (
+    CAUSES,
+    DRIVEN,
+    POLARITY,
+    TURNED,
+    PolaritySettings,
+    _carrier_sign,
+    results,
+)
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
@@ -268,3 +276,8 @@ def test_both_ways_are_taken_against_drift_and_without_a_table_nothing_turns() -
     assert [each.v_vc_v for each in steps if type(each) is SetVvc] == [0.0, 0.1, -0.1, 0.1]
     field = [each.step for each in vcfbench.dry_run("polarity", "examples/field-bench.toml", settings=QUICK).steps]
     assert not any(isinstance(each, SetRate) for each in field)
+
+
+@pytest.mark.parametrize(("phase_deg", "sign"), [(-175.0, 1), (175.0, 1), (5.0, -1), (-355.0, -1), (90.0, 0)])
+def test_a_carrier_s_phase_counts_apart_from_whole_turns(phase_deg: float, sign: int) -> None:
+    assert _carrier_sign(PolaritySettings(drive=DriveWindow(phase_deg=(170.0, 190.0))), phase_deg) == sign

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -11,7 +12,7 @@ import vcfbench
 from vcfbench.errors import ConfigError
 from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
-from vcfbench.procedures.power.results import PowerSettings, valid_output
+from vcfbench.procedures.power.results import PowerSettings, _moved, valid_output
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
@@ -159,3 +160,14 @@ def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
             assert abs(value.value - true) < 3.0 * value.u
             assert any(part.source == "imbalance of the rails" for part in value.parts)
             assert value.u < 500.0  # what 30 mV of 200 mV would do is 1500; 9 mV of the read-backs is 460
+
+
+def test_the_slope_of_a_state_is_relative_to_the_scale_factor_used() -> None:
+    rails = [SimpleNamespace(rail="positive", voltage_v=10.0)]
+    windows: Any = [
+        (SimpleNamespace(rate_deg_s=rate), SimpleNamespace(mean_v=mean_v, rails=rails))
+        for rate, mean_v in ((0.0, -0.125), (50.0, -0.6), (-50.0, 0.6))
+    ]
+    bias, slope, _ = _moved(6 * windows, -0.0125)
+    assert bias.outputs_v == pytest.approx([10.0] * 6)
+    assert slope.outputs_v == pytest.approx([0.96] * 6)

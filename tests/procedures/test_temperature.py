@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import to_builtins
+from msgspec.structs import replace
 
 import vcfbench
-from vcfbench.errors import ConfigError, LimitError
+from vcfbench.errors import ConfigError, LimitError, MeasurementError
 from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import PlacedInstrument, Station
 from vcfbench.steps import (
@@ -264,3 +266,21 @@ def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
     assert found.u == pytest.approx(0.01 * 2**0.5)
     assert found.coverage_factor == pytest.approx(2.2365, abs=1e-3)  # of the largest of two
     assert abs(found.value) > found.u95
+
+
+def test_an_output_that_never_rests_ends_the_run_after_the_longest_soak() -> None:
+    settings = TemperatureSettings(station=Station(meter_resolution_v=1e-5), longest_soak_s=4000.0)
+    plan, means = TEMPERATURE.plan(settings), list[float]()
+
+    def go_on() -> None:
+        answered: Any = None
+        while len(means) < 20:
+            step = plan.send(answered)
+            answered = step.predict(LinearGyro(150.0))
+            if isinstance(step, Acquire):
+                means.append(0.1 * len(means))
+                answered = replace(answered, point=replace(answered.point, output_v=means[-1]))
+
+    with pytest.raises(MeasurementError, match="not come to rest after 4000 s"):
+        go_on()
+    assert len(means) == 6

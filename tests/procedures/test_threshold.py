@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import vcfbench
 from vcfbench.analysis.input_limits import fit_dead_band
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.instructions.v_vc import VvcKnown
+from vcfbench.procedures import threshold
 from vcfbench.procedures.threshold import (
     _AT_REST,
     InputLimit,
@@ -200,3 +202,11 @@ def test_steps_that_the_generator_cannot_make_are_refused() -> None:
     asked = ThresholdSettings(steps_deg_s=(2.0, 1.0, 0.5), v_vc=VvcKnown.SET)
     with pytest.raises(MeasurementError, match=r"steps of 0\.5 deg/s about 0 deg/s make no difference of V_Vc"):
         results(asked, points)
+
+
+def test_u_of_a_recalled_k_vc_is_the_root_of_its_variance(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    curve = SimpleNamespace(coefficients=(0.0, 150.0), covariance=((0.0, 0.0), (0.0, 0.0004)))
+    record = SimpleNamespace(k_vc=curve, valid_at=lambda _: True)
+    monkeypatch.setattr(threshold, "last_certificate", lambda _: SimpleNamespace(record=record, path=tmp_path))
+    recalled = ThresholdSettings(dut="G1", devices=str(tmp_path)).recalled()
+    assert (recalled.k_vc_deg_s_per_v, recalled.k_vc_u_deg_s_per_v) == (150.0, pytest.approx(0.02))
