@@ -20,8 +20,8 @@ _BENT = 2e-3
 """Part of an output by which modulator and output stage may leave a line within the steps."""
 _NEAR = 1.01
 """Ratio of two inputs between which the slope at a limit is taken: nearer, the steps of their source are seen."""
-_LEAST = 1e-3
-"""Least slope, over the line's, at which an output is taken to leave what the line allows."""
+_STANDS_OUT = 6.0
+"""Standard deviations of a window by which two of them have to leave the line differently: four of the difference."""
 
 
 class DeadBand(Struct, frozen=True):
@@ -169,12 +169,21 @@ class Limit(Struct, frozen=True):
 
 
 def limit_of(
-    line: Line, may_lack: float, inputs: Sequence[float], outputs_v: Sequence[float], of_line: int
+    line: Line,
+    may_lack: float,
+    inputs: Sequence[float],
+    outputs_v: Sequence[float],
+    of_line: int,
+    *,
+    noise_v: float = 0.0,
 ) -> Limit | None:
     """Return the limit of inputs of one sign; None where the output followed all of them.
 
     The first `of_line` inputs are those that the line goes through: where the output curves, one of them lies above it
     and its opposite below, and neither is a limit. What falls short before one that follows does so by noise.
+    The slope there is that to the nearest input beyond whose output leaves the line by more than noise, of a standard
+    deviation of `noise_v`, makes of a difference: of nearer ones it would be noise, and of farther ones less local.
+    It leaves the line there at least as fast as it has done on average since no input, where nothing lacks.
     """
     order = np.argsort(np.abs(inputs)).tolist()
     follows = [i < of_line or line.lacks(inputs[i], outputs_v[i]) <= may_lack for i in order]
@@ -183,8 +192,11 @@ def limit_of(
     if not short:
         return None
     first, last = short[0], order[kept - 1]
-    beyond = next((each for each in short if abs(inputs[each]) >= _NEAR * abs(inputs[first])), last)
-    rise_v, apart = outputs_v[beyond] - outputs_v[first], inputs[beyond] - inputs[first]
-    rises = rise_v / apart / line.slope if apart else 0.0
+    rises = 0.0
+    for each in [each for each in short if abs(inputs[each]) >= _NEAR * abs(inputs[first])] or [last]:
+        apart_v = line.slope * (inputs[each] - inputs[first])
+        rises = (outputs_v[each] - outputs_v[first]) / apart_v if apart_v else 0.0
+        if abs((1.0 - may_lack - rises) * apart_v) > _STANDS_OUT * noise_v:
+            break
     at, half = 0.5 * (inputs[first] + inputs[last]), 0.5 * abs(inputs[first] - inputs[last])
-    return Limit(at, half, first, rises, max(abs(1.0 - may_lack - rises), _LEAST))
+    return Limit(at, half, first, rises, max(abs(1.0 - may_lack - rises), may_lack))

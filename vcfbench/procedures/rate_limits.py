@@ -7,6 +7,7 @@ rates by a share of what the line has there; the limit is bisected. Where the be
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
+from statistics import fmean
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Struct
@@ -247,7 +248,9 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     tried = [each for each in own if points[each].step not in {_BACK, _AGAIN}]
     inputs = [settings.input_of(points[each]) for each in tried]
     of_line = sum(points[each].step == _LINE for each in tried)
-    found = limit_of(line, settings.may_lack, inputs, [points[each].output_v for each in tried], of_line)
+    window_v = math.sqrt(fmean(points[each].std_v ** 2 / points[each].n for each in tried))
+    outputs_v = [points[each].output_v for each in tried]
+    found = limit_of(line, settings.may_lack, inputs, outputs_v, of_line, noise_v=window_v)
     if found is None:
         most = max(inputs, key=abs)
         of_slope = dict(enumerate(line.weights(most, 0.0)))
