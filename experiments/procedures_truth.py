@@ -686,7 +686,7 @@ def _rate_limits(
     found, level_deg_s = done.results, done.header["settings"]["level_deg_s"]
     small, most = level_deg_s, bench.limits.max_rate_deg_s or 0.0
     if by != "table":
-        small, most = level_deg_s / abs(bench.procedure.k_vc_guess_deg_s_per_v), 10.0
+        small, most = level_deg_s / abs(bench.procedure.k_vc_guess_deg_s_per_v), 11.0  # more than generators reach
 
     of_noise_deg_s = Modes.of(bench).noise(physical_parameters(bench).noise.angle_random_walk_deg_sqrt_s)
     spots, weights = np.polynomial.hermite_e.hermegauss(60)
@@ -706,12 +706,7 @@ def _rate_limits(
             low, high = (low, middle) if lacks > 0.01 else (middle, high)
         each, truth = getattr(found, name), sign * low * (1.0 if by == "table" else per_input / slope)
         if each.limit is None:
-            reached = abs(truth)
-            if by != "table":  # the generator's last range makes of its 10 V what it does
-                of_source: Any = bench.simulation.errors.rate_source
-                last = of_source["ranges"][-1]
-                reached *= 1.0 + last["gain_error"] + sign * last["offset_error_v"] / most
-            yield Stated(f"{name} bound, below the limit", reached, abs(each.at_least_deg_s))
+            yield Stated(f"{name} bound, below the limit", abs(truth), abs(each.at_least_deg_s))
             continue
         yield from stated(f"{name} limit", each.limit, truth)
         yield from stated(f"after beyond less before, {name}", each.comes_back, 0.0)
