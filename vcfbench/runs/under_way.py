@@ -92,10 +92,10 @@ class UnderWay(Struct):
         if isinstance(error, NotSafe) and self.error is not None:
             error.hint = "; ".join(filter(None, [error.hint, f"before that: {self.error}"]))
         if isinstance(error, NotSafe) or self.error is None:
-            station = self.prepared.settings.station
-            if self.execution is not None:
-                error.what = in_unit(error.what, station.output_unit)
-            if station.stream is not None and error.instrument == "multimeter":
+            settings = getattr(self.prepared, "settings", None)  # none before the run is made ready
+            if settings is not None and self.execution is not None:
+                error.what = in_unit(error.what, settings.station.output_unit)
+            if settings is not None and settings.station.stream is not None and error.instrument == "multimeter":
                 error.instrument = "stream"
             self.error = error
 
