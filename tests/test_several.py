@@ -33,6 +33,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
 from vcfbench.station.writing import bench_text
+from vcfbench.steps.each import EachResult
 from vcfbench.studies.file import read_study
 from vcfbench.testing import serve_simulated
 from vcfbench.values.sources import TABLE_RATE
@@ -125,6 +126,18 @@ def test_devices_are_calibrated_together_each_as_alone(whole: Run, tmp_path: Pat
         assert each.directory is not None
         assert verify_run(each.directory).wrong is None
     assert all(verify_run(str(each.directory)).notes == verify_run(str(alone.directory)).notes for each in run.devices)
+
+
+def test_one_pair_of_ramps_measures_the_latency_of_each(whole: Run, tmp_path: Path) -> None:
+    counted = vcfbench.run("turntable", several(2, "adis16495"), seed=1, settings=QUICK, runs=tmp_path)
+    ((_, seen),) = [found for found in counted.measured.found(EachResult) if found[1].kind == "LatencySeen"]
+    for (
+        each
+    ) in seen.results.values():  # a span of 100 ms, 6.5 ms of the gyroscope, 1 to 10 ms drawn; 11 ms of the table
+        assert each.latency_s == pytest.approx(50e-3 + 6.5e-3 + 5.5e-3 + 14e-3, abs=6e-3)
+    assert counted.bench_seconds is not None
+    assert whole.bench_seconds is not None
+    assert counted.bench_seconds - whole.bench_seconds < 5.0
 
 
 def test_a_record_that_is_not_that_of_its_run_is_found(whole: Run, tmp_path: Path) -> None:

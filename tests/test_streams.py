@@ -27,6 +27,7 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.stream_profiles import stream_profiles
 from vcfbench.station.writing import bench_text
 from vcfbench.steps.stream import StreamSeen
+from vcfbench.steps.stream_latency import LatencySeen
 from vcfbench.studies.truth import truth_of
 from vcfbench.testing import serve_simulated
 from vcfbench.values.printing import in_unit
@@ -96,6 +97,27 @@ NUMBERS: dict[str, dict[str, Any]] = {
     "LSB": {"unit": "LSB", "value": FIELD},
     "deg": {"unit": "deg", "kind": "increment", "value": {**FIELD, "scale": 1e-7}},
 }
+
+
+ANGLES: dict[str, Any] = {**FRAME, "unit": "deg", "kind": "angle", "value": {**FIELD, "scale": 1e-6}}
+
+
+@pytest.mark.parametrize("stream", few(["adis16495", "dsp1760", ANGLES], "adis16495"), ids=str)
+def test_age_of_the_numbers_is_measured_by_ramps_of_the_table(stream: Any, tmp_path: Path) -> None:
+    told = {"table_readback_s": 0.022}  # 1 ms of delay and half of 20 ms of the simulated estimate
+    base: dict[str, Any] = {"profile": stream} if isinstance(stream, str) else stream
+    ages = []
+    for latency_s in (0.0, 0.03):
+        bench = stream_bench({**base, **told}, latency_s=latency_s)
+        run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path)
+        ((_, seen),) = run.measured.found(LatencySeen)
+        assert seen.latency_s is not None
+        assert seen.u_latency_s is not None
+        # half of a span of 10 ms, 6.5 ms of the gyroscope and its low-pass, and at most 2 ms of the wire
+        assert 11.5e-3 - 2.0 * seen.u_latency_s < seen.latency_s - latency_s < 13.5e-3 + 2.0 * seen.u_latency_s
+        assert f"{1e3 * seen.latency_s:.1f} ms old as they come" in vcfbench.text_of(run.report())
+        ages.append(seen.latency_s)
+    assert ages[1] - ages[0] == pytest.approx(0.03, abs=0.5e-3)
 
 
 ABSENT = re.compile(r"multimeter|generator|(?<!without )V_Vc|oscilloscope|rail|volts?\b")

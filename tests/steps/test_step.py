@@ -67,7 +67,7 @@ def test_every_step_says_what_it_does_to_what() -> None:
 def test_what_sets_something_that_has_limits_is_held_against_them() -> None:
     limited = {kind.__name__ for kind in SHIPPED if kind.within is not Step.within}
     sources = {"ConfigureGenerator", "SetVvc", "SetSine", "SetVibration"}
-    assert limited == {"ConfigureRail", *sources, "SetRate", "SetTemperature"}
+    assert limited == {"ConfigureRail", *sources, "SetRate", "MeasureLatency", "SetTemperature"}
 
 
 def test_a_step_of_ones_own_needs_nothing_but_itself() -> None:

@@ -32,6 +32,7 @@ from vcfbench.station.settings import Limit
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.no_result import is_arithmetic, no_result
 from vcfbench.steps.stream import StreamSeen
+from vcfbench.steps.stream_latency import LatencySeen
 from vcfbench.typed import decoder_of, typed
 from vcfbench.values.value import Value
 
@@ -99,7 +100,8 @@ def evaluate(
     if drive and (said := beyond_bearing(settings, drive)):
         report = Report([*report.parts, Text(said)])
     if seen := measured.found(StreamSeen):
-        report = Report([*report.parts, Text(f"the stream: {seen[-1][1].describe()}")])
+        late = [f"; {each.describe()}" for _, each in measured.found(LatencySeen)[-1:]]
+        report = Report([*report.parts, Text(f"the stream: {seen[-1][1].describe()}{''.join(late)}")])
     return Evaluation(results, verdict, report, values, measured)
 
 

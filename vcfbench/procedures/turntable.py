@@ -15,7 +15,7 @@ from vcfbench.records.schema import Point
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
-from vcfbench.steps import Note, Plan, Settle
+from vcfbench.steps import MeasureLatency, Note, Plan, Settle
 from vcfbench.steps.step import Routine
 from vcfbench.uncertainty import columns
 from vcfbench.uncertainty import line as lines
@@ -37,6 +37,16 @@ def turntable(settings: schedule.SweepSettings) -> Plan:
     yield Note("Step 1: the table turns at each rate, generator off")
     points = yield from table_sweep(settings, STEP)
     require_expected_column(points, settings.expected)
+    yield from latency(settings)
+
+
+def latency(settings: schedule.SweepSettings) -> Routine[None]:
+    """Measure the latency of a stream with a counter, by ramps of the table."""
+    stream = settings.station.stream
+    if stream is not None and stream.counter is not None:
+        deadline_s = settings.rate_deadline_s
+        fastest_deg_s, a_deg_s2 = settings.fastest_deg_s, settings.acceleration_deg_s2
+        yield MeasureLatency(fastest_deg_s, a_deg_s2, settings.rate_tolerance_deg_s, deadline_s)
 
 
 def table_sweep(settings: schedule.SweepSettings, step: int, earlier: Sequence[Point] = ()) -> Routine[list[Point]]:

@@ -49,6 +49,7 @@ from vcfbench.steps.source import (
 )
 from vcfbench.steps.step import Done, Effect, Plan, Reading, Step, StepResult
 from vcfbench.steps.stream import LookAtStream, StreamSeen
+from vcfbench.steps.stream_latency import LatencySeen, MeasureLatency
 from vcfbench.steps.supply import CheckRails, ConfigureRail, DisableSupply, EnableSupply, RailReading, RailsReading
 from vcfbench.steps.table import AwaitRate, DisableTable, EnableTable, RateReading, SetRate
 from vcfbench.steps.v_vc import (

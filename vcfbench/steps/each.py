@@ -15,6 +15,7 @@ from vcfbench.records.schema import Point
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.meter import Acquire, LookAtOutput, OutputSeen
 from vcfbench.steps.step import Context, Effect, Reading, Step, StepResult, does
+from vcfbench.steps.stream_latency import MeasureLatency
 from vcfbench.typed import typed
 
 _SHOWN = 3
@@ -122,6 +123,8 @@ class EachOf(Step, Struct, frozen=True):
                         seen[name].append(value_v)
                 first.read_back(context)
                 results = {name: OutputSeen(tuple(each)) for name, each in seen.items() if name not in failed}
+            case MeasureLatency() as first:
+                results = dict(first.of_all(contexts))
             case _:
                 results = {}
                 for name, step in self.steps.items():

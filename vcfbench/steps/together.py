@@ -15,8 +15,9 @@ from vcfbench.steps.meter import Acquire, AcquireGapless, LookAtOutput
 from vcfbench.steps.no_result import as_bench_error
 from vcfbench.steps.step import Plan, Step, StepResult, abandon
 from vcfbench.steps.stream import LookAtStream
+from vcfbench.steps.stream_latency import MeasureLatency
 
-OF_EACH = (Acquire, LookAtOutput, LookAtStream)
+OF_EACH = (Acquire, LookAtOutput, LookAtStream, MeasureLatency)
 """Steps that look at the output of each device."""
 
 

@@ -107,7 +107,8 @@ class Stream(_Table, frozen=True, kw_only=True):
     `value` is the output, of a `kind`: a rate, the increment of an angle since the last frame, or an angle. Readings
     are means over `aperture_s`. `clock_ppm` is the most by which the device's clock is off, `latency_s` the age of a
     number when it has come, `full_scale` the output at which it saturates before its type does,
-    `full_turn` that at which an angle begins anew before its type does. A `quiet` device may
+    `table_readback_s` the most by which the table's read-back is old, where the latency is measured by it (0.05 is
+    chosen), `full_turn` that at which an angle begins anew before its type does. A `quiet` device may
     say the same number over a whole reading.
     """
 
@@ -132,6 +133,7 @@ class Stream(_Table, frozen=True, kw_only=True):
     aperture_s: Annotated[float, Meta(ge=0.01, le=60.0)] = 0.5
     clock_ppm: Annotated[float, Meta(ge=0.0, le=10_000.0)] = 200.0
     latency_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.0
+    table_readback_s: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     quiet: bool = False
     baud_rate: Annotated[int, Meta(ge=300, le=3_000_000)] = 115_200
     parity: Literal["none", "even", "odd"] = "none"

@@ -111,7 +111,7 @@ class StreamReader:
             MeasurementError: bytes come, and no frame.
             DeadlineExceeded: nothing comes.
         """
-        self._flush()
+        self.flush()
         next(filter(None, self._coming(self.stream.timeout_s + 3.0 / self.stream.sample_rate_hz, math.inf)))
         return Identity("", self.stream.name, "", "")
 
@@ -144,7 +144,7 @@ class StreamReader:
         stream = self.stream
         period_s = 1.0 / stream.sample_rate_hz
         asked_s = self.clock.now()
-        self._flush()
+        self.flush()
         yield
         bad_before = self._decoder.bad
         wanted = max(2, round(stream.aperture_s * stream.sample_rate_hz))
@@ -189,6 +189,19 @@ class StreamReader:
             self._temperature_c = math.fsum(each.temperature_c or 0.0 for each in taken) / len(taken)
         return self._mean(taken, steps) * stream.per_unit
 
+    def frames(self, within_s: float) -> list[tuple[float, Sample]]:
+        """Return the whole frames of the next bytes with their bench times.
+
+        None, where none come in time. Nothing is refused: they are not of a reading.
+        """
+        try:
+            with self._located():
+                data = self._wire.receive(Deadline.after(self.clock, within_s))[0]
+        except errors.DeadlineExceeded:
+            return []
+        now_s = self.clock.now()
+        return [(now_s, each) for each in self._decoder.feed(data)]
+
     def health(self) -> dict[str, Any]:
         """Return counts of the frames so far, and the device's clock against bench time."""
         clock_ppm, u_clock_ppm = self._clock_ppm() or (None, None)
@@ -214,7 +227,7 @@ class StreamReader:
         """Give the connection back."""
         self._wire.close()
 
-    def _flush(self) -> None:
+    def flush(self) -> None:
         """Throw away the received bytes; the next may be in the middle of a frame."""
         with self._located():
             self._wire.clear(Deadline.after(self.clock, self.stream.timeout_s))
