@@ -143,7 +143,7 @@ def test_degrees_of_freedom_are_what_repetition_shows(noise: str) -> None:
 
 
 @pytest.mark.parametrize("noise", LAWS)
-def test_degrees_of_freedom_of_long_records_are_those_of_the_full_sum(noise: str) -> None:
+def test_long_record_has_degrees_of_freedom_of_full_sum(noise: str) -> None:
     """Twice the samples and the clusters' length, far beyond what is summed lag by lag, tend to the same number."""
     if noise == "quantisation":
         factors = (1, 1)  # there the number of terms counts, not that of clusters
@@ -184,7 +184,7 @@ def test_interval_covers_the_truth_as_often_as_it_says() -> None:
         assert inside / 400 == pytest.approx(confidence, abs=4 * math.sqrt(confidence * (1 - confidence) / 400))
 
 
-def test_white_noise_falls_with_the_square_root_and_reads_its_own_density() -> None:
+def test_white_noise_falls_with_square_root_from_its_density() -> None:
     """1e5 points of 0.0035 deg/s at 1 Hz are 0.21 deg/sqrt(h); each point within 4 sigma of its own scatter."""
     record = 0.0035 * np.random.default_rng(7).standard_normal(100_000)
     curve = allan_deviation(record, 1.0, [1, 4, 16, 64])

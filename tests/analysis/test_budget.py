@@ -302,7 +302,7 @@ def test_trials_of_few_degrees_of_freedom_are_students() -> None:
 @pytest.mark.parametrize(
     ("sources", "pairs", "message"),
     [
-        ([Source("a", 0.0, 1.0), Source("a", 0.0, 1.0)], {}, "one name: a"),
+        ([Source("a", 0.0, 1.0), Source("a", 0.0, 1.0)], {}, "got twice: a"),
         ([Source("a", 0.0, -1.0)], {}, "source a"),
         ([Source("a", 0.0, math.inf)], {}, "source a"),
         ([Source("a", math.nan, 1.0)], {}, "source a"),

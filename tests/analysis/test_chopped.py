@@ -54,7 +54,7 @@ def test_the_scatter_of_differences_is_foreseen(coefficient: float) -> None:
         assert noise.flicker_v2 == pytest.approx(coefficient, rel=0.15)
 
 
-def test_a_flicker_that_is_known_counts_where_few_blocks_show_less() -> None:
+def test_known_flicker_overrides_smaller_flicker_of_few_blocks() -> None:
     rng, of_the_gyroscope = np.random.default_rng(7), 4e-10
     quiet = scattered(rng, 5, 3e-5, 0.0)
     alone = block_noise(quiet, 9.5e-5, 10, 10.0, 12.0)

@@ -29,7 +29,7 @@ def covariance(entries: int, own_ppm: float, shared_ppm: float, certificate_ppm:
 
 
 @pytest.mark.exhaustive
-def test_without_a_change_residuals_are_independent_of_unit_size_whatever_is_shared() -> None:
+def test_unchanged_device_has_independent_residuals_of_unit_size() -> None:
     rng, size = np.random.default_rng(1), covariance(12, 12.0, 30.0, 14.0)
     drawn = rng.multivariate_normal(np.zeros(13), size, 4000)
     residuals = np.array([recursive_residuals(each, size) for each in drawn])

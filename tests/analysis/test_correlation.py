@@ -35,7 +35,7 @@ def test_u_of_means_is_their_scatter_whatever_readings_remember() -> None:
         assert u == pytest.approx(true, rel=0.35), (seed, rho, size)
 
 
-def test_independent_readings_have_their_scatter_over_the_root_of_their_number() -> None:
+def test_independent_readings_have_scatter_over_root_n() -> None:
     rng, resolution_v = np.random.default_rng(1), 1e-5
     for _ in range(500):
         count, size, noise_v = int(rng.integers(2, 120)), int(rng.integers(3, 40)), 10.0 ** rng.uniform(-5.5, -3.0)

@@ -128,7 +128,7 @@ def test_common_meter_error_goes_whole_into_k_vc() -> None:
     assert np.mean(np.array(tails) < 0.05) == pytest.approx(0.05, abs=0.021)
 
 
-def test_lack_of_fit_is_told_and_kept_out_of_the_uncertainty() -> None:
+def test_lack_of_fit_is_reported_outside_the_uncertainty() -> None:
     """A line through a curved modulator: improbable residuals, tenths of deg/s too much; u as if nothing were wrong."""
     straight = fit_k_vc_curve(RATES, TRUE_V, covariance_of(RATES, U_RATE), covariance_of(TRUE_V, U_V), order=1)
     assert straight.lack_of_fit_p is not None
@@ -179,7 +179,7 @@ def test_the_parts_of_the_covariance_add_up_to_it() -> None:
     assert parts["gain"][1, 1] ** 0.5 / curve.k_vc == pytest.approx(9e-6, rel=1e-3)
 
 
-def test_u_of_the_shape_is_what_the_covariance_of_the_coefficients_gives() -> None:
+def test_shape_has_u_by_covariance_of_coefficients() -> None:
     curve = fitted(np.random.default_rng(6), u_rate=0.05)
     shape = curve.curvature()
     drawn = np.random.default_rng(7).multivariate_normal(curve.coefficients, curve.covariance, 40_000)

@@ -47,7 +47,7 @@ def test_the_spacing_that_a_meter_really_has_is_found() -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_noise_about_the_sine_is_the_scatter_of_its_amplitude() -> None:
+def test_noise_about_sine_is_scatter_of_amplitude() -> None:
     random = np.random.default_rng(4)
     sine = averaged(1.0, 1, 0.4)
     found = [demodulated(sine + 1e-3 * random.standard_normal(COUNT), APERTURE_S, FREQUENCY_HZ, 5) for _ in range(150)]
@@ -68,7 +68,7 @@ def test_another_frequency_is_refused() -> None:
         demodulated(np.cos(0.05 * np.arange(COUNT)), APERTURE_S, 0.05 / (2.0 * math.pi * APERTURE_S), 1)
 
 
-def test_the_response_far_below_the_splits_is_that_of_the_modes() -> None:
+def test_response_far_below_splits_is_response_of_modes() -> None:
     """`split_response` has both side bands, damping and the drive frequency; the share is what it makes of 0.8."""
     drive, split, far = 3488.9, 24.8, 146.9
     stiff = [1.0 / ((drive - each) ** 2 - drive**2) for each in (split, far)]

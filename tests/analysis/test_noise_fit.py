@@ -108,7 +108,7 @@ def test_an_uncertain_point_at_the_end_hardly_counts() -> None:
     assert fit.terms[Term.ANGLE_RANDOM_WALK].value == pytest.approx(1.0, rel=0.01)
 
 
-def test_who_fits_a_record_again_sums_nothing_over_its_lags_again() -> None:
+def test_second_fit_of_record_reuses_sums_over_lags() -> None:
     """The sums are those of the lags alone: a record of a million readings is fitted from many averaging times on."""
     curve = curve_of(Coefficients(0.0, 1.0, 0.1), 2 ** np.arange(12))
     fit_noise(curve, 54_321, SECONDS)

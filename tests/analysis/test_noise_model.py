@@ -87,7 +87,7 @@ def test_record_is_told_right_by_its_first_seed(kind: str) -> None:
     assert (found.fit.coefficients.quantisation < -0.5) == (kind == "held four times")
 
 
-def test_the_bound_of_a_flicker_that_stands_out_goes_by_its_u() -> None:
+def test_clear_flicker_has_bound_by_its_u() -> None:
     """The least of the bounds of all points, of which many are near to the flicker, is below the truth too often."""
     draw = np.random.default_rng(17)
     found = [model_of(0.1 * draw.standard_normal(3600) + flicker(3600, draw)[0]) for _ in range(4)]
@@ -112,7 +112,7 @@ def test_mean_of_neighbours_leaves_n_exactly(length: int) -> None:
     assert found.fit.coefficients.squares()[0] == pytest.approx(-(length**2 - 1) / (6.0 * length), rel=1e-3)
 
 
-def test_short_record_behind_a_slow_filter_is_not_fitted_within_its_memory() -> None:
+def test_short_record_is_not_fitted_within_filter_memory() -> None:
     """A time constant of three readings: N was 35 % low at a u of 9 %, its start being within the filter's memory."""
     pole, off = math.exp(-0.1 * math.pi), []
     for seed in range(8):
@@ -138,7 +138,7 @@ def test_points_that_are_too_low_are_seen() -> None:
     assert bad.fit.terms[Term.ANGLE_RANDOM_WALK].value == pytest.approx(1.0, rel=0.02)
 
 
-def test_slow_sine_is_no_noise_and_nothing_is_stated_of_it() -> None:
+def test_slow_sine_gives_no_noise_coefficient() -> None:
     record = KINDS["white"](np.random.default_rng(9002)) + 0.2 * np.sin(2.0 * np.pi * 20.0 * np.arange(SIZE) / SIZE)
     found = model_of(record)
     assert not found.described

@@ -15,7 +15,7 @@ def phases(records: int, samples: int) -> np.ndarray:
     return np.hstack([np.zeros((records, 1)), np.cumsum(white, axis=1)])
 
 
-def test_two_averaging_times_of_one_record_vary_together_as_repetition_shows() -> None:
+def test_averaging_times_of_one_record_correlate_as_in_repetition() -> None:
     """20 000 records of 60: mean squares of second differences at 2 and at 5, their covariance and means; 5 %."""
     x = phases(20_000, 60)
     means = []

@@ -160,7 +160,7 @@ def test_what_the_closed_form_lacks_widens_the_uncertainty() -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("side", few([1.0, -1.0], -1.0))
-def test_mode_of_high_q_close_to_the_drive_is_found_on_its_side(side: float) -> None:
+def test_high_q_mode_near_drive_is_found_on_its_side(side: float) -> None:
     """From a start far off the fit of the other side ended with a lag of 0.4 and the in-phase mode's sign turned."""
     rng, split = np.random.default_rng(4), side * 4.322
     f = 4.322 * np.array([0.05, 0.1, 0.3, 0.5, 0.7, 0.85, 0.93, 0.97, 0.99, 1.0, 1.01, 1.03, 1.07, 1.2, 1.4, 1.7, 2.5])
@@ -181,7 +181,7 @@ def test_tone_that_its_harmonic_is_folded_onto_does_not_count(turns: float) -> N
     assert fit_tone(samples, 5e-3, 0.0, (turns - 0.01) / 5e-3, mains_hz=50.0).alone
 
 
-def test_noise_of_tones_follows_the_modes_beside_one_that_flicker_spoils() -> None:
+def test_noise_of_tones_follows_modes_except_one_with_flicker() -> None:
     """One of the lowest tones had six times the noise of the others, and the weights swung: no noise by the modes."""
     f = np.concatenate([[4.6], np.linspace(10.0, 50.0, 9), 57.65 + np.array([-3.0, -1.5, 0.0, 1.5, 3.0, 6.0, 10.0])])
     shape = np.array([57.65, 28950.0, 1.0, 992.0, 0.0])
@@ -194,7 +194,7 @@ def test_noise_of_tones_follows_the_modes_beside_one_that_flicker_spoils() -> No
     assert found[f > 40.0] == pytest.approx(u[f > 40.0], rel=0.3)
 
 
-def test_filter_far_below_the_split_does_not_hide_it_from_the_guess() -> None:
+def test_filter_far_below_split_leaves_guess_right() -> None:
     """Of a bandwidth of 4 Hz and a split of 12 Hz, 1.7 Hz was guessed: the filter's corner."""
     f = np.array([0.15, 0.5, 1.0, 2.2, 4.4, 7.7, 9.7, 12.1, 15.0, 18.4, 29.0])
     seen = response(f, 12.0, 6000.0, 0.8, 0.0) / np.sqrt(1.0 + (f / 4.0) ** 8)
@@ -252,7 +252,7 @@ def test_tone_noise_is_taken_at_its_frequency() -> None:
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("side", few([1.0, -1.0], -1.0))
 @pytest.mark.parametrize("seed", few(range(12), 1))
-def test_a_split_whose_side_is_not_seen_holds_that_of_either(seed: int, side: float) -> None:
+def test_split_of_unknown_side_covers_both_sides(seed: int, side: float) -> None:
     """A wide mode near the drive: of which side it is moves the split by half a thousandth of a hertz."""
     drive_hz, split_hz, q, apart_hz = 3488.9, 8.0, 1307.0, 147.0
     f = split_hz * np.concatenate([np.linspace(0.1, 0.8, 12), np.linspace(0.85, 1.2, 15), np.linspace(1.25, 2.0, 8)])
@@ -268,7 +268,7 @@ def test_a_split_whose_side_is_not_seen_holds_that_of_either(seed: int, side: fl
     ("drive_hz", "split_hz"),
     few(list(product((1000.0, 3488.9, 12_000.0), (24.8, -24.8, 40.0, -40.0))), (1000.0, -24.8)),
 )
-def test_q_is_that_of_a_mode_on_either_side_of_the_drive(drive_hz: float, split_hz: float) -> None:
+def test_q_covers_mode_on_either_side_of_drive(drive_hz: float, split_hz: float) -> None:
     size, apart_hz = abs(split_hz), max(0.042 * drive_hz, 6.0 * abs(split_hz))
     f = size * np.concatenate([np.linspace(0.1, 0.8, 12), np.linspace(0.85, 1.2, 15), np.linspace(1.25, 2.0, 8)])
     q = 30.0 * drive_hz / size

@@ -41,7 +41,7 @@ def test_virtual_column() -> None:
     assert round(fit.bias_deg_s, 4) == -0.0517
 
 
-def test_slope_and_intercept_are_not_correlated_on_the_grid_of_the_paper() -> None:
+def test_slope_and_intercept_are_uncorrelated_on_papers_grid() -> None:
     fits = [fit_line(RATE, column) for column in (TURNTABLE, VIRTUAL)]
     for fit in fits:
         assert (fit.sxx, fit.dof, fit.rate_mean_deg_s, fit.covariance) == (106060.0, 15, 0.0, 0.0)
@@ -92,9 +92,7 @@ def test_residuals_are_orthogonal_to_the_line(rate: list[int], gain: float, bias
 
 
 @given(rates, st.floats(0.001, 1000.0), st.floats(-100, 100))
-def test_line_and_its_uncertainty_follow_scale_and_shift_of_the_output(
-    rate: list[int], factor: float, shift: float
-) -> None:
+def test_line_and_uncertainty_follow_scale_and_shift_of_output(rate: list[int], factor: float, shift: float) -> None:
     output = np.sin(np.array(rate, dtype=float))
     plain, moved = fit_line(rate, output), fit_line(rate, factor * output + shift)
     size = factor * plain.s_v + abs(shift)

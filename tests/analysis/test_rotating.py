@@ -87,7 +87,7 @@ def test_the_uncertainty_is_the_scatter() -> None:
 
 def test_what_cannot_be_told_is_said() -> None:
     drive, sense, output = records(8.0, 90.0)
-    with pytest.raises(ConfigError, match="two turns"):
+    with pytest.raises(ConfigError, match="two periods"):
         fit_rotation(drive, sense, output, INTERVAL_S, 2.0)
     with pytest.raises(ConfigError, match="as long as each other"):
         fit_rotation(drive, sense[:-1], output, INTERVAL_S, 8.0)
@@ -95,7 +95,7 @@ def test_what_cannot_be_told_is_said() -> None:
         reference_phase([(8.0, 90.0)] * 3)
 
 
-def test_a_part_that_noise_hides_is_measured_where_it_was_sent() -> None:
+def test_hidden_part_is_measured_at_sent_frequency() -> None:
     """Over 100 periods of the drive neither time base loses a thousandth of a turn."""
     random, times_s = np.random.default_rng(4), np.arange(3000) / (30.0 * 10_920.0)
     found = []
@@ -111,7 +111,7 @@ def test_a_part_that_noise_hides_is_measured_where_it_was_sent() -> None:
 
 @pytest.mark.parametrize("drive_hz", [12_000.0, 36_000.0, 49_000.0])
 @pytest.mark.parametrize("ppm", [-55.0, -20.0, 20.0, 55.0])
-def test_a_part_is_found_where_the_time_bases_have_put_it(drive_hz: float, ppm: float) -> None:
+def test_part_is_found_at_frequency_shifted_by_time_bases(drive_hz: float, ppm: float) -> None:
     """V_Vc is at twice the drive and a little by its own time base, the drive is read by another one."""
     moved_hz = 13.0 + 2e-6 * ppm * drive_hz
     found = fit_rotation(*records(moved_hz, 40.0, thin=0.2, drive_hz=drive_hz), 0.2 * INTERVAL_S, 13.0)

@@ -135,7 +135,7 @@ def test_an_output_that_does_not_follow_is_refused() -> None:
         characterise([-1, 0, 1], [0.5, 0.5, 0.5])
 
 
-def test_noise_of_a_lopsided_grid_is_that_of_the_weighted_sums() -> None:
+def test_lopsided_grid_has_noise_of_weighted_sums() -> None:
     """Each point with a noise of its own, through the normal equations written out: (X'X)^-1 X' V X (X'X)^-1."""
     rate, u = np.array([0.0, 10.0, 50.0, 200.0]), np.array([1e-5, 2e-5, 3e-5, 5e-5])
     noise = characterise(rate, -0.0125 * rate, u).type_a

@@ -60,7 +60,7 @@ def test_runs_at_the_same_rates_differ_as_their_lines_do() -> None:
     assert math.sqrt(np.trace(slopes.covariance)) == pytest.approx(math.hypot(lines[0][1], lines[1][1]), rel=0.4)
 
 
-def test_means_of_windows_at_some_rates_have_the_noise_of_means() -> None:
+def test_means_of_windows_have_noise_of_means() -> None:
     rate = np.array([10.0, 0.0, 10.001, -10.0])
     windows = Windows(rate, 2.0 * rate, np.eye(4), 1.0).at([10.0, -10.0], 1e-3, 1e-2)
     assert windows.output_deg_s == pytest.approx(2.0 * np.array([10.0005, -10.0]))

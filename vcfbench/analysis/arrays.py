@@ -26,7 +26,7 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
     if hasattr(values, "to") and (hasattr(values, "units") or hasattr(values, "unit")):
         written = str(getattr(values, "units", None) or getattr(values, "unit", ""))
         if not unit:
-            raise ConfigError(f"{what}: came in {written}; hand in plain numbers, in the unit of the result")
+            raise ConfigError(f"{what}: expected plain numbers in the unit of the result, got {written}")
         try:
             converted = values.to(unit)
         except Exception as error:  # each library has errors of its own
@@ -34,7 +34,7 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
         values = converted.magnitude if hasattr(converted, "magnitude") else converted.value
     masked = getattr(values, "mask", False)
     if np.any(masked):
-        raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; leave them out, or the whole up to them")
+        raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; remove them, or the part from them on")
     found = np.asarray(values)
     if found.dtype.kind not in "fiubO" or (found.dtype.kind == "O" and any(isinstance(e, complex) for e in found.flat)):
         raise ConfigError(f"{what}: expected real numbers, got {found.dtype}")

@@ -54,7 +54,7 @@ class Source(Struct, frozen=True):
 
     @property
     def possible(self) -> bool:
-        """Return True if there can be such a quantity: finite, its uncertainty too and not below zero."""
+        """Return True if value and uncertainty are finite, and the uncertainty is not negative."""
         return math.isfinite(self.value) and 0.0 <= self.u < math.inf and self.dof > 0.0
 
 
@@ -181,7 +181,7 @@ def check_sources(sources: Sequence[Source], correlations: Correlations) -> None
     names = [source.name for source in sources]
     if len(set(names)) < len(names):
         twice = sorted(name for name in set(names) if names.count(name) > 1)
-        raise ConfigError(f"two sources have one name: {', '.join(twice)}")
+        raise ConfigError(f"expected a different name of each source, got twice: {', '.join(twice)}")
     for source in sources:
         if not source.possible:
             stated = f"value {source.value}, u {source.u}, {source.dof} degrees of freedom"

@@ -1,4 +1,4 @@
-"""One column of a calibration as it is reported: plain numbers, which compare, hash and pickle."""
+"""One series of a calibration as reported: plain numbers, which compare, hash and pickle."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ class FittedValue(Value, frozen=True):
     """Standard uncertainty by the fit and the readings alone."""
 
     def in_results(self) -> dict[str, Any]:
-        """Return it as the results in ``result.json`` have it."""
+        """Return the series in the form of ``result.json``."""
         found = {"value": self.value, "u": self.u, "unit": self.unit, "u_fit": self.u_fit}
         return {**found, "complete": not self.missing, "missing": self.missing}
 

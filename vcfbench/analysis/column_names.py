@@ -28,7 +28,7 @@ class Kind(Enum):
 
 
 class Unit(Struct, frozen=True):
-    """A unit as it is written, and the factor to the unit of its kind."""
+    """A unit as written, and the factor to the unit of its kind."""
 
     written: str
     kind: Kind
@@ -49,12 +49,12 @@ class ColumnName(Struct, frozen=True):
 
     @property
     def kind(self) -> Kind | None:
-        """Quantity of the column; None where its unit is not told, or of an uncertainty."""
+        """Quantity of the column; None without a unit, or for an uncertainty."""
         return None if self.unit is None or self.spread else self.unit.kind
 
     @property
     def is_time(self) -> bool:
-        """Return True if the column tells when a reading was taken, by its name."""
+        """Return True if the column has the times of the readings, by its name."""
         alone = not self.base and self.unit is not None  # a column that is called seconds
         return not self.spread and self.kind in {None, Kind.TIME} and (alone or _names_a_time(self.base))
 
@@ -144,7 +144,7 @@ def unit_of(written: str) -> Unit | None:
 
 
 def known_unit(written: str, where: str) -> Unit:
-    """Return a unit that a person named; raises ConfigError for one that is not known."""
+    """Return the unit of a given name; raises ConfigError for an unknown one."""
     if (unit := unit_of(written)) is None:
         raise ConfigError(f"{where}: expected a unit of {KNOWN}, s, ms, us, ns, degC, got {written!r}")
     return unit

@@ -1,4 +1,4 @@
-"""Correlation of successive readings within windows, and what it does to the means of these.
+"""Correlation of successive readings within windows, and its effect on their means.
 
 A gyroscope whose noise is slow, as by a narrow mode, gives readings that are not independent of each other: their
 scatter over the root of their number is too little for a mean. Of readings that remember the last one by the share
@@ -45,7 +45,7 @@ class Correlation(Struct):
     """Squares, likewise."""
 
     def add(self, readings_v: Sequence[float]) -> None:
-        """Take the readings of one window, V; of one that shows few digits nothing is told."""
+        """Add the readings of one window, V; a window with few digits is ignored."""
         count = len(readings_v)
         if count < _FEWEST_READINGS or 2 * len(set(readings_v)) < count:
             return

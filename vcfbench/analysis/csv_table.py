@@ -1,4 +1,4 @@
-"""Reads tables and logs kept as text: nothing is guessed, skipped or filled in.
+"""Reads tables and logs from text files, without guessing, skipping or filling in values.
 
 A line with the names of the columns, then a line for each reading. Commas, semicolons, tabs or spaces separate; with
 any but the comma the decimals may have one. What stands before the names (``--skip``), names and units that a file
@@ -120,7 +120,7 @@ class Head(Struct, frozen=True):
 
 
 class Numbers(Struct, frozen=True):
-    """Numbers of some columns, (lines, columns), and where in the file they stand."""
+    """Numbers of some columns, (lines, columns), and their lines in the file."""
 
     values: Floats
     first_line: int
@@ -128,7 +128,7 @@ class Numbers(Struct, frozen=True):
     """Rows before which a comment stood, once for each."""
 
     def line(self, row: int) -> int:
-        """Return the number of the line in which a row stands."""
+        """Return the line of a row in the file."""
         return self.first_line + row + bisect_right(self.dropped, row)
 
 

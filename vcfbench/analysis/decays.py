@@ -1,4 +1,4 @@
-"""Free decays at carrier level: of modes beside a carrier that goes on, and of the carrier itself once it is let go.
+"""Free decays at carrier level: of modes next to a carrier, and of the carrier itself.
 
 Modes are fitted to the samples as they are: v = v0 + A cos(w t) + B sin(w t) + sum of e^(-r t) (a cos(w' t) + b sin(w'
 t)), the carrier's w known. Of the carrier that was let go the samples are mixed down and averaged in windows of a
@@ -43,7 +43,7 @@ class RingingMode(Struct, frozen=True):
 
 
 def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tuple[RingingMode, ...]:
-    """Fit one or two modes that decay beside a carrier of known frequency, the strongest first.
+    """Fit one or two modes that decay next to a carrier of known frequency, the strongest first.
 
     Raises:
         ConfigError: too short a record, or nothing that decays.
@@ -52,7 +52,7 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     record = _Samples(values, interval_s)
     if carrier_hz * record.length_s < _LEAST_PERIODS:
         raise ConfigError(
-            f"decays beside a carrier need {_LEAST_PERIODS / carrier_hz:.2g} s, got {record.length_s:.2g} s"
+            f"decays next to a carrier need {_LEAST_PERIODS / carrier_hz:.2g} s, got {record.length_s:.2g} s"
         )
     late = 3 * values.size // 4  # by then little else is left
     none = np.zeros(0)
@@ -61,7 +61,7 @@ def fit_decays(samples: ArrayLike, interval_s: float, carrier_hz: float) -> tupl
     left = _left(record, carrier_hz, none, np.array([level, begun.real, -begun.imag]))
     first = _line(left, record, carrier_hz, {0.0: min(_NEAR_HZ, 0.5 / record.length_s)})
     if first is None:
-        raise ConfigError(f"no decay was found beside {carrier_hz:.1f} Hz")
+        raise ConfigError(f"no decay was found next to {carrier_hz:.1f} Hz")
     parameters = _fitted(np.array(first), record, carrier_hz)
     left = _left(record, carrier_hz, parameters, _sizes(record, carrier_hz, parameters))
     second = _line(left, record, carrier_hz, {0.0: _NEAR_HZ, float(parameters[0]): _NEAR_HZ})
@@ -218,7 +218,7 @@ def _fitted(start: Floats, samples: _Samples, carrier_hz: float) -> Floats:
         found = found + np.clip(change, -most, most)
         if float(np.abs(change).max()) * length_s < _SETTLED:
             return np.asarray(found)
-    raise ConfigError(f"the decays beside {carrier_hz:.1f} Hz do not fit one or two modes")
+    raise ConfigError(f"the decays next to {carrier_hz:.1f} Hz do not fit one or two modes")
 
 
 def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: float) -> tuple[Floats, Complexes]:
@@ -235,7 +235,7 @@ def _mixed(samples: ArrayLike, interval_s: float, carrier_hz: float, window_s: f
 
 
 def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> RingingMode:
-    """Fit the decay of an oscillation that is held at first, is then let go, and is no longer seen at last.
+    """Fit the decay of an oscillation that is driven first, then decays freely, and then vanishes.
 
     When it is let go shows in its amplitude; the record ends for the fit where the amplitude drops at once.
 
@@ -246,7 +246,7 @@ def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Rin
     times, mixed = _mixed(samples, interval_s, carrier_hz, window_s)
     level = np.abs(mixed)
     if not level[:3].min(initial=math.inf) > 0.0:
-        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz does not decay freely: it has no signal")
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz has no signal, so no decay can be fitted")
     gone = np.flatnonzero(level < 0.5 * level[:3].max())
     # The window before may hold a part of the drop.
     end = int(gone[0]) - 1 if gone.size else level.size
@@ -259,7 +259,7 @@ def fit_release(samples: ArrayLike, interval_s: float, carrier_hz: float) -> Rin
     left = np.log(weight) - (rate * t + size)
     u_rate = math.sqrt(float(left @ left) / (t.size - 2) / float(np.sum((t - t.mean()) ** 2)))
     if -rate < _SEEN * u_rate:
-        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz does not decay freely: it is gone at once")
+        raise ConfigError(f"the oscillation at {carrier_hz:.1f} Hz vanishes at once, so it does not decay freely")
     turn, _ = np.polyfit(t, np.unwrap(np.angle(seen)), 1, w=weight)
     return _decay(carrier_hz + float(turn) / (2.0 * math.pi), -float(rate), math.exp(float(size)))
 

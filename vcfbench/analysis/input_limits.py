@@ -1,4 +1,4 @@
-"""Limits of the input: the dead band, in which the output shows nothing, and where it stops to follow a line."""
+"""Limits of the input: the dead band without response, and the rate from which on the output leaves its line."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -63,7 +63,7 @@ def fit_dead_band(x: Floats, y: Floats, covariances: Mapping[str, Floats]) -> De
         found = across
     if found.chi_square > dof + 2.0 * _DOUBTED * math.sqrt(2.0 * dof):
         raise ConfigError(
-            f"no dead band answers the steps so: what is left of {x.size} outputs is "
+            f"the steps do not fit a dead band: the residuals of {x.size} outputs are "
             f"{math.sqrt(found.chi_square / dof):.2g} times their noise"
         )
     return found.band

@@ -116,7 +116,7 @@ def _worked(of: Gyroscope, weight: float | None = None, through: float | None = 
 
 
 def change_ppm(then: Gyroscope, now: Mapping[str, float]) -> float:
-    """Return by how much K_Vc is larger, ppm, where of `then` the quantities in `now` have changed to those values.
+    """Return the increase of K_Vc, ppm, if the quantities `then` take their values in `now`.
 
     It is exact however large the change is. Force and pick-off of both modes stay as they were where neither
     `in_phase_share` nor `comb_mismatch` is in `now`, and so does the feed-through, in volts a volt.

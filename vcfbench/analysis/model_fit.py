@@ -1,4 +1,4 @@
-"""Least squares with a model of one's own, and the goodness of the fit."""
+"""Least squares with any model, and the goodness of the fit."""
 
 from collections.abc import Callable
 

@@ -249,7 +249,7 @@ def u_of_combination(
     if begin.ndim != 1 or not begin.shape == end.shape == weight.shape or not (end > begin).all():
         raise ConfigError("windows need a begin, a later end and a weight each")
     if abs(float(weight.sum())) > 1e-9 * float(np.abs(weight).sum()):
-        raise ConfigError(f"the weights must add up to 0, not to {float(weight.sum()):g}: no mean of slow noise exists")
+        raise ConfigError(f"expected weights that add up to 0 (slow noise has no mean), got {float(weight.sum()):g}")
     times = np.concatenate([end, begin]) / sampling.interval_s
     shares = np.concatenate([weight, -weight]) / np.tile((end - begin) / sampling.interval_s, 2)
     # What a coefficient of 1 contributes; the ramp is no noise but a line of slope 1, with phases of t^2 / 2

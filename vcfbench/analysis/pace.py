@@ -45,12 +45,12 @@ def pace_of(times_s: Floats) -> Pace:
         ConfigError: there are fewer than three times, most of them repeat, or they run backwards.
     """
     if times_s.size < 3:
-        raise ConfigError(f"{times_s.size} times do not tell an interval")
+        raise ConfigError(f"{times_s.size} times are too few to give the interval of the readings")
     steps = np.diff(times_s)
     usual = float(np.median(steps))
     if usual <= 0.0:
         kind = "run backwards" if usual < 0.0 else "repeat"
-        raise ConfigError(f"most of the times {kind}, so they do not tell the interval")
+        raise ConfigError(f"most of the times {kind}, so the interval of the readings is unknown")
     ahead = np.concatenate([[0.0], np.cumsum(steps - usual)])
     before = np.concatenate([ahead[:1], ahead[:-1]])
     after = np.concatenate([ahead[1:], ahead[-1:]])
@@ -61,7 +61,7 @@ def pace_of(times_s: Floats) -> Pace:
     edges = [0, *breaks.tolist(), times_s.size]
     begin, end = max(pairwise(edges), key=lambda piece: piece[1] - piece[0])
     if end - begin < 3:
-        raise ConfigError("no three times in a row are even, so they do not tell the interval")
+        raise ConfigError("no three times in a row are even, so the interval of the readings is unknown")
     interval_s = float(times_s[end - 1] - times_s[begin]) / (end - 1 - begin)
     jitter_s = float(np.std(steps[begin : end - 1]))
     # What times that scatter do not tell from a whole number of readings a second, or of seconds, is one

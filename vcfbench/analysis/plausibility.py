@@ -1,4 +1,4 @@
-"""Faults that a record at rest or a table shows by itself, each with its row and size: nothing is left out or mended.
+"""Faults visible in a record at rest or a table, each with row and size; the data stay unchanged.
 
 Limits are such that clean noise of any kind that sensors have (white, flicker, walks, held, filtered, quantised) says
 nothing, and faults are told well before they move a result by its uncertainty (`tests/analysis/test_plausibility.py`).

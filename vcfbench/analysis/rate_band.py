@@ -102,7 +102,7 @@ class RateBand(Struct, frozen=True):
 
 
 def true_spacing_s(records: Sequence[tuple[float, ArrayLike]], interval_s: float, late_s: float = 1e-3) -> float:
-    """Return how far apart samples are, up to `late_s` more than `interval_s`, by sines of known frequency, Hz.
+    """Return the interval of the samples, s, from sines of known frequency; at most `late_s` above `interval_s`.
 
     All records have one spacing, at which most of them have a line that stands above what is beside it: the noise of a
     narrow mode may be the strongest line of each. Where it is so is fitted in the strongest of these sines.
@@ -337,7 +337,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         return min(fits, key=lambda fit: fit.chi_square)
 
     def without_lag(fit: ModelFit) -> Floats:
-        """Return where to go on from: of a lag of nearly 0 the scale would be as small, and its slope rounding."""
+        """Return a start without a lag near 0, because its scale and slope would be rounding errors."""
         return np.array([*fit.parameters[:-1], 0.0])
 
     def fitted(side: float, u: Floats) -> tuple[ModelFit, Floats]:

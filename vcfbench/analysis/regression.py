@@ -134,12 +134,12 @@ def durbin_watson(residuals_v: Floats) -> float | None:
 
 
 def sign_runs(residuals_v: Floats) -> int:
-    """Return the number of runs of equal sign that the residuals have, in their order."""
+    """Return the number of runs of equal sign in the ordered residuals."""
     return 1 + int(np.count_nonzero(np.diff(np.signbit(residuals_v))))
 
 
 def line_so_far(rate_deg_s: Sequence[float], output_v: Sequence[float]) -> LineFit | None:
-    """Return the least-squares line through the points so far, with their residuals; None while there is none.
+    """Return the least-squares line through the points so far, with their residuals, or None.
 
     Args:
         rate_deg_s: rates of the points of one calibration, in the order in which they were measured.

@@ -69,7 +69,7 @@ def fit_rotation(
     if any(each.shape != (count,) for each in channels):
         raise ConfigError(f"records must be as long as each other, got {[each.shape for each in channels]}")
     if abs(difference_hz) * count * interval_s < 2.0:
-        raise ConfigError(f"a record of {count * interval_s:g} s does not hold two turns of {difference_hz:g} Hz")
+        raise ConfigError(f"a record of {count * interval_s:g} s is shorter than two periods of {difference_hz:g} Hz")
     driven = fit_sine(channels[0], interval_s)
     times: Floats = np.asarray((np.arange(count) - (count - 1) / 2.0) * interval_s, dtype=np.float64)
     turning_hz, turning = _turning(channels[1], times, driven.frequency_hz, driven.frequency_hz + difference_hz)

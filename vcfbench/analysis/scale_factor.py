@@ -42,7 +42,7 @@ class ScaleFactorResult(Struct, frozen=True):
 
     @property
     def u_fit_bias(self) -> float:
-        """Standard uncertainty of the intercept, likewise."""
+        """Standard uncertainty of the intercept, from the residuals."""
         return max(self.line.u_bias, 0.0 if self.type_a is None else self.type_a.u_bias)
 
     @property
@@ -91,7 +91,7 @@ class ScaleFactorResult(Struct, frozen=True):
         )
 
     def as_json(self) -> dict[str, Any]:
-        """Return the column as plain values ready for JSON; full precision, the unit beside or in the name."""
+        """Return the series as plain values ready for JSON; full precision, each with its unit."""
         column = self.column()
         line = {"scale_factor": column.scale_factor.in_results(), "bias": column.bias.in_results()}
         found: dict[str, Any] = json.decode(json.encode({**asdict(column), **line}, enc_hook=float))

@@ -154,5 +154,5 @@ def _at(channels: Floats, times: Floats, frequency_hz: float) -> tuple[Floats, F
     basis = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(times)])
     found, _, rank, _ = np.linalg.lstsq(basis, channels.T, rcond=1e-9)
     if rank < 3 or not 0.0 < frequency_hz < math.inf:
-        raise ConfigError(f"samples over {times[-1] - times[0]:g} s do not tell a sine of {frequency_hz:g} Hz")
+        raise ConfigError(f"samples over {times[-1] - times[0]:g} s are too short for a sine of {frequency_hz:g} Hz")
     return basis, np.asarray(found)
