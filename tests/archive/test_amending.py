@@ -44,7 +44,7 @@ def call(*arguments: object) -> Any:
 
 
 @pytest.mark.parametrize("killed", [False, True])
-def test_what_is_amended_is_seen_everywhere_and_the_lines_before_stay(record: Path, *, killed: bool) -> None:
+def test_amendment_is_visible_everywhere_and_keeps_earlier_lines(record: Path, *, killed: bool) -> None:
     journal = record / "journal.jsonl"
     if killed:
         data = journal.read_bytes()
@@ -80,9 +80,9 @@ def test_a_check_is_of_its_revision(record: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"seed": "3"}, "seed: it cannot be amended"),
-        ({"points": "[]"}, "points: it cannot be amended"),
-        ({"ambient_temperature_c": "23"}, "ambient_temperature_c: it cannot be amended"),
+        ({"seed": "3"}, "seed: expected a field that a person gave"),
+        ({"points": "[]"}, "points: expected a field that a person gave"),
+        ({"ambient_temperature_c": "23"}, "ambient_temperature_c: expected a field that a person gave"),
         ({"dut": "a b"}, "dut: serial number 'a b'"),
         ({"dut": "G-017"}, "dut: it is G-017 already"),
         ({}, "name a field to amend"),
@@ -105,7 +105,7 @@ def test_an_amended_record_goes_on_under_its_new_name(record: Path) -> None:
     assert run.header["resumed_from"]["seal"] == read_journal(journal).seal
 
 
-def test_a_run_that_goes_on_is_running_and_neither_resumed_nor_amended(record: Path) -> None:
+def test_running_run_is_neither_resumed_nor_amended(record: Path) -> None:
     lines = (record / "journal.jsonl").read_bytes().splitlines()
     header = {key: value for key, value in json.loads(lines[0]).items() if key not in {"type", "format", "utc", "seal"}}
     (record / "journal.jsonl").unlink()
@@ -123,7 +123,7 @@ def test_a_run_that_goes_on_is_running_and_neither_resumed_nor_amended(record: P
     assert summary_of(RunDirectory(record)).status == "incomplete"
 
 
-def test_a_list_sees_a_run_that_was_killed_after_it_looked(record: Path) -> None:
+def test_list_shows_run_killed_after_last_list(record: Path) -> None:
     kept = (record / "journal.jsonl").read_bytes()
     (record / "journal.jsonl").unlink()
     journal = Journal(record / "journal.jsonl")

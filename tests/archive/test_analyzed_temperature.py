@@ -119,7 +119,7 @@ def test_one_rate_at_a_temperature_is_refused_with_its_line(tmp_path: Path) -> N
     lines = file.read_text().splitlines()
     same = [f"{at_c},50,{out}" for at_c, _, out in (line.split(",") for line in lines[11:16])]
     file.write_text("\n".join([*lines[:11], *same, *lines[16:]]))
-    with pytest.raises(ConfigError, match="one rate alone at a temperature, from line 12 on"):
+    with pytest.raises(ConfigError, match="from line 12 on: expected two rates or more, got one"):
         analyze_temperature(file, "temp_c")
 
 

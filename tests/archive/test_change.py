@@ -114,7 +114,7 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     assert silent.note == "incomplete, without temperature of one of the runs"
 
 
-def test_what_is_kept_of_the_device_is_read_where_conditions_differ_alone(wide: Run, tmp_path: Path) -> None:
+def test_device_entries_are_read_only_if_conditions_differ(wide: Run, tmp_path: Path) -> None:
     (tmp_path / "G").mkdir()
     (tmp_path / "G" / "0001.json").write_text("{", encoding="utf-8")
 

@@ -50,7 +50,7 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_values_of_results_are_found_by_type_with_names_units_and_uncertainties() -> None:
+def test_values_are_found_by_type_with_unit_and_uncertainty() -> None:
     assert values_of(made(2.0, 0.1).results) == {
         "gain": Value("gain", 2.0, "V", 0.1),
         "offset_v": Value("offset_v", 0.5),
@@ -97,7 +97,7 @@ def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> N
     assert f"{tmp_path}: expected two runs of G2 to compare, found 1; one of elsewhere is named" in single.stderr
 
 
-def test_a_run_of_another_directory_is_named_by_its_path_or_copied(tmp_path: Path) -> None:
+def test_run_of_another_directory_is_compared_by_path_or_copy(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text("utf-8")
     for seed, folder in ((1, "archive"), (2, "runs")):
         metadata = {"dut": "G1"}
@@ -113,7 +113,7 @@ def test_a_run_of_another_directory_is_named_by_its_path_or_copied(tmp_path: Pat
     assert history.stdout.count("turntable") == 2
 
 
-def test_results_in_other_units_and_points_of_other_steps_are_not_compared() -> None:
+def test_results_in_other_units_are_not_compared() -> None:
     other = made(3.0, 0.4, unit="A", points=POINTS[:1])
     comparison = compare_runs(made(2.0, 0.3), other)
     assert [each.name for each in comparison.results] == ["offset_v"]
@@ -128,7 +128,7 @@ def test_what_shares_nothing_is_refused_in_words() -> None:
         compare_runs(nothing)
 
 
-def test_a_comparison_shows_results_points_what_differs_and_figures_over_each_other(two: Path) -> None:
+def test_comparison_shows_results_points_differences_and_figures(two: Path) -> None:
     comparison = compare_runs(*vcfbench.list_runs(two / "runs"))
     assert comparison.settings == {"settle_s": ("0.5", "0.75")}
     assert comparison.equipment == {"dut": ("G-3", "G-4"), "seed": ("3", "4")}
@@ -162,7 +162,7 @@ def test_the_command_prints_writes_and_answers_in_json(two: Path) -> None:
     assert (two / "both.html").read_text(encoding="utf-8").count("<figure>") == 3
 
 
-def test_the_last_sentence_says_what_explains_a_change_and_what_is_left() -> None:
+def test_last_sentence_explains_change_and_rest() -> None:
     def run(value: float, *rates: float) -> Run:
         over = Definition.of(rates)
         slope = Value("scale_factor", value, "V/(deg/s)", 2e-7, kind="scale_factor", definition=over)
@@ -179,7 +179,7 @@ def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:
     assert comparison.settings == {}
 
 
-def test_a_line_and_small_signals_are_of_another_measurand_and_not_compared() -> None:
+def test_line_and_small_signal_slope_are_not_compared() -> None:
     def found(kind: str, value: float) -> Run:
         slope = Value("scale_factor", value, "V/(deg/s)", 2e-7, kind=kind)
         return Run("own", Status.COMPLETE, POINTS, {"scale_factor": slope, "gain": Value("gain", 1.0, "V", 0.1)})

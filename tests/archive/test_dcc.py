@@ -155,7 +155,7 @@ def test_the_command_writes_it_or_says_what_is_missing(quick: Run, tmp_path: Pat
     assert "--set customer_address=..." in refused.stderr
 
 
-def test_machines_find_quantities_by_their_types_and_people_by_two_languages(written: Path) -> None:
+def test_quantities_have_types_and_names_in_two_languages(written: Path) -> None:
     tree = ET.parse(written).getroot()  # noqa: S314  # ours
     (found,) = tree.findall(".//dcc:quantity[@refType='basic_measuredValue vcf_scaleFactor']", SPACES)
     names = {each.get("lang"): each.text for each in found.findall("dcc:name/dcc:content", SPACES)}
@@ -165,7 +165,7 @@ def test_machines_find_quantities_by_their_types_and_people_by_two_languages(wri
     assert used == {each.text for each in tree.iterfind(".//dcc:refTypeDefinition/dcc:namespace", SPACES)}
 
 
-def test_it_holds_the_report_for_people_and_its_day_of_issue(quick: Run, tmp_path: Path) -> None:
+def test_dcc_holds_report_and_day_of_issue(quick: Run, tmp_path: Path) -> None:
     report = tmp_path / "report.pdf"
     report.write_bytes(b"%PDF-1.7 of ours")
     path = vcfbench.write_certificate(quick, tmp_path / "run.xml", {**WORDS, "issued": "2026-11-23"}, report)

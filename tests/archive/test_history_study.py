@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def test_the_printed_column_agrees_with_itself_by_all_pairs_of_sub_plans() -> None:
+def test_printed_column_agrees_for_all_pairs_of_sub_plans() -> None:
     found = list(table_1())
     assert len(found) == len(SUB_PLANS) == 9
     assert [each for each in found if abs(each[0]) > each[1]] == []

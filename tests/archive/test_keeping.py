@@ -63,7 +63,7 @@ def test_record_of_another_device_is_not_kept(store: DeviceStore) -> None:
         keep_of_device(run.directory)
 
 
-def test_a_store_in_which_the_number_is_another_certificate_is_refused(store: DeviceStore, tmp_path: Path) -> None:
+def test_store_with_another_certificate_at_the_number_is_refused(store: DeviceStore, tmp_path: Path) -> None:
     run = calibrated(store)
     other = DeviceStore(tmp_path / "other")
     with pytest.raises(ConfigError, match="0001 is not the certificate of"):

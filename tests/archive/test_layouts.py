@@ -99,7 +99,7 @@ def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
     assert read.samples == 80
 
 
-def test_files_that_are_no_text_are_read_by_the_same_grammar(tmp_path: Path) -> None:
+def test_binary_files_are_read_by_the_same_grammar(tmp_path: Path) -> None:
     times, rates = 0.01 * np.arange(80.0), np.array(RATES)
     np.save(tmp_path / "log.npy", np.column_stack([times, rates]))
     np.save(tmp_path / "named.npy", np.array(list(zip(times, rates, strict=True)), [("t_s", "f8"), ("x_dps", "f8")]))
@@ -253,7 +253,7 @@ def test_unit_of_a_table_is_that_of_a_named_column(tmp_path: Path) -> None:
     (tmp_path / "table.csv").write_text("rate_dps,a\n-1,1\n0,2.1\n1,3\n")
     found = analyze(tmp_path / "table.csv", layout=Layout(units={"a": "mV"}))
     assert found.series["a"].line.scale_factor == pytest.approx(1e-3)
-    with pytest.raises(ConfigError, match="say of which column"):
+    with pytest.raises(ConfigError, match="expected the column too"):
         analyze(tmp_path / "table.csv", layout=Layout(units={"": "mV"}))
     with pytest.raises(ConfigError, match="expected a unit of"):
         analyze(tmp_path / "table.csv", layout=Layout(units={"a": "furlong"}))
@@ -281,7 +281,7 @@ def test_outputs_in_different_units_are_not_compared(tmp_path: Path) -> None:
         *((name, None, None) for name in ("x_mV/V", "x LSB/dps", "gain (deg/s)/V", "x [(deg/s)^2]", "x [mV/V]", "x_h")),
     ],
 )
-def test_unit_is_the_longest_end_of_a_name_that_is_one(name: str, kind: Kind | None, factor: float | None) -> None:
+def test_unit_is_longest_end_of_name_that_is_a_unit(name: str, kind: Kind | None, factor: float | None) -> None:
     found = column_name(name)
     assert found.kind is kind
     if factor is not None:

@@ -107,7 +107,7 @@ def test_no_record_is_read_of_which_a_summary_is_kept(runs: Path, monkeypatch: p
     assert vcfbench.run_summaries(moved)[0].directory == moved / NAMES[0]
 
 
-def test_a_file_that_was_changed_a_moment_ago_is_read_again(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_changed_a_moment_ago_is_read_again(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second change within a tick of the file system's clock would look like the first."""
     monkeypatch.setattr(summary, "_SETTLED_NS", 2_000_000_000)
     (runs / ".summaries").unlink(missing_ok=True)

@@ -102,7 +102,7 @@ def test_ramp_moves_a_spread_as_its_evaluation_says(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
+def test_jump_of_v_vc_meter_gain_is_refused(kvc: Run) -> None:
     case = Tried(kvc)
     assert {each.unit for each in case.rows} == {OFFSET, GAIN, V_VC_OFFSET, V_VC_GAIN}
     for begin in (0.3, 0.6, 0.8):
@@ -127,7 +127,7 @@ def test_the_gain_of_the_meter_on_v_vc_that_jumps_is_refused(kvc: Run) -> None:
         pytest.param("temperature", {"temperatures_c": [20.0, 25.0, 30.0]}, marks=pytest.mark.exhaustive),
     ],
 )
-def test_the_windows_held_against_each_other_are_those_that_the_run_held(
+def test_list_compares_the_windows_that_the_run_compared(
     procedure: str, settings: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[Walk] = []
@@ -192,13 +192,13 @@ def test_a_long_run_is_evaluated_some_dozen_times(settings: int, visits: int, mo
     assert spread <= len(seen) / len(together) if visits == 1 else spread == 0.0
 
 
-def test_a_record_at_rest_says_what_a_fault_within_it_does(tmp_path: Path) -> None:
+def test_record_at_rest_states_effect_of_fault_within_it(tmp_path: Path) -> None:
     rows = unseen_of(taken(tmp_path, "zero", duration_s=200.0))
     assert [(each.kind, each.size) for each in rows] == [("step", None), ("pulse", None), ("ramp", None)]
     assert rows[0].effects["output_v"] == pytest.approx(0.5e-3, rel=0.02)
 
 
-def test_fault_in_records_is_a_step_in_each_or_another_gain() -> None:
+def test_fault_in_records_is_step_or_gain() -> None:
     sine, both = SineResponse(0.1, 0.02, (1.0, 2.0)), ModulatedRecord(0.1, 0.02, 0.0, (1.0, 2.0), 0.0, (3.0, 4.0), None)
     faults = {OFFSET: (1.0, 2.5), GAIN: (1.5, 3.0), V_VC_GAIN: (1.0, 2.0)}
     for unit, expected in faults.items():
@@ -232,7 +232,7 @@ def test_fault_in_records_is_a_step_in_each_or_another_gain() -> None:
         ),
     ],
 )
-def test_records_of_sines_say_what_gains_that_change_between_them_do(
+def test_records_of_sines_state_effect_of_changing_gains(
     tmp_path: Path, procedure: str, settings: dict[str, Any], known: set[Any], any_size: set[Any]
 ) -> None:
     """Those of a sweep by the closed form that they leave, those of `online` by nothing."""
@@ -325,7 +325,7 @@ def test_of_very_many_windows_the_answer_says_where_it_stands(
 
 
 @pytest.mark.parametrize("procedure", few(["zero", "kvc", "power", "bandwidth", "electrical"], "zero"))
-def test_report_of_a_run_without_a_record_says_what_it_cannot_list(procedure: str) -> None:
+def test_report_without_record_names_missing_list(procedure: str) -> None:
     settings = {"duration_s": 200.0} if procedure == "zero" else {}
     report = full_report(vcfbench.run(procedure, settings=settings, runs=None))
     assert "worked out from its record, and it has none" in text_of(report)

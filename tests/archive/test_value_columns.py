@@ -20,7 +20,7 @@ def drawn(random: Random) -> list[Value]:
     return values
 
 
-def test_each_cell_has_the_kind_and_the_unit_of_its_column() -> None:
+def test_cell_has_kind_and_unit_of_its_column() -> None:
     random = Random(5)  # noqa: S311
     for _ in range(300):
         rows = [drawn(random) for _ in range(3)]
@@ -33,7 +33,7 @@ def test_each_cell_has_the_kind_and_the_unit_of_its_column() -> None:
                 assert len(list(column.cells(values))) == len(column.heads)
 
 
-def test_a_spread_in_ppm_stands_in_no_column_of_a_scale_factor() -> None:
+def test_spread_in_ppm_has_its_own_column() -> None:
     spread = Value(
         "scale_factor_repeatability", 7.4, "ppm", form="interval", low=4.8, high=16.0, kind="scale_factor_repeatability"
     )

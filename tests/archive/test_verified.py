@@ -130,7 +130,7 @@ def test_a_record_without_seals_does_not_pass(record: Path) -> None:
     assert verify_run(record).wrong == "line 1 is not what was written there: its seal is another"
 
 
-def test_the_command_names_each_record_and_ends_with_1_unless_all_pass(record: Path) -> None:
+def test_verify_names_each_record_and_ends_with_1_on_failure(record: Path) -> None:
     other = shutil.copytree(record, record.with_name("other"))
     (other / "points.csv").write_text("")
     done = CliRunner().invoke(app, ["runs", "verify", str(record), str(other), "--json"])
@@ -170,11 +170,11 @@ def test_a_signature_sees_what_seals_alone_cannot(key: str, tmp_path: Path) -> N
     journal.write_bytes(b"".join(lines[:-1]))
     assert verified().wrong == "it ends without a signature"
     assert "lines may be missing from its end" in (verify_run(record).wrong or "")
-    with pytest.raises(ConfigError, match="nothing was amended or signed: it was to be signed"):
+    with pytest.raises(ConfigError, match="the amendment was not written: it was to be signed"):
         amend_run(record, {"dut": "G-018"}, reason="label")  # what it is held to be would be signed
     journal.write_bytes(whole)
     append_line(journal, {"type": "amendment", "revision": 2, "by": "Eve", "reason": "none", "changes": []})
-    with pytest.raises(ConfigError, match="nothing was amended or signed: what was amended"):
+    with pytest.raises(ConfigError, match="the amendment was not written: what was amended"):
         amend_run(record, {"dut": "G-018"}, reason="label")
     journal.write_bytes(whole)
     amend_run(record, {"dut": "G-018"}, reason="label")
@@ -199,9 +199,7 @@ def test_a_killed_record_that_the_watchdog_signed_shows_a_cut(key: str, record: 
         assert "lines may be missing from its end" in (verify_run(record).wrong or "")
 
 
-def test_a_key_that_cannot_be_used_is_refused_before_anything_is_opened(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unusable_key_is_refused_before_records_are_opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("cryptography")
     (tmp_path / "key").write_text("no key")
     monkeypatch.setenv("VCFBENCH_SIGNING_KEY", str(tmp_path / "key"))

@@ -96,7 +96,7 @@ def test_a_record_of_each_procedure_passes(procedure: str, tmp_path: Path) -> No
         ("turntable", 0.5, 0.51),
     ),
 )
-def test_a_record_that_paused_and_was_stopped_amended_and_resumed_passes(
+def test_paused_stopped_amended_and_resumed_record_passes(
     procedure: str, paused: float, stopped: float, tmp_path: Path
 ) -> None:
     steps = len(vcfbench.dry_run(procedure, "lab", settings=SHORT.get(procedure)).steps)
@@ -141,7 +141,7 @@ def test_no_verdict_depends_on_what_was_verified_before(tmp_path: Path) -> None:
     assert [answers[0][each.name]["verdict"] for each in records] == [*("FAIL", "FAIL", "FAIL"), "PASS", "PASS"]
 
 
-def test_a_kind_of_another_package_is_not_taken_for_the_records_own(tmp_path: Path) -> None:
+def test_kind_of_another_package_does_not_replace_records_kind(tmp_path: Path) -> None:
     """Two files may each have a step of one name; the one that is loaded now says nothing of the other's record."""
     record = run("turntable", Presser(), tmp_path).directory
     assert record is not None

@@ -108,7 +108,7 @@ def test_the_command_can_be_typed_again(quick: Run) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_same_record_gives_the_same_bytes_and_a_note_is_harmless(quick: Run, tmp_path: Path) -> None:
+def test_report_of_same_record_has_same_bytes(quick: Run, tmp_path: Path) -> None:
     (page,) = vcfbench.write_report(quick, tmp_path / "one.html")
     assert quick.directory is not None
     (again,) = vcfbench.write_report(vcfbench.load_run(quick.directory), tmp_path / "two.html")

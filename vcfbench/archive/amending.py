@@ -55,7 +55,7 @@ def amend_run(
         unsigned = "what was amended last is not signed" if last and last[0].get("type") == "amendment" else None
         if (why := found.wrong or unsigned) is not None:  # a signature would vouch for that, too
             hint = "see to it, or amend it without a key: VCFBENCH_SIGNING_KEY unset"
-            raise ConfigError(f"{directory.run}: nothing was amended or signed: {why}", hint=hint)
+            raise ConfigError(f"{directory.run}: the amendment was not written: {why}", hint=hint)
     made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
     device = next((each.was for each in made.changes if each.field == "dut"), None)
     settings = record.header.get("settings")

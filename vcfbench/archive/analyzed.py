@@ -38,7 +38,7 @@ _COUNTED = {"n", "count", "counts", "readings", "samples"}
 
 
 class TableColumn(Struct, frozen=True):
-    """One output of a table: in V, deg/s or LSB, against the rate in deg/s, with its standard uncertainty if told."""
+    """One output of a table: in V, deg/s or LSB, against the rate in deg/s, with its standard uncertainty if given."""
 
     rate_deg_s: Floats
     output: Floats
@@ -207,7 +207,7 @@ def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> d
     """
     head = read_head(raw, file, layout)
     if "" in layout.units:
-        raise ConfigError(f"--unit {layout.units['']}: of a table, say of which column", hint="--unit COLUMN=mV")
+        raise ConfigError(f"--unit {layout.units['']}: expected the column too, for a table", hint="--unit COLUMN=mV")
     if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS and not layout.columns:
         return _steps(raw, head)
     rate = _rate_place(head, layout)
@@ -276,7 +276,7 @@ def _output_places(
     if not outputs:
         others = ", ".join(each.written for place, each in enumerate(names) if place != rate)
         beside = f"{names[rate].written}{', of ' + others if others else ''}"
-        raise ConfigError(f"{head.file}, line {max(1, head.line - 1)}: there is no output column beside {beside}")
+        raise ConfigError(f"{head.file}, line {max(1, head.line - 1)}: expected an output column besides {beside}")
     doubled = [names[place].written for place in outputs]
     if twice := next((place for place in outputs if doubled.count(names[place].written) > 1), None):
         raise ConfigError(
@@ -311,7 +311,7 @@ def outputs_of(head: Head, asked: Sequence[str], rates: Sequence[int]) -> list[i
             raise ConfigError(
                 f"{head.file}, column {name}: expected the unit of an output, of {KNOWN}, got "
                 f"{head.names[place].unknown or (unit and unit.written)}",
-                hint=f"--unit {name}=mV says what it is",
+                hint=f"--unit {name}=mV sets it",
             )
     return outputs
 

@@ -55,7 +55,7 @@ class AxesAnalysis(Struct, frozen=True):
         return found
 
     def report(self) -> Report:
-        """Return the matrix, and what is stated of each output."""
+        """Return the matrix, and the stated values of each output."""
         columns = heads("<output | <unit | " + " | ".join(f"{column_name(each).base}:.6g" for each in self.axes))
         rows = [(each.column, each.unit, *each.sensitivity) for each in self.outputs]
         parts = [(each.column, each.stated) for each in self.outputs]
@@ -100,7 +100,7 @@ def analyze_axes(file: Path | str, axes: Sequence[str], *, layout: Layout | None
     values = values * [1.0 if name.unit is None else name.unit.factor for name in names]
     powers = np.column_stack([np.ones(len(values)), values[:, :3]])
     if len(places) == 3:
-        raise ConfigError(f"{head.file}: there is no output column beside {', '.join(axes)}")
+        raise ConfigError(f"{head.file}: expected an output column besides {', '.join(axes)}")
     if len(values) < _FEWEST or np.linalg.matrix_rank(powers / np.maximum(np.abs(powers).max(axis=0), 1e-300)) < 4:
         raise ConfigError(f"{head.file}: expected {_FEWEST} rows at least, and rates about each of the three axes")
     spread, dof = np.linalg.inv(powers.T @ powers), float(len(values) - 4)

@@ -221,7 +221,7 @@ def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[f
 
 
 def is_record(head: Head, layout: Layout) -> bool:
-    """Tell whether a file is a record at rest: its first column with a name has times, and no others were asked for."""
+    """Return True for a record at rest: its first named column has times, and no columns are selected."""
     named = [each for each in head.names if each.written]
     return len(layout.columns) == 1 or (bool(named) and named[0].is_time and not head.asked(layout))
 
@@ -236,7 +236,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
         found = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
         if len(found) > 1:
             several = ", ".join(head.names[place].written for place in found)
-            raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time says which one")
+            raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time NAME selects one")
         if not found:
             return None
         place = found[0]
@@ -262,7 +262,7 @@ def _piece(
     if rate_hz is not None and abs(rate_hz * pace.interval_s - 1.0) > _AGREE:
         raise ConfigError(
             f"{file}: --rate says {rate_hz:g} readings a second, the times say {1.0 / pace.interval_s:.6g}",
-            hint="leave --rate away, or tell the unit of the times by --unit",
+            hint="leave --rate out, or set the unit of the times by --unit",
         )
     notices = []
     for rows, words in (

@@ -189,8 +189,8 @@ def _lines(head: Head, groups: Sequence[slice], column: TableColumn) -> tuple[li
     for rows in groups:
         if not np.ptp(rates[rows]):
             raise ConfigError(
-                f"{head.file}: one rate alone at a temperature, from line {head.line + rows.start} on",
-                hint="the rows of a temperature stand together, with two rates at least",
+                f"{head.file}: from line {head.line + rows.start} on: expected two rates or more, got one",
+                hint="keep all rows of a temperature together",
             )
     slopes = [slope(rates[rows], y[rows]) for rows in groups]
     at_rest = [y[rows].mean() - each * rates[rows].mean() for each, rows in zip(slopes, groups, strict=True)]

@@ -77,7 +77,7 @@ class SheetRow(Struct, frozen=True, kw_only=True):
 
     @property
     def waits(self) -> bool:
-        """Return True if nobody has tried to measure the device yet."""
+        """Return True before the first attempt to measure the device."""
         return not (self.run or self.why_none)
 
 
@@ -143,13 +143,13 @@ class _History(Struct, frozen=True):
     read: dict[Path, Compared] = field(default_factory=dict)
 
     def compared(self, summary: RunSummary) -> Compared:
-        """Return a run as it is compared."""
+        """Return a run in the form of a comparison."""
         if summary.directory not in self.read:
             self.read[summary.directory] = Compared(load_run(str(summary.directory)))
         return self.read[summary.directory]
 
     def earlier(self, run: RunSummary) -> list[RunSummary]:
-        """Return the runs of the same device with a scale factor before it, real or simulated as it is."""
+        """Return the earlier runs of the same device with a scale factor, real or simulated like the run."""
         same = [
             each
             for each in self.known
@@ -234,9 +234,9 @@ def _row(summary: RunSummary, run: Run, found: Mapping[str, Any]) -> SheetRow:
 
 
 def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str] = MappingProxyType({})) -> Report:
-    """Return the sheet of a batch; errors of runs without results, and the runs to come, stand below.
+    """Return the sheet of a batch, with errors of runs without results, and the remaining runs, below.
 
-    A device is good if it has passed every procedure that stands on the sheet. `left_out` are records that do not
+    A device is good if it has passed every procedure on the sheet. `left_out` are records that do not
     count, by name with the reason.
     """
     asked = {each.procedure for each in rows}

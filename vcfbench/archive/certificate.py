@@ -1,4 +1,4 @@
-"""Entries of a certificate that no measurement tells: laboratory, customer, device, responsible person."""
+"""Entries of a certificate that are not measured: laboratory, customer, device, responsible person."""
 
 import re
 from collections.abc import Mapping

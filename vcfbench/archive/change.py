@@ -71,7 +71,7 @@ class Coefficients(Struct, frozen=True):
 
     @classmethod
     def kept(cls, runs: Sequence[Run], devices: str | Path) -> "Coefficients":
-        """Return the last that the entries of the runs' device have; none where the runs are of several devices."""
+        """Return the last coefficients in the entries of the runs' device; none for runs of several devices."""
         (serial, simulated), *others = {(run.metadata.dut, bool(run.simulated)) for run in runs}
         store = DeviceStore(Path(devices), simulated=simulated)
         if serial is None or others or not (store.root / serial).is_dir():
@@ -86,7 +86,7 @@ class Coefficients(Struct, frozen=True):
 
 
 class Compared(Struct, frozen=True, dict=True, eq=False):
-    """A run as it is compared: with its settings, which are read once."""
+    """A run in a comparison, with its settings, which are read once."""
 
     run: Run
 
@@ -110,13 +110,13 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
 
     @property
     def tells_curve(self) -> bool:
-        """Return True if its rates are so many, on both sides, that it tells the curve of other runs of the device."""
+        """Return True if the run has enough rates of both signs to give the curve of the device."""
         seen = self.windows
         levels = set() if seen is None else set(np.round(seen.rate_deg_s, 2).tolist())
         return len(levels) >= _LEAST_LEVELS and min(levels) < 0.0 < max(levels)
 
     def owner(self, source: str) -> str | None:
-        """Return whose error a source of its budget is: the instrument, as it was calibrated last."""
+        """Return the owner of a source of the budget: the instrument with its last calibration."""
         role = next((role for start, role in _ROLES.items() if source.startswith(start)), None)
         if role is None or self.settings is None:
             return None
@@ -274,7 +274,7 @@ def _corrected(known: Measured, by: float, words: str) -> _Moved:
 
 
 def covariance(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:
-    """Return the covariance of both values by instruments that both have, and these."""
+    """Return the covariance of both values by their common instruments, and these instruments."""
     found, owners = 0.0, []
     earlier = {_key(first, part): part.u for part in then.parts}
     for part in now.parts:

@@ -1,4 +1,4 @@
-"""Runs beside each other: differences of their results, points, settings and equipment."""
+"""Comparison of runs: differences of their results, points, settings and equipment."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ from vcfbench.values.kinds import named
 
 
 class SharedResult(Struct, frozen=True):
-    """One result that all runs have: its value in each, and the differences of the others to the first."""
+    """One common result of all runs: its value in each, and the differences of the others to the first."""
 
     name: str
     unit: str
@@ -33,7 +33,7 @@ class SharedResult(Struct, frozen=True):
 
 
 class RunComparison(Struct, frozen=True):
-    """Two runs or more beside each other; the first is the reference of the others.
+    """Comparison of two runs or more; the first is the reference.
 
     `results` are those that all runs have in the same unit, by name. `points` are the points of each where they can be
     paired, else empty. `settings` (of those that all have) and `equipment` are what is not the same in all, by name,

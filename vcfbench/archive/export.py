@@ -67,7 +67,7 @@ def export_run(
         raise ConfigError("the run has no record to export")
     directory = directory_of(where, runs)
     if outline_of(directory.journal) is None and (damage := directory.read().damage) is not None:
-        raise ConfigError(f"{shown(directory.journal)}: the record is damaged, nothing is exported: {damage}")
+        raise ConfigError(f"{shown(directory.journal)}: the record is damaged, so it is not exported: {damage}")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
     written_as = format or (None if file is None else _SUFFIXES.get(Path(file).suffix.lower()))

@@ -1,4 +1,4 @@
-"""Results and reports of a gyroscope whose output is no voltage: names of fields stay, the printed units are its own.
+"""Results of a gyroscope with another output than volts: names of fields stay, the printed units are the device's.
 
 Inside of procedures every output is as a voltage is; what becomes of it is given its unit here, in one place.
 """
@@ -49,7 +49,7 @@ class _Renamed:
         self._units["(V/(deg/s))/K^2"] = f"({slope})/K^2"
 
     def value(self, each: Any) -> Any:
-        """Return a value, whatever it is, with its units."""
+        """Return any value with the units of the device."""
         if isinstance(each, Table) and any(column.name == "V_Vc" for column in each.columns):
             at = [place for place, column in enumerate(each.columns) if column.name != "V_Vc"]
             each = Table([each.columns[n] for n in at], [[row[n] for n in at] for row in each.rows], each.title)

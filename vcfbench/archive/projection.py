@@ -13,7 +13,7 @@ _COUNTED = frozenset({"step", "error"})
 
 
 def projected(lines: Iterable[Mapping[str, Any]], device: str) -> Iterator[dict[str, Any]]:
-    """Yield the lines between header and footer that a run of `device` alone would have written.
+    """Yield the lines between header and footer for the record of `device` alone.
 
     Steps of all are its own too, of a step of each its own stands there; where it ended for itself they end. `n` counts
     anew: for others it may have waited.

@@ -36,7 +36,7 @@ def load_run(name_or_path: str | Path, runs: str | Path = "runs") -> Run:
 
 
 def directory_of(name_or_path: str | Path, runs: str | Path = "runs") -> RunDirectory:
-    """Return the record that is meant, as :func:`load_run` takes it; ConfigError where there is none, or more."""
+    """Return the record named as for :func:`load_run`; ConfigError without exactly one."""
     path = Path(name_or_path)
     if path.name == "journal.jsonl":
         path = path.parent
@@ -146,7 +146,7 @@ def _of_run(directory: RunDirectory) -> tuple[Run, ...]:
 
 
 def asked_again(record: JournalRecord) -> list[str]:
-    """Return which answers could not be believed, and in which step."""
+    """Return the rejected replies, each with its step."""
     steps = [f"step {step.get('n')}: {said}" for step in record.steps for said in step.get("asked_again", ())]
     beside = ((line.get("why", "starting up again"), line.get("asked_again", ())) for line in record.restored)
     return [f"{why}: {said}" for why, all_said in beside for said in all_said] + steps

@@ -29,7 +29,7 @@ from vcfbench.station.writing import nested_tables, value_text
 from vcfbench.values.kinds import in_words
 from vcfbench.version import installed_version
 
-_RESIDUALS: Final = "Residuals of"  # Beginning of the title of a figure that stands on the first page
+_RESIDUALS: Final = "Residuals of"  # Beginning of the title of a figure on the first page
 _LONG: Final = 50  # A window of so many readings is drawn reading by reading
 
 

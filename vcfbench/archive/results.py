@@ -40,7 +40,7 @@ STORED_SETTINGS: Final = "settings"  # Title of the table of settings below resu
 
 
 class Evaluation(Struct, frozen=True):
-    """Evaluation of the points of a run; `results` None where there are none."""
+    """Evaluation of the points of a run; `results` is None without results."""
 
     results: Any
     verdict: Acceptance | None
@@ -62,7 +62,7 @@ def evaluate(
     measured: Measured,
     metadata: RunMetadata = RunMetadata(),  # noqa: B008  # frozen
 ) -> Evaluation:
-    """Compute the results of `procedure`, judge them by `limits`, and make their report; `metadata` tells conditions.
+    """Compute the results of `procedure`, judge them by `limits`, and make their report; `metadata` has conditions.
 
     Where the report fails, points and results are shown with the reason.
 
@@ -114,7 +114,7 @@ def of_several(header: Mapping[str, Any]) -> str | None:
 
 
 def evaluation_of(directory: RunDirectory, record: JournalRecord) -> tuple[Evaluation, str | None]:
-    """Compute the results again from the points; where that cannot be, return the stored ones, with the reason."""
+    """Compute the results again from the points; if that is impossible, return the stored ones, with the reason."""
     if record.status is not Status.COMPLETE:
         return nothing(record.points), f"the record is {record.status.value}"
     if said := of_several(record.header):
@@ -190,7 +190,7 @@ class _Stored(Struct, frozen=True):
 
 
 def stored_outcome(path: Path, outline: Outline) -> tuple[Acceptance | None, Sequence[Value]]:
-    """Return the verdict in the ``result.json`` of a run, None if there is none, and the values that it states.
+    """Return the verdict in the ``result.json`` of a run, or None, and its stated values.
 
     Raises:
         ConfigError: there is no such file, or it is none of the run's points.

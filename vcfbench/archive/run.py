@@ -1,4 +1,4 @@
-"""A run as scripts and notebooks see it."""
+"""A run for scripts and notebooks."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -26,7 +26,7 @@ from vcfbench.values.value import Value
 
 
 class RawReading(NamedTuple):
-    """One reading of the multimeter as it is in the record; a tuple, of which pandas makes a row with these names.
+    """One recorded reading of the multimeter; a tuple, of which pandas makes a row with these names.
 
     `number` is that of the step that was performed, from 1; `step` is the procedure's step (1 to 4), as in a point.
     `t_s` is bench time, s. `voltage_v` is the reading, V. `table_rate_deg_s` is what the table read back at the end of
@@ -105,7 +105,7 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def measured(self) -> Measured:
-        """Measured data, as results are made of them; readings are read from the record when asked for."""
+        """Measured data from which results are computed; readings are read from the record at first use."""
         if self._measured is not None:
             kept: Measured = self._measured
             return kept
@@ -115,7 +115,7 @@ class Run(Struct, frozen=True, eq=False):
 
     @property
     def name(self) -> str | None:
-        """Name of the record, None if there is none."""
+        """Name of the record, or None without a record."""
         return None if self.directory is None else self.directory.name
 
     @property
@@ -172,7 +172,7 @@ class Run(Struct, frozen=True, eq=False):
         return values_of(self.results) if self._values is None else {each.name: each for each in self._values}
 
     def as_json(self) -> dict[str, Any]:
-        """Return the answer of ``vcfbench run --json``; a run that failed has the error beside the points it kept."""
+        """Return the output of ``vcfbench run --json``; a failed run has its error next to its points."""
         answer: dict[str, Any] = {
             "run": self.name,
             "procedure": self.procedure,

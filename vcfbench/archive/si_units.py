@@ -1,4 +1,4 @@
-r"""Units as results have them, in the words of D-SI: ``V/(deg/s)`` is ``\volt\degree\tothe{-1}\second``.
+r"""Units of results in the notation of D-SI: ``V/(deg/s)`` is ``\volt\degree\tothe{-1}\second``.
 
 Source: D-SI, Brochure of the Digital System of Units, SmartCom 2020: names behind backslashes, powers by ``\tothe``.
 """

@@ -88,7 +88,7 @@ def run_summaries(
     procedure: str | None = None,
     tags: Mapping[str, str] | None = None,
 ) -> tuple[RunSummary, ...]:
-    """Return summaries of the records under `runs`, oldest first; those of :func:`list_runs`, far sooner.
+    """Return summaries of the runs of :func:`list_runs`, oldest first, without reading whole records.
 
     Arguments and errors are those of :func:`list_runs`.
     ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.

@@ -1,4 +1,4 @@
-"""What a run cannot have seen, with its size: worked out when a report, a certificate or a person asks for it."""
+"""Faults that a run cannot have seen, with their sizes; computed for a report, a certificate or on request."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
@@ -66,7 +66,7 @@ _EXPLAINED: Final = (
 
 
 class Refusable(Struct, frozen=True, eq=False):
-    """A run that can be evaluated again with its windows moved: what it stated, and what was performed."""
+    """A run that can be evaluated again with its windows moved: its statements, and its performed steps."""
 
     procedure: AnyProcedure
     settings: Any
@@ -77,17 +77,17 @@ class Refusable(Struct, frozen=True, eq=False):
     """Half widths of what is stated with 95 %, by name."""
 
     def values(self, output_v: Floats, v_vc_v: Floats) -> Mapping[str, float]:
-        """Return the values with the points moved, V, (n,), and V_Vc as measured beside them, V, (n,)."""
+        """Return the values with the points moved by volts, (n,), and V_Vc of the meter, V, (n,)."""
         return self.evaluated(self.settings, self.measured.moved(output_v.tolist(), v_vc_v.tolist()))
 
     def evaluated(self, settings: Any, measured: Measured) -> Mapping[str, float]:
-        """Return the values by other settings or data; a bound has 0, whatever moves."""
+        """Return the values by other settings or data; a bound has 0."""
         found = values_of(in_output_unit(self.procedure.results(settings, measured), settings.station.output_unit))
         return {name: found[name].value or 0.0 for name in self.u95}
 
 
 def refusable(run: Run) -> Refusable | None:
-    """Return a function that evaluates `run` again; None if nothing can be computed again.
+    """Return a function that evaluates `run` again, or None if that is impossible.
 
     A run without a record has lost its readings; one of several procedures (`characterize`) would be evaluated for
     minutes.

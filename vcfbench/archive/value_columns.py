@@ -1,4 +1,4 @@
-"""Columns of values of several runs: each is of one kind, unit and definition, and holds nothing else."""
+"""Columns of values of several runs, each of one kind, unit and definition."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
@@ -23,7 +23,7 @@ _OTHERS: Final = 5
 
 
 class ValueColumn(Struct, frozen=True):
-    """A column: the kind of its values, or where they have none their name, their unit, and one of them."""
+    """A column: the kind of its values (without one their name), their unit, and one of them."""
 
     key: str
     unit: str
@@ -31,17 +31,17 @@ class ValueColumn(Struct, frozen=True):
 
     @classmethod
     def of(cls, value: Value) -> "ValueColumn":
-        """Return the column that a value stands in."""
+        """Return the column of a value."""
         return cls(value.kind or value.name, value.unit, value)
 
     @property
     def is_slope(self) -> bool:
-        """Return True if it holds scale factors, whose U95 has a column of its own, in ppm."""
+        """Return True for a column of scale factors, whose U95 has a column of its own, in ppm."""
         return self.key in {_OF_RANGE, *SLOPES}
 
     @property
     def heads(self) -> tuple[Column, ...]:
-        """The heads of its columns, short: their definition stands above (`said`)."""
+        """The short heads of the columns; the definition is above the table (`said`)."""
         short = next((head for head, kinds in _GROUPS if self.key in kinds), self.example.named.words)
         return (Column(short), Column("U95", format=".0f")) if self.is_slope else (Column(short),)
 
@@ -54,7 +54,7 @@ class ValueColumn(Struct, frozen=True):
         return f"{of.words}{over}{unit}{', its U95 in ppm' if self.is_slope else ''}"
 
     def value(self, values: Sequence[Value]) -> Value | None:
-        """Return that of `values` which stands in this column, None where there is none."""
+        """Return the one of `values` in this column, or None."""
         return next((each for each in values if self.holds(each)), None)
 
     def holds(self, value: Value) -> bool:
@@ -63,7 +63,7 @@ class ValueColumn(Struct, frozen=True):
         return same and not value.definition.unlike(self.example.definition)
 
     def cells(self, values: Sequence[Value], mark: str = "") -> Iterator[Any]:
-        """Yield the printed form of the one of `values` in this column; `mark` stands behind a U95."""
+        """Yield the printed form of the one of `values` in this column; `mark` follows a U95."""
         found = self.value(values)
         if found is None or found.value is None or found.form != "plus-minus" or found.u95 is None:
             yield None if found is None else found.figure(found.named.factor)

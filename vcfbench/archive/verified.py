@@ -1,4 +1,4 @@
-"""Integrity of a record: its seals, its form, its numbers, the files beside it, its signatures."""
+"""Integrity of a record: its seals, form, numbers, signatures, and the files next to the journal."""
 
 import json
 import math

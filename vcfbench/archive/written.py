@@ -106,7 +106,7 @@ def _numbered(path: Path, number: int) -> Path:
 
 
 def write_document(report: Report, title: str, name: str, path: Path, logo: str | None = None) -> tuple[Path, ...]:
-    """Write `report` as :func:`write_report` does; `name` stands at the head of printed pages.
+    """Write `report` as :func:`write_report` does; `name` heads printed pages.
 
     `logo` is a file, empty for none; None where the report has no first page.
     """
