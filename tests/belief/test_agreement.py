@@ -98,7 +98,7 @@ def test_v_vc_offset_moves_zero_when_generator_comes_on() -> None:
 
 
 @pytest.mark.parametrize("k_vc", [-150.0, 14.9, 1501.0])
-def test_k_vc_has_the_sign_and_roughly_the_size_of_the_guess(k_vc: float) -> None:
+def test_k_vc_has_sign_and_rough_size_of_guess(k_vc: float) -> None:
     for good in (15.0, 40.0, 1500.0):
         require_expected_k_vc(good, 150.0, Expected())
     with pytest.raises(MeasurementError, match="the bench file guesses 150"):
@@ -118,7 +118,7 @@ def test_what_is_expected_of_the_gyroscope() -> None:
         require_expected_k_vc(161.0, 150.0, good)
 
 
-def test_a_slope_that_noise_alone_makes_another_is_no_other_gyroscope() -> None:
+def test_slope_within_noise_is_accepted() -> None:
     """Two rates near to each other come first; by all of them the slope is known, and one that is off is refused."""
     random, expected = Random(3), Expected(scale_factor_v_per_deg_s=(1.05 * K, 0.95 * K), bias_v=(-0.042, -0.040))  # noqa: S311
     for _ in range(200):
@@ -181,7 +181,7 @@ def test_level_as_set_may_be_off_by_both_limits(by_v: float, sign: float, *, fou
         require_steady_slope(moved, reference, limit_v)
 
 
-def test_an_output_that_stands_still_is_found_though_noise_hides_each_step() -> None:
+def test_constant_output_is_found_although_noise_hides_each_step() -> None:
     dead = [replace(p, output_v=BIAS_V, std_v=0.1) for p in sweep()]
     step_1 = (point(1, 0.0, BIAS_V), point(1, 10.0, BIAS_V + 10 * K))
     with pytest.raises(MeasurementError, match=r"from -200 deg/s to \+200 deg/s the output moves by \+0 V"):
@@ -191,7 +191,7 @@ def test_an_output_that_stands_still_is_found_though_noise_hides_each_step() -> 
 
 
 @pytest.mark.parametrize("step", [2, 4, 6, 7])
-def test_with_the_generator_on_a_point_stands_at_its_v_vc(step: int) -> None:
+def test_point_with_generator_on_is_placed_at_its_v_vc(step: int) -> None:
     levels = [point(step, 0.0, BIAS_V + K * 150.0 * v, v_vc_v=v) for v in (1.0, 0.5, 0.0, -0.5, -1.0)]
     require_steady_slope(levels)
     with pytest.raises(MeasurementError, match="V_Vc of"):

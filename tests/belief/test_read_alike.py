@@ -40,7 +40,7 @@ def driven(rng: np.random.Generator, jump: float, at: int) -> list[list[Point]]:
     return [read[start : start + 6] for start in range(0, len(read), 6)]
 
 
-def test_a_meter_that_jumps_between_two_readings_of_one_setting_is_refused() -> None:
+def test_meter_jump_between_readings_of_one_setting_is_refused() -> None:
     for seed in range(40):
         rng = np.random.default_rng(seed)
         jump = float(rng.choice([-1.0, 1.0]) * 10.0 ** rng.uniform(-2.9, -2.0))

@@ -60,9 +60,7 @@ def test_a_gyroscope_that_is_not_straight_is_believed() -> None:
 
 
 @pytest.mark.parametrize(("apart_s", "moved_v", "believed"), [(20.0, 2e-3, False), (600.0, 2e-3, True)])
-def test_windows_of_one_setting_may_differ_by_the_warm_up_between_them(
-    apart_s: float, moved_v: float, *, believed: bool
-) -> None:
+def test_windows_of_one_setting_may_differ_by_warm_up(apart_s: float, moved_v: float, *, believed: bool) -> None:
     """10 mV with 300 s from the first window on: 0.6 mV in the first 20 s, 8.6 mV in 600 s."""
     settings = make_settings(station=Station(meter_resolution_v=1e-5, sources=KNOWN))
     limits = replace(Limits.of(settings), warm_up_v=1e-2, warm_up_s=300.0, flicker_v=0.0, wander_v=0.0)
@@ -88,7 +86,7 @@ def test_window_is_held_against_every_earlier_one_of_its_setting(third_v: float,
 
 
 @pytest.mark.parametrize(("rate_error", "believed"), [(1e-3, True), (1e-6, False)])
-def test_rates_of_a_table_may_be_off_by_as_much_as_is_told(rate_error: float, *, believed: bool) -> None:
+def test_table_rates_may_be_off_by_stated_error(rate_error: float, *, believed: bool) -> None:
     """One of +100 deg/s by half of 0.1 %: 0.6 mV."""
     off_v = np.where(np.array(RATES) == 100.0, 5e-4 * K * 100.0, 0.0)
     known = replace(KNOWN, table_rate=rate_error, bias_instability_deg_h=0.5)
@@ -219,7 +217,7 @@ def test_the_words_say_when_and_how_large() -> None:
         walked(np.where(np.arange(len(RATES)) > 14, 3e-3, 0.0))
 
 
-def test_an_output_that_is_cut_off_is_held_against_the_rails() -> None:
+def test_clipped_output_is_compared_with_rails() -> None:
     walk = walked(np.zeros(len(RATES)))
     for place, each in enumerate(walk.windows):
         within = replace(each.point, output_v=min(each.point.output_v, 2.3))
@@ -240,7 +238,7 @@ def test_disagreeing_windows_name_the_two_around_step(since: int) -> None:
     assert " and ".join(found.groups()) == places
 
 
-def test_a_walk_is_found_and_one_that_is_expected_is_not() -> None:
+def test_walk_beyond_expected_drift_is_found() -> None:
     walk_v = 2e-3 * np.arange(len(RATES)) / len(RATES)
     with pytest.raises(MeasurementError, match="apart, at most"):
         walked(walk_v)
@@ -256,9 +254,7 @@ def test_an_output_that_does_not_answer_is_no_output() -> None:
 
 
 @pytest.mark.parametrize(("at_200_deg_s_v", "believed"), [(4e-4, True), (1e-4, False)])
-def test_an_output_answers_where_its_slope_is_eight_times_its_uncertainty(
-    at_200_deg_s_v: float, *, believed: bool
-) -> None:
+def test_output_responds_if_slope_is_eight_uncertainties(at_200_deg_s_v: float, *, believed: bool) -> None:
     """A mean is known to 43 uV by noise and flicker."""
     walk, rng = walked(np.zeros(len(RATES))), np.random.default_rng(2)
     for n, each in enumerate(walk.windows):
@@ -301,7 +297,7 @@ def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp
     ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
-def test_a_pulse_over_the_ends_of_the_virtual_sweep_ends_the_run(case: Case, fault: str, tmp_path: Any) -> None:
+def test_pulse_over_ends_of_virtual_sweep_ends_run(case: Case, fault: str, tmp_path: Any) -> None:
     """A pulse over the largest levels of one sign, or over both visits of the smallest."""
     seen = Windows()
     run(case, 3, str(tmp_path), [seen])

@@ -1,1 +1,1 @@
-"""Whether readings can be believed: agreement of points, jumps, walks, and the faults that a run cannot see."""
+"""Plausibility of readings: agreement of points, jumps, walks, and the faults that a run cannot see."""

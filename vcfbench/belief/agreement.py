@@ -148,7 +148,7 @@ def _require(key: str, window: tuple[float, float] | None, value: float, step: i
         f"(expected.{key})",
         instrument="multimeter",
         step=str(step),
-        hint="are leads off or swapped, or is it another gyroscope?",
+        hint="check the leads, and whether this is the right gyroscope",
     )
 
 

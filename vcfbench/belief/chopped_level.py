@@ -34,7 +34,7 @@ def to_level(settings: LevelSettings, sign: float, previous: float = 0.0) -> Rou
 
 
 def table_due_deg_s(settings: LevelSettings, sign: float) -> float | None:
-    """Return the due readback of the table, None where there is none."""
+    """Return the due read-back of the table, or None."""
     if settings.station.limits.max_rate_deg_s is None:
         return None
     return sign * settings.level_deg_s if settings.by is ScaleFactorBy.TABLE else 0.0

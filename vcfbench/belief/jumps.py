@@ -83,8 +83,8 @@ def require_no_jump(walk: Walk) -> None:
                 f"{_what(found, windows)}: no smooth curve goes through all windows",
                 instrument="multimeter",
                 step=str(windows[found.pattern.last].point.step),
-                hint=f"look at leads and contacts, and at what else happened then{_near_its_end(windows)}; "
-                "all points are in the record. expected.zero_drift_v of the bench file is what may drift",
+                hint=f"check leads and contacts, and events at that time{_near_its_end(windows)}; "
+                "all points are in the record. expected.zero_drift_v of the bench file allows a drift",
             )
 
 
@@ -98,7 +98,7 @@ def _near_its_end(windows: Sequence[Seen]) -> str:
 
 
 def note(walk: Walk, step: Step, result: StepResult) -> None:
-    """Let `walk` take notice of a performed step.
+    """Add a performed step to `walk`.
 
     MeasurementError: a setting did not give what it gave before; where the windows in between show it, with the place.
     """
@@ -122,7 +122,7 @@ def groups(walk: Walk) -> Iterator[list[Seen]]:
 
 
 def refused_from(walk: Walk) -> float:
-    """Return the number of standard uncertainties that a fault must have to be refused with 95 %."""
+    """Return the size, in standard uncertainties, of a fault that is refused with 95 %."""
     return _most(walk) + _ONE_SIDED
 
 
@@ -137,7 +137,7 @@ def _significant(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
 
 
 def largest_jump(walk: Walk, windows: Sequence[Seen]) -> Jump | None:
-    """Return the fault that fits best, None where there is nothing that would show one."""
+    """Return the fault that fits best, or None if no window can show one."""
     found = None
     for each in patterns(walk, windows):
         sizes = np.abs(each.sigmas)
@@ -369,7 +369,7 @@ def _require_straight(windows: Sequence[Seen], bound_ppm: float | None) -> None:
         f"(expected.nonlinearity_ppm): the output is {means_v[worst]:+.3g} V off the line at {where.describe()}",
         instrument="multimeter",
         step=str(where.point.step),
-        hint="look at the leads, at the PCB's supply, and whether this is the gyroscope that is expected",
+        hint="check the leads, the PCB's supply, and whether this is the right gyroscope",
     )
 
 

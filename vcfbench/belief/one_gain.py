@@ -59,5 +59,5 @@ def require_one_gain(band: RateBand, drive_hz: float, taken: Floats, close: floa
         f"the gain {'creeps' if pattern.walks else 'steps'} by {size:+.2g} % in the sweep, "
         f"from {f[order[pattern.first]]:.4g} Hz on ({sigmas:.0f} standard uncertainties)",
         instrument="multimeter",
-        hint="look at leads and contacts, and at what else happened then",
+        hint="check leads and contacts, and events at that time",
     )

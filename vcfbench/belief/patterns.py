@@ -1,4 +1,4 @@
-"""Faults as patterns in time in a series of windows: each tested, and the smallest that the test would have found.
+"""Faults as patterns in time in a series of windows: the test of each, and its smallest detectable size.
 
 A pattern is an offset from one window to another, or a walk from one on, in volts or in shares of what is read (a gain
 that changes). Its size by generalised least squares over its standard uncertainty is a test for each pattern (Willsky

@@ -49,7 +49,7 @@ Evaluated: TypeAlias = Callable[[Floats, Floats], Mapping[str, float]]
 
 
 class Unseen(Struct, frozen=True):
-    """A kind of fault that a run may have had: below `size` it is not refused where it moves a value.
+    """A possible fault of a run: below `size` the run does not refuse it.
 
     `size` is in V, or relative of a gain; None where none is refused, and `effects` are those of 1 mV, or 0.1 %.
     `effects` has by name, in its unit, what may have moved each value by more than a third of its U95.
@@ -85,7 +85,7 @@ class Course(Struct, frozen=True):
 
 
 def course_of(settings: ProcedureSettings, steps: Sequence[tuple[Step, StepResult]], watched: Watched | None) -> Course:
-    """Return the windows among the performed steps; without `watched` nothing was held against anything."""
+    """Return the windows among the performed steps; without `watched` no window was compared."""
     limits = Limits.of(settings)
     whole, walks = Walk(settings, limits), [(Walk(settings, limits), list[int]())]
     for step, result in steps:
@@ -104,7 +104,7 @@ def course_of(settings: ProcedureSettings, steps: Sequence[tuple[Step, StepResul
 def unseen(
     course: Course, u95: Mapping[str, float], values: Evaluated, bent: frozenset[str] = frozenset()
 ) -> Iterator[Unseen]:
-    """Yield the faults that would not have been refused and may have moved a value by more than a third of its U95.
+    """Yield the faults below the limits that may have moved a value by more than a third of its U95.
 
     Args:
         course: the windows, and those that were watched.

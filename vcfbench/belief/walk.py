@@ -42,7 +42,7 @@ def sigmas(dof: float) -> float:
 
 
 class Seen(Struct, frozen=True):
-    """A window as it was taken: its point, its settings, and its bench time."""
+    """A window: its point, its settings, and its bench time."""
 
     point: Point
     driven: bool
@@ -82,7 +82,7 @@ class _Turned(Protocol):
 
 
 class Limits(Struct, frozen=True):
-    """Limits of the output's shift between two windows, V, beside the noise of their readings."""
+    """Limits of the output's shift between two windows, V, in addition to the noise of their readings."""
 
     flicker_v: float
     """B as a voltage."""
@@ -132,7 +132,7 @@ class Limits(Struct, frozen=True):
         )
 
     def of_placing_v(self, outputs_v: Sequence[float]) -> float:
-        """Return the largest shift from one time to the next that a case stands in a position, by all `outputs_v`."""
+        """Return the largest shift between two times in one position of the case, from all `outputs_v`."""
         return self.placed_share * (max(outputs_v) - min(outputs_v)) + self.placed_v
 
 
@@ -196,12 +196,12 @@ class Walk(Struct):
         self.alike.setdefault(seen.setting, []).append(seen)
 
     def note(self, step: Step, result: StepResult) -> None:
-        """Take notice of a performed step; MeasurementError: a setting did not give what it gave before."""
+        """Add a performed step; MeasurementError if a setting gives another output than before."""
         if (seen := self.take(step, result)) is not None and not self.settings.creeps:
             self.require_same(seen)
 
     def require_same(self, seen: Seen) -> None:
-        """See that the last window, `seen`, gives what its setting gave before; MeasurementError: it does not."""
+        """Compare the last window, `seen`, with earlier ones of its setting; MeasurementError if they differ."""
         for earlier in self.alike[seen.setting][:-1]:
             was_v, allowed_v = earlier.point.output_v, self._allowed_v(earlier, seen)
             moved_v = seen.point.output_v - was_v
@@ -212,9 +212,8 @@ class Walk(Struct):
                 f"{seen.describe()}: {moved_v:+.3g} V apart, at most {allowed_v:.2g} V are noise and drift",
                 instrument="multimeter",
                 step=str(seen.point.step),
-                hint="look at leads and contacts, at what happened in between, at temperature, and let "
-                "the gyroscope warm up (procedure.warm_up_s); expected.zero_drift_v of the bench file is what may "
-                "drift",
+                hint="check leads, contacts, temperature, and events in between; let the gyroscope warm up "
+                "(procedure.warm_up_s); expected.zero_drift_v of the bench file allows a drift",
             )
 
     def _allowed_v(self, earlier: Seen, latest: Seen) -> float:
