@@ -67,7 +67,7 @@ def test_the_death_of_the_program_is_waited_for_some_seconds(monkeypatch: pytest
         assert tries.made == [(at_s, False)]
 
 
-def test_what_the_dead_program_still_holds_is_asked_for_again_then_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_instrument_of_dead_program_is_retried_then_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     held = MadeSafe((), (), left_to={"power": own()})
     tries = Tries(monkeypatch, held, held, SAFE)
     assert safe_abandoned(PLAIN, left=False) is SAFE
@@ -104,7 +104,7 @@ def test_bench_of_another_owner_is_left_alone(
     assert not any(force for _, force in tries.made)
 
 
-def test_a_served_bench_is_waited_for_as_long_as_locks_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_served_bench_is_waited_for_like_locks(monkeypatch: pytest.MonkeyPatch) -> None:
     tries = Tries(monkeypatch, ConnectFailed("another controls its time"))
     with pytest.raises(ConnectFailed):
         safe_abandoned(PLAIN, left=False)

@@ -86,7 +86,7 @@ def test_an_error_in_the_run_leaves_through_the_safety_stack(
     safe_and_closed(fakes)
 
 
-def test_all_that_does_not_open_is_told_and_the_rest_made_safe(
+def test_unopened_instruments_are_named_and_the_rest_made_safe(
     real: BenchDescription, rack: Callable[..., FakeRack]
 ) -> None:
     fakes = rack(rate_source="missing", oscilloscope="missing")
@@ -247,9 +247,7 @@ def line_of(process: subprocess.Popen[str]) -> str:
 
 @posix
 @pytest.mark.parametrize("number", few(["SIGINT", "SIGTERM", "SIGHUP"], "SIGTERM"))
-def test_one_signal_from_outside_ends_a_wait_and_leaves_the_bench_safe(
-    child: Callable[[str], subprocess.Popen[str]], number: str
-) -> None:
+def test_signal_ends_wait_and_leaves_bench_safe(child: Callable[[str], subprocess.Popen[str]], number: str) -> None:
     process = child("obeys")
     process.send_signal(signal.Signals[number])
     output, _ = process.communicate(timeout=10)

@@ -130,7 +130,7 @@ def test_only_a_person_moves_the_head_and_faults_end_waiting() -> None:
             AWAIT.perform(context)
 
 
-def test_what_it_refuses_is_told_though_it_has_no_error_queue() -> None:
+def test_refused_command_is_reported_without_error_queue() -> None:
     with open_bench(with_chamber()) as bench:
         chamber = bench.chamber.driver  # type: ignore[attr-defined]  # past the bench's limits
         with pytest.raises(InstrumentError, match="execution error"):
@@ -138,7 +138,7 @@ def test_what_it_refuses_is_told_though_it_has_no_error_queue() -> None:
         chamber.check_errors()
 
 
-def test_its_sensor_at_the_device_is_read_where_there_is_one() -> None:
+def test_sensor_at_device_is_read_if_present() -> None:
     with open_bench(with_chamber()) as bench:
         assert bench.chamber.device_temperature_c() is None
         session = bench.chamber.driver.session  # type: ignore[attr-defined]

@@ -81,7 +81,7 @@ def what_is_on(lab: ServedLab) -> list[str]:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a process sends itself a SIGTERM")
 @pytest.mark.parametrize("how", few(ENDS, "it is terminated"))
-def test_a_bench_that_is_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_path: Path, how: str) -> None:
+def test_bench_open_when_python_ends_is_made_safe(lab: ServedLab, tmp_path: Path, how: str) -> None:
     end, code = ENDS[how]
     done = ended(lab, tmp_path, end)
     assert (done.stdout.split("\n")[0], done.returncode) == ("<Bench paper, open> 50", code), done.stderr
@@ -107,7 +107,7 @@ raise ValueError("a typo")
     lab.ask("clear_faults")
 
 
-def test_a_bench_without_with_is_closed_once_and_has_a_short_name() -> None:
+def test_bench_outside_with_is_closed_once() -> None:
     bench = open_bench(load_bench(None))
     assert (repr(bench), bench.closed, bench.safe_reports) == ("<Bench paper, open>", False, [])
     bench.close()

@@ -91,7 +91,7 @@ def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
         parse_bench(bench_text(bench), "lab")
 
 
-def test_a_limit_of_what_is_missing_is_checked_where_it_is_told() -> None:
+def test_limit_of_missing_instrument_is_checked_if_given() -> None:
     text = bench_text(SMALL).replace("[limits]", "[limits]\nmax_rate_deg_s = 100")
     with pytest.raises(ConfigError, match=r"procedure\.rates_deg_s\[0\]: expected a rate of at most 100 deg/s"):
         parse_bench(text, "lab")
@@ -133,10 +133,10 @@ def test_what_is_not_needed_is_left_to_others() -> None:
                 assert "oscilloscope" not in bench.instruments
 
 
-def test_a_table_that_is_not_there_has_no_limits_to_stay_within() -> None:
+def test_missing_table_has_no_limits() -> None:
     checks = LimitChecks.of(SMALL)
     checks.v_vc(5.0)
-    with pytest.raises(LimitError, match=r"nothing is allowed \(limits\.max_rate_deg_s\)"):
+    with pytest.raises(LimitError, match=r"it is refused \(limits\.max_rate_deg_s\)"):
         checks.rate(0.0)
 
 

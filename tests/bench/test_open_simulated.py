@@ -170,7 +170,7 @@ def test_a_vibration_source_is_opened_and_made_safe_too(worlds: list[World]) -> 
     assert still_energised(worlds[0]) == []
 
 
-def test_a_table_whose_line_is_dead_at_the_end_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_with_dead_line_is_not_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     with (
         pytest.raises(NotSafe, match="NOT SAFE: rate_table at sim://paper") as caught,
         open_bench(load_bench(None)) as bench,
@@ -182,7 +182,7 @@ def test_a_table_whose_line_is_dead_at_the_end_is_not_safe(monkeypatch: pytest.M
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are sent to another process")
-def test_a_signal_in_the_middle_of_a_paced_run_ends_it_safely(tmp_path: Path) -> None:
+def test_signal_in_paced_run_ends_it_safely(tmp_path: Path) -> None:
     code = "from vcfbench.cli.main import main; main()"
     command = [sys.executable, "-c", code, "run", "turntable", "--speed", "5", "--runs", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:  # noqa: S603

@@ -65,7 +65,7 @@ def looked_behind(described: BenchDescription) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("model", ["34401A", "34461A", "34465A"])
-def test_it_reads_v_vc_as_the_gyroscope_has_it_and_loads_it(model: str) -> None:
+def test_v_vc_meter_reads_and_loads_v_vc_of_gyroscope(model: str) -> None:
     """50 ohm of the generator against 10 Mohm: with a meter there V_Vc is 5 ppm less, for the gyroscope too."""
     text = bench_text(with_meter(model=model))
     perfect_v, perfectly_read_v = looked_behind(parse_bench(text, "lab.toml"))
@@ -158,7 +158,7 @@ def test_a_bench_without_one_says_so() -> None:
         _ = bench.v_vc_meter
 
 
-def test_it_is_served_locked_and_read_over_tcp_with_the_same_digits() -> None:
+def test_v_vc_meter_over_tcp_has_same_digits() -> None:
     described = with_meter("paper")
     with open_bench(described, seed=2) as bench:
         powered(bench, 0.5)

@@ -49,7 +49,7 @@ def test_hour_of_readings_takes_bench_time_only() -> None:
     assert 0.0 < statistics.stdev(values[60:]) < 0.01
 
 
-def test_a_seed_gives_the_same_digits_again_and_another_one_others() -> None:
+def test_same_seed_gives_same_digits() -> None:
     found = []
     for library in ("?speed=max&seed=5@vcfbench", "?speed=max&seed=5@vcfbench", "?speed=max&seed=6@vcfbench"):
         with opened(library) as manager:

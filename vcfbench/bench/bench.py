@@ -1,4 +1,4 @@
-"""An open bench: every instrument opened, identified, within its limits, and made safe whatever happens."""
+"""An open bench: every instrument opened, identified, within its limits, and made safe in any case."""
 
 import sys
 import warnings
@@ -142,7 +142,7 @@ class Bench(Struct, frozen=True, eq=False):
         return self.holding.closed
 
     def disbelieve(self, instrument: str, why: str) -> None:
-        """Let nothing that `instrument` reads prove that it is safe: the run ends by what it read."""
+        """Exclude read-backs of `instrument` from the proof of safety, because the run ends by a wrong one."""
         self.holding.safety.disbelieved[instrument] = why
 
     def seen_by(self, device: str) -> "Bench":
@@ -151,7 +151,7 @@ class Bench(Struct, frozen=True, eq=False):
         return _SeenBench(**{**asdict(self), "instruments": instruments})
 
     def close(self) -> None:
-        """Make everything safe and close it; does nothing when that is done already.
+        """Make everything safe and close it; a second call does nothing.
 
         Raises:
             NotSafe: something could not be made safe.

@@ -25,7 +25,7 @@ from vcfbench.station.equipment import equipment_on
 
 
 class CheckedInstrument(Struct, frozen=True):
-    """One instrument: its identity (None: nobody answered), its problem (None: none), and its calibration.
+    """One instrument: its identity (None: no answer), its problem (None: no problem), and its calibration.
 
     `answers` are those to the questions that runs depend on, each in the form that they demand.
     """
@@ -69,7 +69,7 @@ class BenchCheck(Struct, frozen=True):
 
 
 def check_bench(description: BenchDescription, *, trust: Trust = False, operator: Operator | None = None) -> BenchCheck:
-    """Open every instrument, ask its identity, errors, a table's faults and what runs depend on; then make all safe.
+    """Open every instrument, read identity, errors, a table's faults and what runs depend on; then make all safe.
 
     `trust` and `operator` are as of :func:`open_bench`.
 

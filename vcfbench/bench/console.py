@@ -18,7 +18,7 @@ _ACTING_QUESTION = re.compile(r":?(\*?(TST|CAL)|MEAS\w*:(SCAL\w*:)?(F?RES|CONT|D
 
 
 class ConsoleReply(Struct, frozen=True):
-    """Reply to a message: the answer (None: nothing was asked), and the entries of the error queue (None: none)."""
+    """Reply to a message: the answer (None: not a query), and the entries of the error queue (None: no queue)."""
 
     answer: bytes | None
     refusal: str | None
@@ -103,7 +103,7 @@ def _asks(message: str) -> bool:
 
 
 def summary(answer: bytes) -> str:
-    """Return an answer as a person can read it: text as it is, a block by its size and its first bytes."""
+    """Return an answer in readable form: text unchanged, a block by its size and its first bytes."""
     if answer[:1] == b"#" and answer[1:2] in b"123456789" and answer[1:2] != b"":
         data = answer[2 + int(answer[1:2]) :]
         return f"block of {len(data)} bytes: {_hexadecimal(data)}"

@@ -67,7 +67,7 @@ def station(
     The instruments are locked for it, of a real bench and of a served one: all, or those of `roles`.
 
     Raises:
-        ConfigError: `speed` is no speed, or is asked of a bench that has its own.
+        ConfigError: `speed` is invalid, or the bench has its own.
         BenchError: another process has the bench, or nobody serves it.
     """
     pace = checked_pace(description, speed)
@@ -98,7 +98,7 @@ def require_instruments_apart(description: BenchDescription) -> None:
 
 
 def outputs_of(description: BenchDescription) -> dict[str, str]:
-    """Return the resources of the outputs of several gyroscopes beside the first, by names like those of roles."""
+    """Return the resources of the outputs of the further gyroscopes, by names like those of roles."""
     found = {each.multimeter.resource: f"multimeter of {each.name}" for each in reversed(description.devices or ())}
     return {role: resource for resource, role in found.items() if resource != description.output_resource}
 
@@ -116,7 +116,7 @@ def _real(description: BenchDescription, roles: Collection[str] | None) -> Itera
 
 
 def table_port(description: BenchDescription) -> str | None:
-    """Return where the bench file has the rate table, None when there is none."""
+    """Return the place of the rate table in the bench file, or None."""
     return None if description.rate_table is None else description.rate_table.resource
 
 
@@ -173,7 +173,7 @@ def checked_pace(description: BenchDescription, speed: str | float | None) -> fl
     """Return the number of times that real time to run at, None for as fast as it goes.
 
     Raises:
-        ConfigError: `speed` is no speed, or is asked of a real bench, which has its own, or of a served one, whose time
+        ConfigError: `speed` is invalid, or given for a real bench, which has its own, or of a served one, whose time
             jumps to what the run waits for.
     """
     if description.served is not None and speed not in {None, FASTEST}:

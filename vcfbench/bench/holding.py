@@ -83,12 +83,12 @@ class Holding:
         return self._closed or os.getpid() != self._process
 
     def watch(self) -> None:
-        """Let the bench's own signals have the handlers until it is left."""
+        """Give the bench's own signals the handlers until the end of the context."""
         if not self.closed:
             self._watch.begin()
 
     def leave(self, under_way: BaseException | None = None) -> None:
-        """Make everything safe and close it; does nothing the second time.
+        """Make everything safe and close it; a second call does nothing.
 
         Raises:
             NotSafe: something is not safe; from what is `under_way`.
@@ -140,7 +140,7 @@ class Holding:
         _say(f"interrupted while bench {self.name} is open; {said}")
 
     def abandon(self, when: str) -> None:
-        """Leave a bench that nobody is there to leave, and say so on stderr; NotSafe is code 5 when Python ends."""
+        """Make an abandoned bench safe and report that on stderr; NotSafe is code 5 when Python ends."""
         try:
             self.leave()
             said = "it was made safe"
@@ -187,7 +187,7 @@ class _StillOpen:
             self.give_back_signals()
 
     def take_signals(self) -> None:
-        """Turn signals that would end Python at once into a SystemExit, where nobody else has taken them."""
+        """Turn signals that would end Python at once into a SystemExit, unless another handler has them."""
         if not self._held or threading.current_thread() is not threading.main_thread():
             return
         for name in _LEFT_TO_PYTHON:

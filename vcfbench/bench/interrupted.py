@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def at_each_interrupt(act: Callable[[], None]) -> None:
-    """Let `act` follow each KeyboardInterrupt that comes back to IPython, a notebook or Python's prompt; else nothing.
+    """Call `act` after each KeyboardInterrupt that reaches IPython, a notebook or Python's prompt.
 
     One that is pressed where nothing is done reaches Python's prompt, too; a notebook's kernel hears none then.
     """

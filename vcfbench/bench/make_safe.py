@@ -1,4 +1,4 @@
-"""Makes a bench safe from whatever state it is found in: after a crash, or because somebody must go to it now.
+"""Makes a bench safe from any state: after a crash, or before a person goes to it.
 
 Everything that drives something is told to stop or to switch off upon connecting, before it is asked who it is; only
 then it is opened properly, made safe and proved. What does not answer keeps nothing else from being told and proved.
@@ -50,7 +50,7 @@ _GENERATOR: Final = {"level": "VOLT:OFFS?"}
 
 
 class Safed(Struct, frozen=True):
-    """One instrument: its state before (None: it gave none), True if it is proved safe, and the proof."""
+    """One instrument: its state before (None: unknown), True if it is proved safe, and the proof."""
 
     role: str
     resource: str
@@ -79,7 +79,7 @@ class MadeSafe(Struct, frozen=True):
     signalled: bool = False
 
     def unsafe_beside(self, by_hand: Collection[str]) -> bool:
-        """Return True if something is not proved that can be commanded again: a person who is not there cannot."""
+        """Return True if an unproved actuator can be commanded again, unlike a person who does not answer."""
         return any(not report.safe and report.instrument not in by_hand for report in self.reports)
 
     def failure(self) -> BenchError | None:
@@ -98,7 +98,7 @@ def safe_bench(
     end_owner: bool = False,
     operator: Operator | None = None,
 ) -> MadeSafe:
-    """Make everything on the bench that drives something safe, in whatever state, and return the states found.
+    """Make every actuator of the bench safe, in any state, and return the states found.
 
     An instrument that another process has is left to it. With `end_owner` that process is ended before: told by SIGTERM
     to stop, by SIGKILL where it has not let go within 10 s. With `force` nobody is asked; who has the bench may switch
@@ -129,7 +129,7 @@ def safe_bench(
             return replace(done, unlocked=held.unlocked, left_to=held.left_to, ended=ended, signalled=signals.came)
         except LeaveNow:
             raise NotSafe(
-                "NOT SAFE: making safe was ended by a third signal", hint="look at every instrument"
+                "NOT SAFE: making safe was ended by a third signal", hint="go and look at every instrument"
             ) from None
         finally:
             signals.close()
@@ -203,7 +203,7 @@ def _end_owners(description: BenchDescription) -> tuple[str, ...]:
 
 def _signal(owner: Owner, number: int) -> None:
     if owner.host != socket.gethostname():
-        raise BenchError(f"{owner} cannot be ended from here", hint="end it there, it makes its bench safe")
+        raise BenchError(f"{owner} cannot be ended from here", hint="end it where it runs; it makes its bench safe")
     try:
         end(owner.pid, owner.mark, number)
     except OSError as error:

@@ -23,7 +23,7 @@ def resolve(path: str) -> tuple[Mapping[str, Device], Clock]:
     nothing: PyVISA gives one string one bench, and it tells two of them apart.
 
     Raises:
-        OSError: the bench file or what is asked of it cannot be used; PyVISA's word for a library that is not there.
+        OSError: the bench file or an option cannot be used; PyVISA's error for a missing library.
     """
     file, _, asked = path.partition("?")
     options = dict(parse_qsl(asked, keep_blank_values=True))
