@@ -176,7 +176,7 @@ UNUSABLE = {
         b"rate,a\n1,2\n",
         ", line 1, column 1: the header must begin with rate_deg_s, or another rate",
     ),
-    "no output": (b"rate_deg_s\n1\n2\n3\n", ", line 1: there is no output column"),
+    "no output": (b"rate_deg_s\n1\n2\n3\n", ", line 1: expected an output column"),
     "twice": (b"rate_deg_s,a,a\n1,2,3\n", ", line 1, column 3: there is already a column a"),
     "thousands": (
         b"rate_deg_s;a\n1,500;2\n",
@@ -238,7 +238,7 @@ def test_any_bytes_give_series_or_a_sentence(content: bytes) -> None:
 
 
 @given(st.text(alphabet="rate_deg_s,ab\n\r\"';\t-.0123456789e ", max_size=120))
-def test_any_text_after_a_good_header_gives_series_or_a_sentence(text: str) -> None:
+def test_any_text_after_good_header_gives_series_or_message(text: str) -> None:
     try:
         series = read_table(BytesIO(f"rate_deg_s,a\n{text}".encode()), "t.csv", Layout(), [])
     except ConfigError as error:

@@ -76,7 +76,7 @@ def test_each_device_gets_record_with_serial_tag_and_operator(folder: Path) -> N
     assert f"{1e3 * slope_of(first):.4f}" in text
 
 
-def test_a_sheet_that_cannot_be_written_is_refused_before_the_first_device(folder: Path) -> None:
+def test_unwritable_sheet_is_refused_before_first_device(folder: Path) -> None:
     done = batch(folder, "--sheet", "sheet.docx")
     assert done.returncode == 2
     assert "sheet.docx" in done.stderr
@@ -101,7 +101,7 @@ def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> Non
 
 
 @pytest.mark.exhaustive
-def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Path) -> None:
+def test_drift_is_change_since_last_run_before_batch(folder: Path) -> None:
     settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
     before = vcfbench.run("turntable", seed=1, settings=settings, metadata={"dut": "G-1"}, runs=folder / "runs")
     first, second = json.loads(batch(folder, "--json").stdout)["rows"]
@@ -114,7 +114,7 @@ def test_drift_is_the_change_since_the_last_run_outside_of_the_batch(folder: Pat
 
 
 @pytest.mark.exhaustive
-def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
+def test_failed_limit_is_exit_1_and_counts_in_yield(folder: Path) -> None:
     limits = "\n[acceptance]\nnonlinearity_ppm = [0, 1]\n"
     (folder / "strict.toml").write_text(embedded_text("paper") + limits, encoding="utf-8")
     (folder / "plan.toml").write_text(f'bench = "strict.toml"\n{PLAN}', encoding="utf-8")
@@ -127,7 +127,7 @@ def test_a_failed_limit_is_exit_1_and_stands_in_the_yield(folder: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_devices_stand_in_the_order_of_the_plan_whenever_they_were_measured(folder: Path) -> None:
+def test_devices_are_listed_in_order_of_plan(folder: Path) -> None:
     batch(folder)
     (folder / "plan.toml").write_text(PLAN.replace('"G-1", "G-2"', '"G-3", "G-2", "G-1"'), encoding="utf-8")
     rows = read_batch(folder / "plan.toml").rows(folder / "runs", {})
@@ -143,7 +143,7 @@ def test_a_marginal_device_is_not_in_the_yield(folder: Path, verdict: str | None
     assert f"Yield: {int(passed)} of 1 devices" in text_of(batch_sheet("b7", [judged]))
 
 
-def test_a_device_that_cannot_be_measured_does_not_end_the_batch(
+def test_failed_device_does_not_end_batch(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     code = _with_error(folder, monkeypatch, MeasurementError("the meter does not answer"))
@@ -156,7 +156,7 @@ def test_a_device_that_cannot_be_measured_does_not_end_the_batch(
     assert "G-1, turntable: the meter does not answer" in said.out
 
 
-def test_devices_that_nobody_has_tried_yet_are_named_and_not_counted(folder: Path) -> None:
+def test_untried_devices_are_named_and_not_counted(folder: Path) -> None:
     asked = read_batch(folder / "plan.toml")
     first, second = asked.rows(folder / "runs", {"G-1": "it does not answer"})
     text = text_of(batch_sheet("b7", [first, second]))
@@ -166,7 +166,7 @@ def test_devices_that_nobody_has_tried_yet_are_named_and_not_counted(folder: Pat
 
 
 @pytest.mark.exhaustive
-def test_an_incomplete_u95_is_marked_and_the_drift_has_its_own(folder: Path) -> None:
+def test_incomplete_u95_is_marked(folder: Path) -> None:
     batch(folder)
     (first, _) = sheet_rows("b7", folder / "runs")
     row = structs.replace(
@@ -212,10 +212,10 @@ def test_serial_numbers_are_read_until_an_empty_line(folder: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("was", "now", "words"),
     [
-        ('"G-2"]', '"G-1"]', "devices: G-1 stands there twice"),
+        ('"G-2"]', '"G-1"]', "devices: G-1 is listed twice"),
         ("samples = 3", "sample = 3", "runs[0].settings"),
         ("[[runs]]", "[[run]]", "run"),
-        ("[[runs]]", '[[runs]]\nprocedure = "turntable"\n[[runs]]', "runs: turntable stands there twice"),
+        ("[[runs]]", '[[runs]]\nprocedure = "turntable"\n[[runs]]', "runs: turntable is listed twice"),
     ],
 )
 def test_a_plan_that_cannot_be_is_refused_with_its_key(folder: Path, was: str, now: str, words: str) -> None:
@@ -225,7 +225,7 @@ def test_a_plan_that_cannot_be_is_refused_with_its_key(folder: Path, was: str, n
     assert words in str(refused.value)
 
 
-def test_a_step_beyond_a_limit_is_refused_before_anything_is_measured(folder: Path) -> None:
+def test_step_beyond_limit_is_refused_before_first_measurement(folder: Path) -> None:
     (folder / "plan.toml").write_text(PLAN.replace("[100, 50", "[100000, 50"), encoding="utf-8")
     done = batch(folder)
     assert done.returncode == 2, done.stderr

@@ -55,7 +55,7 @@ def test_the_template_is_printed_as_it_is() -> None:
 
 
 @pytest.mark.parametrize("name", EMBEDDED)
-def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
+def test_bench_show_prints_bench_file_of_same_bench(name: str) -> None:
     shown = vcfbench("bench", "show", "--bench", name)
     assert shown.exit_code == 0
     again, bench = parse_bench(shown.stdout, "shown"), load_bench(name)
@@ -65,7 +65,7 @@ def test_what_show_prints_is_a_bench_file_of_the_same_bench(name: str) -> None:
         assert settings_of(procedure, again, asked) == settings_of(procedure, bench, asked)
 
 
-def test_show_without_a_file_is_the_paper_bench_with_its_defaults() -> None:
+def test_bench_show_without_file_prints_paper_bench() -> None:
     shown = json.loads(vcfbench("bench", "show", "--json").stdout)
     assert shown["name"] == "paper"
     assert shown["procedure"]["samples"] == 10
@@ -123,7 +123,7 @@ def test_check_of_a_bench_in_this_process_needs_no_watchdog() -> None:
     assert row.split(maxsplit=2) == ["process", "none", "simulated in this process: nothing outlives it"]
 
 
-def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) -> None:
+def test_bench_check_shows_station_and_possible_procedures(tmp_path: Path) -> None:
     bench = tmp_path / "small.toml"
     meter = '[multimeter]\nmodel = "34401A"\nresource = "GPIB0::22::INSTR"\ncalibration_due = 2020-01-01\n'
     judged = "[acceptance]\nbias_v = [-0.1, 0.1]\n"
@@ -133,12 +133,16 @@ def test_check_shows_what_the_station_is_and_what_can_run_there(tmp_path: Path) 
     assert "34401A" in done.stdout
     assert "OVERDUE since 2020-01-01" in done.stdout
     assert "limits: none\nacceptance: bias_v -0.1 to 0.1\ncan run: zero, " in done.stdout
-    assert "cannot run: vibration needs rate_source and vibration_source, which bench small has not\n" in done.stdout
-    assert "cannot run: warmup, power, repeatability: each needs power, which bench small has not\n" in done.stdout
+    assert (
+        "cannot run: vibration needs rate_source and vibration_source, which bench small does not have\n" in done.stdout
+    )
+    assert (
+        "cannot run: warmup, power, repeatability: each needs power, which bench small does not have\n" in done.stdout
+    )
     answer = json.loads(vcfbench("bench", "check", "--json").stdout)
     assert answer["limits"]["max_rate_deg_s"] == 300
     assert answer["procedures"]["turntable"] is None
-    assert answer["procedures"]["vibration"] == "vibration needs vibration_source, which bench paper has not"
+    assert answer["procedures"]["vibration"] == "vibration needs vibration_source, which bench paper does not have"
 
 
 def test_check_goes_on_past_what_fails(rack: Callable[..., FakeRack], bench_file: str) -> None:

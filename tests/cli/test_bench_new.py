@@ -60,7 +60,7 @@ def test_nobody_but_the_user_knows_the_latitude(tmp_path: Path) -> None:
     assert not (tmp_path / "station.toml").exists()
 
 
-def test_a_table_that_does_not_answer_may_be_turned_by_hand(tmp_path: Path) -> None:
+def test_unanswering_table_may_be_turned_by_hand(tmp_path: Path) -> None:
     done = new("hand.toml", *LATITUDE, typed="\n".join([*[""] * 4, "hand", "40", *[""] * 9]))
     assert done.exit_code == 0, done.stderr
     assert "No rate table answers: is there one that a person sets and reads" in " ".join(done.stderr.split())
@@ -219,7 +219,7 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
     assert "OVERDUE since 2026-01-07" in checked.stdout
     assert "max_rate_deg_s 250" in checked.stdout
     assert "can run: turntable, virtual-coriolis" in checked.stdout
-    assert "cannot run: vibration needs vibration_source, which bench lab-1 has not" in checked.stdout
+    assert "cannot run: vibration needs vibration_source, which bench lab-1 does not have" in checked.stdout
     short = ["--set", "rates_deg_s=10,0,-10", "--set", "samples=2", "--quiet"]
     run = CliRunner().invoke(app, ["run", "turntable", "--bench", str(bench), *short])
     assert run.exit_code == 0, run.output
@@ -289,7 +289,7 @@ class Terminal:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a folder in which nobody can write, for root too")
-def test_a_folder_that_cannot_be_written_is_told_before_anything_is_asked() -> None:
+def test_unwritable_folder_is_refused_before_questions() -> None:
     done = new("/proc/lab.toml", typed="")
     assert done.exit_code == 2
     assert "/proc/lab.toml: cannot be written" in done.stderr

@@ -75,7 +75,7 @@ def test_short_help(command: str) -> None:
     assert "-h, --help" in short.stdout
 
 
-def test_the_list_of_commands_has_them_all_on_one_line_each() -> None:
+def test_help_lists_each_command_on_one_line() -> None:
     shown = CliRunner().invoke(app, ["--help"]).stdout
     for name, words in COMMANDS.items():
         assert re.search(rf"^  {name} +{re.escape(words)}$", shown, re.MULTILINE)

@@ -147,7 +147,7 @@ def test_a_device_is_loaded_from_python(store: DeviceStore) -> None:
         vcfbench.load_device("G-2", store.root)
 
 
-def test_an_entry_is_withdrawn_with_a_reason_and_the_history_says_it(store: DeviceStore) -> None:
+def test_withdrawn_entry_shows_reason_in_history(store: DeviceStore) -> None:
     where = ("--devices", str(store.root))
     done = call("G-1", *where, "--withdraw", "0002", "--reason", "the leads were swapped", "--by", "A. Person")
     assert (done.exit_code, done.stdout) == (0, f"{store.root / 'G-1' / '0003.json'}\n")
@@ -172,7 +172,7 @@ def test_entries_from_a_simulated_bench_are_marked_beside_real_ones(store: Devic
 
 
 @pytest.mark.exhaustive
-def test_a_record_of_before_that_lists_no_values_has_its_row(tmp_path: Path) -> None:
+def test_older_record_without_values_has_its_row(tmp_path: Path) -> None:
     settings = {"rates_deg_s": [100, 50, 0, -50, -100], "samples": 3, "settle_s": 0.5}
     run = vcfbench.run("virtual-coriolis", seed=1, settings=settings, metadata={"dut": "G-9"}, runs=tmp_path / "runs")
     assert run.directory is not None

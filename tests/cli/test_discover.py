@@ -24,7 +24,7 @@ def test_what_a_program_reads() -> None:
     assert answer["serial_ports"] == answer["tried"] == []
 
 
-def test_a_resource_that_was_named_and_does_not_answer_is_a_failure() -> None:
+def test_named_resource_without_answer_is_failure() -> None:
     with socket.create_server(("127.0.0.1", 0)) as closing:
         name = f"TCPIP::127.0.0.1::{closing.getsockname()[1]}::SOCKET"
     done = CliRunner().invoke(app, ["bench", "discover", "--library", "@vcfbench", "--try", name])

@@ -21,7 +21,7 @@ def test_the_kit_is_written_once(tmp_path: Path) -> None:
     assert (again.exit_code, "cannot be written: File exists" in again.output) == (2, True)
 
 
-def test_a_bundle_is_told_in_a_line_and_what_differs_in_others(tmp_path: Path) -> None:
+def test_bundle_has_summary_line_and_line_per_difference(tmp_path: Path) -> None:
     path = tmp_path / "a.trace"
     recorded(path, "34401A", driven=False)
     same = CliRunner().invoke(app, ["kit", "check", str(path)])

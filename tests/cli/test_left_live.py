@@ -111,7 +111,7 @@ def test_a_bench_that_was_made_safe_is_said_to_be(
 
 
 @pytest.mark.parametrize("made", [SAFE, LIVE, OSError("no memory")])
-def test_it_is_said_before_anything_else_and_whatever_else_cannot_be_loaded(
+def test_not_safe_is_printed_first_even_if_nothing_loads(
     made: MadeSafe | Exception,
     journal: Path,
     told: list[Any],

@@ -97,7 +97,7 @@ def test_a_mistake_of_ours_is_not_hidden() -> None:
 
 
 @pytest.mark.parametrize("code", [0, 1])
-def test_a_plan_that_leaves_python_is_a_mistake_and_no_verdict(code: int, tmp_path: Path) -> None:
+def test_plan_that_exits_python_is_error_without_verdict(code: int, tmp_path: Path) -> None:
     leaving = (
         f"        walks.append(1)\n        if len(walks) > 2:  # the dry run is over\n            sys.exit({code})\n"
     )

@@ -110,7 +110,7 @@ def test_a_port_that_is_taken_is_said_before_anything_begins(tmp_path: Path) -> 
         for words in (["run", "turntable", "--page", "--port", port], ["page", "--port", port]):
             done = warm.run(["vcfbench", *words], tmp_path)
             assert done.returncode == 2
-            assert f"--port {port}: the page cannot be put there" in done.stderr
+            assert f"--port {port}: the page cannot use this port" in done.stderr
     assert not (tmp_path / "runs").exists()
 
 

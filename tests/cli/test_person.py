@@ -41,7 +41,7 @@ def test_a_person_presses_enter(monkeypatch: pytest.MonkeyPatch, capsys: pytest.
 def test_a_terminal_that_ends_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     person = asked(monkeypatch, Terminal(""))
     assert person is not None
-    with pytest.raises(Aborted, match="the terminal was closed where somebody had to move the leads"):
+    with pytest.raises(Aborted, match="the terminal was closed during the request to move the leads"):
         person(MOVE)
 
 

@@ -22,7 +22,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_last_run_is_reported_unasked_into_a_file_of_its_name(folder: Path) -> None:
+def test_report_without_arguments_writes_last_run(folder: Path) -> None:
     done = warm.run(["vcfbench", "report"], folder)
     (run,) = (folder / "runs").iterdir()
     assert (done.returncode, done.stdout) == (0, f"{run.name}.html\n"), done.stderr
@@ -66,7 +66,7 @@ def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
         assert said in text
 
 
-def test_a_run_that_was_stopped_keeps_no_other_from_its_report(folder: Path) -> None:
+def test_stopped_run_does_not_prevent_other_reports(folder: Path) -> None:
     """Of a lot, the certificates of those behind it are written; which has none is said, and the exit code too."""
     for seed in (4, 5, 6):
         told = {"dut": f"G-{seed}", "operator": "A. Person", "tags": {"lot": "9"}}
@@ -91,7 +91,7 @@ def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
         (["--set", "issued=tomorrow"], "issued: expected a day such as 2026-11-23, got 'tomorrow'"),
         (["--set", "logo=a.exe"], "expected a name that ends in .png, .jpg, .svg"),
         (["--all", "-o", "nowhere"], "expected a directory in -o"),
-        (["--all", "--tag", "batch=none"], "there is no such run"),
+        (["--all", "--tag", "batch=none"], "has no run of that name"),
     ):
         refused = warm.run(["vcfbench", "report", *words], folder)
         assert (refused.returncode, said in " ".join(refused.stderr.split())) == (2, True), refused.stderr

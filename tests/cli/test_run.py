@@ -196,7 +196,7 @@ def test_an_unreachable_instrument_is_an_aborted_run_without_record(station: Sta
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_a_bench_that_opened_into_something_unsafe_has_a_record_of_that(station: Station, tmp_path: Path) -> None:
+def test_bench_found_unsafe_at_opening_has_record(station: Station, tmp_path: Path) -> None:
     unsafe = SafeReport("rate_table", "COM1", safe=False, detail="it turns at 12 deg/s")
     station.refuses = NotSafe("NOT SAFE: rate_table at COM1: it turns at 12 deg/s")
     station.refuses.reports = (unsafe,)
@@ -224,11 +224,11 @@ def test_unwritable_record_is_found_before_an_instrument_is_opened(station: Stat
     for runs in ("file", "file/runs", ""):
         result = call("run", "turntable", "--runs", runs)
         assert isinstance(result.exception, ConfigError)
-        assert "no record can be kept there" in str(result.exception) or "got an empty name" in str(result.exception)
+        assert "no record can be written there" in str(result.exception) or "got an empty name" in str(result.exception)
     assert station.opened == []
 
 
-def test_a_display_that_fails_is_in_the_record_and_changes_nothing(
+def test_failed_display_is_recorded_and_run_continues(
     station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
@@ -266,7 +266,7 @@ def test_not_safe_comes_before_everything(station: Station) -> None:
     assert len(json.loads(result.stdout)["points"]) == 3
 
 
-def test_a_plan_left_in_the_middle_by_a_bug_has_no_results(station: Station) -> None:
+def test_plan_broken_by_bug_has_no_results(station: Station) -> None:
     """An error that is none of the bench's: what was measured until then is no calibration, even when it would fit."""
 
     def breaks(bench: FakeBench) -> None:

@@ -63,7 +63,7 @@ def test_a_profile_beside_the_bench_file(tmp_path: Path) -> None:
         ("title = 1", "lab.toml: title: expected a text of 1 to 60 characters on one line, got 1"),
     ],
 )
-def test_a_profile_that_cannot_be_used_ends_with_exit_code_2(profile: str | None, words: str, tmp_path: Path) -> None:
+def test_unusable_profile_is_exit_code_2(profile: str | None, words: str, tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text(bench_file("lab.toml"), encoding="utf-8")
     if profile is not None:
@@ -86,7 +86,7 @@ def test_the_page_names_every_dialect_and_command() -> None:
     assert all(f"`{name}`" in text for name in (*DIALECTS, *language.COMMANDS))
 
 
-def test_the_record_keeps_the_text_of_a_profile_of_one_s_own(tmp_path: Path) -> None:
+def test_record_keeps_text_of_custom_profile(tmp_path: Path) -> None:
     folder = Path(__file__).parents[2] / "examples" / "own-table"
     run(folder / "bench.toml", tmp_path)
     header = json.loads(next(tmp_path.glob("*/*.jsonl")).read_text(encoding="utf-8").splitlines()[0])

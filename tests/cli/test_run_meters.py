@@ -28,7 +28,7 @@ def bench(folder: Path, model: str) -> Path:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize(("model", "wire"), [("34461A", "vxi11"), ("34465A", "hislip"), (LIKE_34410A, "tcp")])
-def test_a_run_over_a_wire_of_the_meter_gives_the_same_bytes(tmp_path: Path, model: str, wire: str) -> None:
+def test_run_over_each_wire_of_meter_gives_same_bytes(tmp_path: Path, model: str, wire: str) -> None:
     path = bench(tmp_path, model)
     alone = answer(tmp_path, "virtual-coriolis", "--bench", str(path), "--seed", "7")
     with serving(path, "--wires", wire, "--seed", "7") as served:

@@ -242,7 +242,7 @@ def test_a_run_that_is_stopped_makes_the_served_bench_safe(short: Path, tmp_path
 @needs_ptys
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_a_real_line_gives_the_same_bytes_as_one_in_process(dialect: str, short: Path, tmp_path: Path) -> None:
+def test_real_line_gives_same_bytes_as_process(dialect: str, short: Path, tmp_path: Path) -> None:
     """Each character to and from the table takes its time, here as there; those of the others take none."""
     speak(short, dialect)
     text = short.read_text(encoding="utf-8").replace('"sim://paper"', '"/dev/ttyS0"')

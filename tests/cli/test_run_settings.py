@@ -66,7 +66,7 @@ def sets(*given: str) -> list[str]:
         (["nplc=100"], "paper: procedure.sample_interval_s: expected at least 4 s"),
     ],
 )
-def test_what_cannot_be_set_is_one_line_that_names_the_option(given: list[str], said: str) -> None:
+def test_unknown_setting_is_one_line_with_option(given: list[str], said: str) -> None:
     assert refusal(*sets(*given)).startswith(said)
 
 

@@ -58,7 +58,7 @@ def footer(runs: Path, run: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("name", "bench"), few([("turntable", "ideal"), ("virtual-coriolis", "paper")], ("turntable", "ideal"))
 )
-def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, bench: str, ran: Ran) -> None:
+def test_bench_time_is_within_5_percent_of_minimum(name: str, bench: str, ran: Ran) -> None:
     answer = ran(name, "--bench", bench)
     end = footer(ran.runs, answer["run"])
     assert end["physical_minimum_s"] <= answer["bench_seconds"] <= 1.05 * end["physical_minimum_s"]
@@ -67,7 +67,7 @@ def test_bench_time_is_within_five_per_cent_of_the_physical_minimum(name: str, b
 
 
 @pytest.mark.exhaustive
-def test_ideal_bench_agrees_below_20_ppm_and_within_its_own_uncertainty(ran: Ran) -> None:
+def test_ideal_bench_agrees_within_20_ppm_and_uncertainty(ran: Ran) -> None:
     results = ran("virtual-coriolis", "--bench", "ideal", "--seed", "5")["results"]
     error, u = results["scale_factor_error_percent"], results["scale_factor_error_u_percent"]
     assert abs(error) < 20e-4
@@ -96,7 +96,7 @@ def test_points_are_read_back_by_analyze(ran: Ran) -> None:
 
 
 @pytest.mark.exhaustive
-def test_offset_of_the_zeros_is_seen_and_does_not_enter_k_vc(ran: Ran) -> None:
+def test_offset_of_zeros_does_not_enter_k_vc(ran: Ran) -> None:
     """On the paper's bench the generator's leakage lifts the zero by some 50 mV; the literal match falls into it."""
     command = ("virtual-coriolis", "--bench", "paper")
     zero, absolute = ran(*command)["results"], ran(*command, "--match", "absolute")["results"]

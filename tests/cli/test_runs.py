@@ -56,7 +56,7 @@ def test_the_list_has_the_verdict_of_each_record(station: Station, tmp_path: Pat
     assert station.opened
 
 
-def test_a_list_of_whole_records_reads_no_readings_and_computes_nothing(
+def test_list_of_complete_records_reads_no_readings(
     station: Station, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """So that thousands are listed in seconds; a bench with limits is no exception, its verdict was stored."""
@@ -94,7 +94,7 @@ def test_a_cut_record_is_incomplete_and_has_no_results(station: Station, tmp_pat
     assert station.opened
 
 
-def test_a_record_that_cannot_be_read_does_not_hide_the_others(station: Station, tmp_path: Path) -> None:
+def test_unreadable_record_does_not_hide_others(station: Station, tmp_path: Path) -> None:
     call("run", "turntable", "--quiet")
     foreign = tmp_path / "runs" / "20990101T000000Z-turntable-000000"
     foreign.mkdir()
@@ -114,9 +114,9 @@ def test_settings_of_another_version_cost_the_reckoning_and_nothing_else(station
     journal.write_bytes(sealed(words.replace(b'"samples":', b'"sample_count":', 1)))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
     assert (shown["results"], shown["points"]) == (ran["results"], ran["points"])
-    assert "do not fit this version" in shown["no_results"]
+    assert "this version cannot read" in shown["no_results"]
     text = call("runs", "show", "last").stdout
-    assert "results as stored: its settings do not fit this version" in text
+    assert "results as stored: this version cannot read the settings" in text
     assert "\nscale_factor  " in text
     assert "\nbefore.that  " in text
     assert station.opened
@@ -134,7 +134,7 @@ def test_settings_that_lack_a_key_are_not_filled_in(keys: tuple[str, ...], stati
     del holder[keys[-1]]
     journal.write_bytes(sealed(f"{json.dumps(header, separators=(',', ':'))}\n{rest}".encode()))
     shown = json.loads(call("runs", "show", "last", "--json").stdout)
-    assert shown["no_results"] == f"its settings do not fit this version: {keys[-1]} missing"
+    assert shown["no_results"] == f"this version cannot read the settings of the record: {keys[-1]} missing"
     assert station.opened
 
 
@@ -214,7 +214,7 @@ def _call_it_hysteresis(record: Path) -> None:
         ),
     ],
 )
-def test_what_is_stored_is_shown_only_if_it_is_of_these_points(
+def test_stored_results_of_other_points_are_not_shown(
     station: Station, tmp_path: Path, spoil: Callable[[Path], object], words: str
 ) -> None:
     ran = json.loads(call("run", "turntable", "--quiet", "--json").stdout)

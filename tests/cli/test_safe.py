@@ -73,7 +73,7 @@ def call(path: Path, *options: str) -> tuple[int, str, str]:
             return done.exit_code, done.stdout, done.stderr
 
 
-def test_a_bench_that_nobody_named_is_not_said_to_be_safe(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unnamed_bench_is_not_reported_safe(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("VCFBENCH_BENCH", raising=False)
     done = CliRunner().invoke(app, ["safe"])
     assert (done.exit_code, done.stdout) == (2, "")
@@ -111,7 +111,7 @@ def test_a_bench_whose_program_was_killed_is_made_safe(lab: ServedLab, tmp_path:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no pause")
-def test_a_bench_that_another_process_has_is_left_to_it_unless_forced(lab: ServedLab, tmp_path: Path) -> None:
+def test_bench_of_another_process_is_left_unless_forced(lab: ServedLab, tmp_path: Path) -> None:
     path = bench_file(lab, tmp_path)
     with left_live(path, "signal.pause()") as process:
         code, _, err = call(path)
@@ -166,7 +166,7 @@ def test_free_instruments_are_made_safe_and_locked_ones_left(lab: ServedLab, tmp
     assert f"in use by process {holder.pid} of " in err
 
 
-def test_locks_that_cannot_be_used_keep_nothing_from_being_made_safe(
+def test_unusable_locks_do_not_prevent_making_safe(
     lab: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = bench_file(lab, tmp_path)
@@ -187,7 +187,7 @@ def test_a_bench_at_rest_is_found_at_rest() -> None:
     assert done.failure() is None
 
 
-def test_an_instrument_that_is_not_there_keeps_no_other_from_being_proved(lab: ServedLab) -> None:
+def test_missing_instrument_does_not_prevent_proof_of_others(lab: ServedLab) -> None:
     bench = lab.on_wires()
     gone = structs.replace(bench.rate_source, resource="TCPIP::127.0.0.1::1::SOCKET", timeout_s=0.3)
     done = safe_bench(structs.replace(bench, rate_source=gone))

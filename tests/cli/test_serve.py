@@ -23,7 +23,7 @@ def call(*arguments: str) -> Result:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ("--ports 65534", "ports: the last is 65535"),
+        ("--ports 65534", "ports: too few up to 65535"),
         ("--ports 99999", "expected a port number"),
         ("--ports ²", "expected a port number"),
         ("--port-mapper 99999999", "less than or equal to 65535"),

@@ -44,7 +44,7 @@ def test_figures_become_parameters(tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("figures", ["--split 76", "--k-vc -150", "--range 100", "--split -24.8"])
-def test_what_the_kind_may_have_gives_a_bench_for_all_procedures(figures: str, tmp_path: Path) -> None:
+def test_extreme_data_sheets_give_bench_for_all_procedures(figures: str, tmp_path: Path) -> None:
     done = new(*figures.split())
     assert (done.exit_code, done.stderr) == (0, "")
     for procedure in BUILT_IN.keys() - {"self-calibration", "online"}:  # which need a certificate

@@ -65,7 +65,7 @@ def test_code_journal_and_words_are_right_whatever_the_streams_are(ended: list[M
 
 @pytest.mark.exhaustive
 @posix
-def test_a_closed_terminal_is_code_four_and_the_record_is_whole(tmp_path: Path) -> None:
+def test_closed_terminal_is_code_4_with_complete_record(tmp_path: Path) -> None:
     """The terminal goes away amid the live display, as when its window is closed."""
     import pty  # noqa: PLC0415  # Windows has none
 
@@ -234,7 +234,7 @@ class Broken(NoProgress):
         raise self._error
 
 
-def test_a_display_that_fails_is_told_no_more_and_harms_nobody() -> None:
+def test_failed_display_gets_no_more_events() -> None:
     event: Any = None
     broken = Broken(ValueError("I/O operation on closed file"))
     with Shielded(lambda: broken) as shielded:
@@ -250,7 +250,7 @@ def test_a_display_that_cannot_be_made_is_none() -> None:
     assert shielded.lost == "OSError: [Errno 5] Input/output error"
 
 
-def test_a_stop_that_comes_while_the_display_is_told_reaches_the_run() -> None:
+def test_stop_during_display_update_reaches_run() -> None:
     event: Any = None
     with Shielded(lambda: Broken(Aborted("stopped by SIGINT"))) as shielded, pytest.raises(BenchError, match="SIGINT"):
         shielded.handle(event)

@@ -48,7 +48,7 @@ def test_a_dry_run_lists_cases_and_writes_nothing(folder: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_json_is_all_there_is_on_stdout_and_progress_goes_to_stderr(folder: Path) -> None:
+def test_stdout_has_json_only_and_stderr_progress(folder: Path) -> None:
     done = study(folder, "-o", "x.csv", "--workers", "1", "--json")
     assert done.returncode == 0, done.stderr
     answer = json.loads(done.stdout)
@@ -84,7 +84,7 @@ def test_a_mistake_is_one_sentence(folder: Path, change: str, words: str, code: 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 @pytest.mark.parametrize("workers", ["2"])
-def test_a_study_that_is_stopped_says_what_is_kept_and_goes_on(folder: Path, workers: str) -> None:
+def test_stopped_study_names_kept_runs_and_continues(folder: Path, workers: str) -> None:
     (folder / "s.toml").write_text(STUDY.replace("count = 2", "count = 500"), encoding="utf-8")
     command = [sys.executable, "-m", "vcfbench", "study", "s.toml", "-o", "x.csv", "--workers", workers]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, text=True, process_group=0) as process:  # noqa: S603

@@ -75,7 +75,7 @@ def test_table_turns_and_stops_and_lines_pass_unchanged() -> None:
         ),
         ("v_vc.set 11", 3, "rate_source: voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
         ("v_vc.sine 10 11", 3, "peak voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
-        ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; power.on comes first"),
+        ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; type power.on first"),
         ("power APPL P25V,12,0.1", 3, "the limits of the bench are not checked for a raw command"),
         ("multimeter FOO?", 3, "Undefined header"),
         ("multimeter", 2, "expected a command to send, as in multimeter *IDN?"),
@@ -116,7 +116,7 @@ def test_a_raw_command_is_written_down_before_it_is_sent(tmp_path: Path) -> None
     }
 
 
-def test_a_raw_command_that_cannot_be_written_down_is_not_sent(tmp_path: Path) -> None:
+def test_raw_command_is_not_sent_if_log_fails(tmp_path: Path) -> None:
     (tmp_path / "raw.jsonl").mkdir()
     done = talk("power APPL P25V,12", options=("--raw", "--runs", str(tmp_path)))
     assert done.exit_code == 3
@@ -150,7 +150,7 @@ def test_answers_as_people_read_them(answer: bytes, shown: str) -> None:
     assert summary(answer) == shown
 
 
-def test_tables_and_supplies_driven_raw_are_left_at_rest_and_off(tmp_path: Path) -> None:
+def test_raw_commands_leave_table_at_rest_and_supply_off(tmp_path: Path) -> None:
     lines = (
         *("power APPL P25V,10,0.1;:OUTP ON", "table :Limit:Acceleration R,1,100;:Demand:Rate 1,20"),
         *("table :Mode:Rate 1", "table :Interlock:Close 1", "wait 3", "table :Read:Rate? 1", "table :Read:Rate 1"),
@@ -198,7 +198,7 @@ def test_every_word_is_done_by_something() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
-def test_a_person_at_a_terminal_completes_words_and_leaves_by_ctrl_c(tmp_path: Path) -> None:
+def test_terminal_completes_words_and_ctrl_c_leaves(tmp_path: Path) -> None:
     trace = tmp_path / "x.trace"
     with at_terminal(tmp_path, "--trace", str(trace)) as (process, ours):
         lines = (b"table.rate 400\n", b"power.of\t\n", b"table.rate 20\n")

@@ -41,7 +41,7 @@ def test_what_passes_is_written(name: str, tmp_path: Path) -> None:
     assert not (tmp_path / "y.trace").exists()
 
 
-def test_the_trace_of_a_simulated_run_is_the_same_every_time(tmp_path: Path) -> None:
+def test_simulated_run_has_same_trace_every_time(tmp_path: Path) -> None:
     for name in ("a", "b"):
         done = CliRunner().invoke(app, ["run", "turntable", *SHORT, "--seed", "3", "--trace", name])
         assert done.exit_code == 0

@@ -135,7 +135,7 @@ def test_a_call_that_never_returned_is_named(ended: list[str], monkeypatch: pyte
         ([*[b""] * 9, b"beat ", *[b""] * 15], 1),
     ],
 )
-def test_what_acts_is_loaded_once_as_soon_as_it_may_be_needed(
+def test_acting_code_is_loaded_once_before_need(
     said: list[bytes], prepared: int, ended: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It takes as long as an instrument to be told; while all is well nothing is loaded."""
@@ -144,7 +144,7 @@ def test_what_acts_is_loaded_once_as_soon_as_it_may_be_needed(
     assert turns.started[1:] == [watchdog._prepare] * prepared
 
 
-def test_a_program_that_hangs_is_ended_where_nothing_can_be_loaded(
+def test_hanging_program_is_ended_even_if_nothing_loads(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """And only if it is the one that started the watchdog: another may have its number."""
@@ -172,7 +172,7 @@ def test_a_program_that_hangs_is_ended_where_nothing_can_be_loaded(
     assert capfd.readouterr().err == ""
 
 
-def test_it_says_that_it_is_ready_when_it_knows_the_bench(
+def test_watchdog_reports_ready_after_bench_description(
     ended: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     watched(monkeypatch, b"beat ", b'step 1.0 "x"', b"left safe")
@@ -228,7 +228,7 @@ def test_its_code_is_that_of_the_bench(
 
 
 @pytest.mark.parametrize("closed", [False, True])
-def test_a_bench_that_nothing_can_make_safe_is_said_not_to_be(
+def test_bench_that_cannot_be_made_safe_is_reported(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], *, closed: bool
 ) -> None:
     def gone() -> None:
@@ -257,7 +257,7 @@ def code_of(monkeypatch: pytest.MonkeyPatch, *said: bytes) -> int:
     return int(caught.value.msg)
 
 
-def test_what_makes_safe_is_loaded_by_one_thread_at_a_time() -> None:
+def test_safe_code_is_loaded_by_one_thread_at_a_time() -> None:
     """The second would take away what the first has put in numpy's place."""
     second = threading.Thread(target=watchdog.loaded, daemon=True)
     with watchdog._LOADING:

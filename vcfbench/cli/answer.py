@@ -1,4 +1,4 @@
-"""Answers of the commands: on stdout, and with ``--json`` one object there."""
+"""Output of the commands: on stdout, with ``--json`` as one object."""
 
 import os
 import re
@@ -61,7 +61,7 @@ def print_verdicts(lines: str) -> None:
 
 
 def answer(show: Callable[[], None], outcome: BenchError | None) -> None:
-    """Let `show` print an answer, then raise `outcome`: that the answer cannot be printed hides nothing."""
+    """Call `show` to print an answer, then raise `outcome`, even if printing fails."""
     unwritten = given(show)
     if outcome is not None:
         raise outcome
@@ -70,7 +70,7 @@ def answer(show: Callable[[], None], outcome: BenchError | None) -> None:
 
 
 def given(show: Callable[[], None]) -> BenchError | None:
-    """Let `show` print an answer, and return the error that kept it from that; None when nobody is there to read it.
+    """Call `show` to print an answer; return its error, or None if the reader has gone.
 
     For commands whose exit code says how a bench or a run is: a reader that has left changes nothing about that.
     """

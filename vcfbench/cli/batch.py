@@ -52,7 +52,7 @@ def batch(
     options = RunOptions(bench=Path(asked.bench), json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, yes=yes)
     if not (yes or asked.description.simulated or somebody_there()):
         raise ConfigError(
-            f"batch {asked.name}: a person has to mount the devices, but there is no terminal to ask at",
+            f"batch {asked.name}: expected a terminal, to ask a person to mount the devices",
             hint="--yes where another program mounts them",
         )
     for serial in asked.devices:
@@ -119,7 +119,7 @@ def _mounted(asked: Batch, serial: str, options: RunOptions) -> Outcome:
     if somebody_there() and not options.yes:
         typer.echo(f"\nPlease mount {serial}, then press Enter: ", err=True, nl=False)
         if not sys.stdin.readline():
-            raise Aborted(f"the terminal was closed where somebody had to mount {serial}")
+            raise Aborted(f"the terminal was closed during the request to mount {serial}")
     return measured(asked, serial, options)
 
 

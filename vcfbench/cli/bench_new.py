@@ -79,7 +79,7 @@ def new(
                 draft.add_instrument(role, keys)
     if not draft.roles():
         hint = "--try RESOURCE, --served PORT; --set power.by=hand --set power.model=NAME where a person sets it"
-        raise ConfigError("no instrument was found or named, so there is no bench", hint=hint)
+        raise ConfigError("expected at least one instrument, found or named", hint=hint)
     draft.set(given)
     if not yes:
         for key, words in _QUESTIONS.items():

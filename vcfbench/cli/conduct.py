@@ -99,7 +99,7 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
 def attended(
     request: Request, preparing: Preparing, options: RunOptions, signals: StopSignals, page: LivePage | None
 ) -> Run:
-    """Return the run, also one that an error ended; a terminal's keys are heard while it goes."""
+    """Return the run, also after an error; keys typed at the terminal pause it or let it continue."""
     control = request.control
 
     def warn(words: str) -> None:

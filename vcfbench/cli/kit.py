@@ -17,7 +17,7 @@ app = typer.Typer(no_args_is_help=True, rich_markup_mode=None, help="Record how 
 def write(
     file: Annotated[Path, argument("FILE", "Where the program goes.")] = Path("vcfbench-kit.py"),
 ) -> None:
-    """Write the kit: one file for somebody else's rack, which needs Python and PyVISA alone."""
+    """Write the kit: one file for another laboratory's rack, which needs Python and PyVISA alone."""
     from vcfbench.testing.kit.write import written  # noqa: PLC0415 - it loads every simulated instrument
 
     try:
@@ -30,7 +30,7 @@ def write(
 
 @app.command("check")
 def check(bundle: Annotated[Path, argument("BUNDLE", "What the kit has written.")], *, json: Json_ = False) -> None:
-    """Compare what the kit recorded with the simulated instruments: same, different, or unknown, per command.
+    """Compare the replies in a bundle with those of the simulated instruments: same, different or unknown.
 
     Exit code 1: something differs.
     """

@@ -1,4 +1,4 @@
-"""Words of the watchdog process where nothing more can be loaded: its package was moved away, files are used up."""
+"""Messages of a watchdog process that can load no more code: its package was moved, files are used up."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def not_safe(said: Mapping[bytes, bytes], error: BaseException) -> str:
-    """Return the words for a bench whose making safe failed by `error`, with what it drives as the program `said`."""
+    """Return the message for a bench that could not be made safe because of `error`; `said` has its actuators."""
     drives = said.get(b"owner", b"").partition(b" ")[2].decode().strip('"')
     raised = " ".join([f"{type(error).__name__}:", *str(error).split()]).rstrip(":")
     return f"NOT SAFE: {drives}: {raised}; make it safe by hand before anything else"

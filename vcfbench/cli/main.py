@@ -61,7 +61,7 @@ _ELSEWHERE = {"resume": "run"}
 
 
 class Commands(TyperGroup):
-    """The root of all commands, each imported when it is asked for; errors of any of them end here."""
+    """The root of all commands, each imported at its use; it prints the errors of all."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands."""
@@ -81,7 +81,7 @@ class Commands(TyperGroup):
         return super().get_command(ctx, cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the command that is asked for; one that a group has, or a procedure, is named by its whole words."""
+        """Return the named command; a command of a group, or a procedure, has several words."""
         try:
             return super().resolve_command(ctx, args)
         except Exception as error:
@@ -172,7 +172,7 @@ def root(
 
 
 def main() -> None:
-    """Run the command line; the process ends with the code of the worst that happened, whatever comes in the way."""
+    """Run the command line; the process ends with the code of the worst error."""
     # the model's matrices have some twenty rows: threads for them cost half as much again as the whole calibration
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     open_streams()

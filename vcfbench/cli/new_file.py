@@ -1,4 +1,4 @@
-"""Bench files that commands write: all of one or nothing, and never over another."""
+"""Bench files that commands write: complete or not at all, and never over another file."""
 
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -8,17 +8,17 @@ from vcfbench.files import failing_as
 
 
 def require_free(path: Path) -> None:
-    """Raise ConfigError where a file cannot be written anew."""
+    """Raise ConfigError if a file exists or cannot be written."""
     if path.exists():
         raise ConfigError(f"{path} is there already, and is not written over")
     if not path.resolve().parent.is_dir():
-        raise ConfigError(f"{path}: there is no directory {path.resolve().parent}")
+        raise ConfigError(f"{path}: the directory {path.resolve().parent} does not exist")
     with failing_as(ConfigError, f"{path}: cannot be written"), TemporaryFile(dir=path.resolve().parent):
         pass
 
 
 def written_anew(path: Path, text: str) -> None:
-    """Write a file, all of it or nothing, and only where none is.
+    """Write a new file, complete or not at all; refuse to replace one.
 
     Raises:
         ConfigError: one is there by now, or it cannot be written.

@@ -1,4 +1,4 @@
-"""Options and arguments that several commands have, declared once."""
+"""Options and arguments of several commands, declared once."""
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
@@ -115,7 +115,7 @@ def with_options(command: Callable[..., None], added: Mapping[str, Any], place: 
 
 
 def tracing(path: Path | None) -> AbstractContextManager[None]:
-    """Return the context in which opened connections are traced to `path`; None traces nothing."""
+    """Return the context in which opened connections are traced to `path`; without a path there is no trace."""
     return nullcontext() if path is None else traced(path)
 
 

@@ -1,4 +1,4 @@
-"""The person at the terminal: told the actions that only hands can do, and waited for."""
+"""Requests to the person at the terminal, for actions by hand."""
 
 import select
 import sys
@@ -23,7 +23,7 @@ def somebody_there() -> bool:
 
 
 def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool = False) -> Operator | None:
-    """Return the operator for actions by hand on a real bench; None where nobody can be asked.
+    """Return the operator for actions by hand on a real bench; None without a terminal.
 
     With `yes` all is taken as done that needs no answer, and said on stderr; else a person presses Enter on a terminal,
     which `keys` leave alone meanwhile. Signals stop the run while it waits, and so does the end of the input.
@@ -41,7 +41,7 @@ def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool
             _say(f"\nPlease {request.words}, then press Enter: ")
             line = _line(request) if signals is None else signals.attend(partial(_line, request))
             if not line:
-                raise Aborted(f"the terminal was closed where somebody had to {request.words}")
+                raise Aborted(f"the terminal was closed during the request to {request.words}")
             return line.strip() or ("" if request.types else "done")
 
     return ask

@@ -59,7 +59,7 @@ def report(  # noqa: PLR0917  # options of a command
         raise ConfigError(f"expected a directory in -o, got {str(folder)!r}", hint="make it first")
     chosen = run_summaries(runs, tags=tags_of(tag or ()))
     if not chosen:
-        raise ConfigError(f"there is no such run in {runs}")
+        raise ConfigError(f"{runs} has no run of that name")
     kind, without = "xml" if dcc else as_, list[str]()
     for each in chosen:
         try:

@@ -1,7 +1,7 @@
 """``vcfbench run`` and ``vcfbench resume``: a procedure, from the bench file to the record and the table.
 
 The commands of ``run`` are made of the procedures: those that come along, those that installed packages bring, and the
-one that a file of one's own defines. A list of them imports none.
+one in a custom file. A list of them imports none.
 """
 
 import json as encoder
@@ -35,7 +35,7 @@ class Procedures(TyperGroup):
         return list(PROCEDURES)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return the command of a procedure, which is imported for it; None when there is none of that name."""
+        """Return the command of a procedure, which is imported for it; None for an unknown name."""
         known = cmd_name in PROCEDURES or is_file(cmd_name)
         return _command(procedure(cmd_name), cmd_name) if known else None
 
@@ -206,7 +206,7 @@ def resume(
     port: options.Port_ = 0,
     yes: options.Yes_ = False,
 ) -> None:
-    """Go on with a run that failed, or was stopped or killed. Nothing is measured twice; the record is new."""
+    """Resume a run that failed, or was stopped or killed. Recorded steps are copied; the record is new."""
     how = conduct.RunOptions(
         bench=bench, json=json, runs=runs, speed=speed, quiet=quiet, plain=plain, page=page, port=port, yes=yes
     )

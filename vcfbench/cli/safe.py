@@ -1,4 +1,4 @@
-"""``vcfbench safe``: a bench brought to rest and switched off, from whatever state it is in."""
+"""``vcfbench safe``: brings a bench to rest and switches it off, from any state."""
 
 from contextlib import suppress
 from pathlib import Path  # typer reads the annotations when it runs

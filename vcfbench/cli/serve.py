@@ -114,7 +114,7 @@ def ctl(
     placed = [text for text in given if not _NAMED.match(text)]
     names = _ARGUMENTS.get(name, ())
     if len(placed) > len(names):
-        raise ConfigError(f"ctl {name} takes {' '.join(names).upper() or 'nothing'}, not {' '.join(given)!r}")
+        raise ConfigError(f"ctl {name} takes {' '.join(names).upper() or 'no arguments'}, not {' '.join(given)!r}")
     if reserved := {"do", "id"} & set(named):
         raise ConfigError(f"ctl {name}: {min(reserved)} is not an argument of a command")
     asked = {key: _value(text) for key, text in [*zip(names, placed, strict=False), *named.items()]}

@@ -74,7 +74,7 @@ def _meant(key: str, text: str, lists_of_texts: Container[str], texts: Container
 
 
 def plain_value(text: str, option: str) -> object:
-    """Return the value that `text` stands for: TOML, a list without its brackets, or else a text as it stands."""
+    """Return the value of `text`: TOML, a list without its brackets, or else the text itself."""
     if ":" in text and _RANGES.fullmatch(text):
         return [number for part in text.split(",") for number in _numbers(part, option)]
     for form in (text, f"[{text}]") if "," in text else (text,):

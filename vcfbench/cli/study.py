@@ -72,7 +72,7 @@ class _LineProgress(Progress):
         self._outlet.write(f"{words}\n")
 
     def checked(self, done: int, total: int) -> None:
-        """Say now and then the number of cases that have been checked: a thousand take some time."""
+        """Print now and then the number of checked cases."""
         if self._clock.now() - self._said_s >= _LINE_S and done < total:
             self._said_s = self._clock.now()
             self.say(f"{done} of {total} cases checked")

@@ -166,7 +166,7 @@ def _perform(by_hand: ByHand, line: str) -> str | None:
         roles = {word.name: word.role for word in WORDS}
         role = roles.get(name, ALIASES.get(name, name))
         if role in by_hand.bench.instruments:
-            raise PlanError(f"{name!r}: the language of {role} cannot be typed")
+            raise PlanError(f"{name!r}: the commands of {role} are not text, so they cannot be typed")
         if role in {*filter(None, roles.values())}:
             raise PlanError(f"{name!r}: bench {by_hand.bench.description.name} has no {role}")
         close = get_close_matches(name, [*by_hand.names(), *_OWN], n=1)

@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def loaded() -> ModuleType:
-    """Return the module that makes safe, with all that speaks to instruments: nothing that is needed while all is well.
+    """Return the module that makes a bench safe; it is loaded only when needed.
 
     Without numpy, which PyVISA wants for arrays: it takes as long as PyVISA.
     """
