@@ -72,7 +72,7 @@ def test_that_of_its_class_is_said_to_be_assumed() -> None:
     assert "drive 3499.89 Hz, moved by +2.0 K (U95 1.2 K, -30 ppm/K assumed) during the run" in said
 
 
-def test_a_run_without_the_last_record_has_a_frequency_and_no_change() -> None:
+def test_run_without_last_record_has_frequency_without_change() -> None:
     drive = drive_of(settings(), measured(3500.0, None))
     assert drive is not None
     assert (drive.frequency_hz, drive.moved_k) == (3500.0, None)

@@ -119,7 +119,7 @@ def only_size(known: Characteristics) -> Characteristics:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_sensitivities_of_drawn_gyroscopes_have_the_signs_of_the_closed_form(seed: int) -> None:
+def test_drawn_gyroscopes_have_sensitivity_signs_of_closed_form(seed: int) -> None:
     of = drawn(seed)
     found = sensitivities(measured(of))
     for name in MOVED:
@@ -183,7 +183,7 @@ def test_split_without_sign_takes_the_sign_of_now(split_hz: float) -> None:
     assert checked(only_size(then), now).ppm == pytest.approx(both.ppm)
 
 
-def test_what_may_have_changed_unseen_is_the_worse_of_both_signs() -> None:
+def test_unseen_change_is_worse_of_both_signs() -> None:
     known = measured(drawn(2))
     assert known.split_hz is not None
     either = [
@@ -195,7 +195,7 @@ def test_what_may_have_changed_unseen_is_the_worse_of_both_signs() -> None:
 
 
 @pytest.mark.parametrize("split_hz", [24.8, -24.8])
-def test_the_size_of_a_split_goes_with_temperature_on_either_side(split_hz: float) -> None:
+def test_split_size_follows_temperature_on_either_side(split_hz: float) -> None:
     per_k, at = Measured(value=0.0027, u=1e-4), Measured(value=20.0, u=0.0)
     known = Characteristics(temperature_c=at, split_hz=Measured(value=split_hz, u=0.0), split_hz_k=per_k)
     for each in (known, only_size(known)):
@@ -248,7 +248,7 @@ def far_records(split_hz: float, through: float) -> tuple[Modes, float, list[Rot
 
 @pytest.mark.parametrize("split_hz", [24.8, -24.8])
 @pytest.mark.parametrize("through", [3e-4, -3e-4])
-def test_a_feed_through_has_its_sign_whichever_side_the_mode_is_on(split_hz: float, through: float) -> None:
+def test_feed_through_has_its_sign_on_either_side(split_hz: float, through: float) -> None:
     """Amplitudes far above and below the drive, where the feed-through adds to one and takes from the other."""
     modes, share, far = far_records(split_hz, through)
     found = _feedthrough(far, modes, Measured(value=share, u=0.01), 1.0)

@@ -1,1 +1,1 @@
-"""A device as earlier runs know it: its characteristics, its certificate of K_Vc, and what changes K_Vc since."""
+"""History of a device: its characteristics, its certificate of K_Vc, and later changes of K_Vc."""

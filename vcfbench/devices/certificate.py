@@ -41,7 +41,7 @@ class Change(Struct, frozen=True):
 
 
 class Here(Struct, frozen=True):
-    """Conditions of a run that is compared with earlier ones, and the limit of a coefficient that nobody measured."""
+    """Conditions of a run in a comparison with earlier ones, and the limit of an unmeasured coefficient."""
 
     temperature_c: float | None = None
     rails_v: tuple[float, float] | None = None

@@ -156,8 +156,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             raise MeasurementError(
                 f"the sign of the scale factor is wrong: expected {known:.4g} V/(deg/s)",
                 instrument="multimeter",
-                hint="are the leads of a meter or of V_Vc the wrong way round, or is K_Vc of the other sign (--k-vc)? "
-                "vcfbench run polarity tells",
+                hint="check the leads of the meters and of V_Vc, and the sign of --k-vc: vcfbench run polarity tells",
             )
 
     def recalled(self) -> Self:
@@ -176,7 +175,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             known = _of_certificate(record, found.name, entries, now)
         else:
             raise ConfigError(
-                "K_Vc is not known: --dut SERIAL takes that of the device's certificate, --k-vc FILE or VALUE any",
+                "K_Vc is not known: --dut SERIAL uses the certificate of the device, --k-vc a FILE or VALUE",
                 hint="vcfbench run kvc --dut SERIAL makes a certificate on a rate table",
             )
         require_characterised(known.characteristics, self.temperature_c)
@@ -221,7 +220,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
     except ValueError:
         record = devices.read_entry(Path(given))
         if not isinstance(record, devices.Certificate):
-            raise ConfigError(f"{shown(given)}: expected a certificate, it is another entry of a device") from None
+            raise ConfigError(f"{shown(given)}: expected a certificate, got another entry of a device") from None
         devices.require_not_withdrawn(Path(given), record)
         if settings.station.simulated not in {None, record.conditions.simulated}:
             benches = ("a real bench", "a simulated bench")

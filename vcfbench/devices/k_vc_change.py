@@ -56,7 +56,7 @@ ASSUMED_PPM_V = Measured(value=0.0, u=200.0 / math.sqrt(3.0))
 
 
 class KvcPart(Struct, frozen=True):
-    """Effect of the change of one quantity on K_Vc, the others as they were."""
+    """Effect of the change of one quantity on K_Vc, the others unchanged."""
 
     quantity: str
     unit: str

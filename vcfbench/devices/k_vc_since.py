@@ -1,4 +1,4 @@
-"""Possible change of K_Vc since its certificate where nobody has looked: by time, and by the stated temperatures.
+"""Possible change of K_Vc since its certificate without health: by time, and by the stated temperatures.
 
 What cannot be seen without a table (combs, their gap and charges, masses, the drive's pick-off) may have drifted in one
 direction all the time, so its limit grows in proportion to the time since the certificate, and any drift within is as
@@ -26,7 +26,7 @@ YEAR_DAYS = 365.25
 def k_vc_since(
     settings: KnownDeviceSettings, by_causes_ppm: tuple[float, float] | None = None, *, warmth_seen: bool = False
 ) -> tuple[float, list[UncertaintyPart], tuple[str, ...]]:
-    """Return K_Vc over that of the certificate as far as time and temperature tell, its u, relative, and both in words.
+    """Return K_Vc over the certificate's, by time and temperature, its u, relative, and both in words.
 
     Its causes count as `by_causes_ppm` once they are measured: the change and its u. Unless `warmth_seen`, the
     temperature is not among them, and its possible effect counts as well.
