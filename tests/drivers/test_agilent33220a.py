@@ -104,7 +104,7 @@ def test_a_load_of_50_ohm_would_halve_all_voltages() -> None:
         generator.configure_dc(1.0)
 
 
-def test_a_sine_is_set_up_in_an_order_that_never_conflicts() -> None:
+def test_sine_is_set_up_without_conflicts() -> None:
     exchanges: list[Exchange] = [
         *OPEN_CIRCUIT,
         ("VOLT:OFFS 0", None),
@@ -156,7 +156,7 @@ def test_a_relay_that_stays_closed_is_not_safe() -> None:
         assert "was set to off but reads back on, command 'OUTP?'" in report.detail
 
 
-def test_safe_is_reached_after_a_lost_answer_and_a_stale_error() -> None:
+def test_generator_is_safe_after_lost_answer_and_stale_error() -> None:
     exchanges: list[Exchange] = [
         ("OUTP?", None),
         BLIND,
@@ -235,7 +235,7 @@ def test_beyond_the_ends_nothing_is_sent(frequency_hz: float, amplitude_vpp: flo
         generator.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
 
-def test_a_sine_has_no_offset_unless_told_and_may_be_put_out() -> None:
+def test_sine_without_offset_may_be_put_out() -> None:
     exchanges: list[Exchange] = [*sine(1e3, 1.0, 0.0), ("OUTP ON", None), NO_ERROR, ("OUTP?", "1")]
     with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         generator.configure_sine(1e3, 1.0)
@@ -308,7 +308,7 @@ REFUSED: list[Exchange] = [("SYST:ERR?", '-221,"Settings conflict"'), NO_ERROR]
     [[*ZERO_DC[:-3], *REFUSED], [*ZERO_DC[:-2], ("VOLT:OFFS?", "+1.0000000000000E+00")]],
     ids=["refused", "reads back otherwise"],
 )
-def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
+def test_unset_level_may_not_be_put_out(exchanges: list[Exchange]) -> None:
     with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         with pytest.raises(InstrumentError):
             generator.configure_dc(0.0)
@@ -321,7 +321,7 @@ def test_a_level_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) 
     [[*sine(1e3, 1.0, 0.0)[:-4], *REFUSED], sine(1e3, 1.0, 0.0, (1e3, 1.0, 0.5))],
     ids=["refused", "reads back otherwise"],
 )
-def test_a_sine_that_was_not_set_may_not_be_put_out(exchanges: list[Exchange]) -> None:
+def test_unset_sine_may_not_be_put_out(exchanges: list[Exchange]) -> None:
     with expected_exchange(OPEN, [*STARTED, *exchanges]) as generator:
         with pytest.raises(InstrumentError):
             generator.configure_sine(1e3, 1.0)

@@ -132,7 +132,7 @@ def test_a_wire_that_hangs_costs_some_tenths_of_a_second(monkeypatch: pytest.Mon
         over.set()
 
 
-def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
+def test_failed_proof_sends_safe_words_once_more() -> None:
     """Nothing is answered any more; the supply still hears."""
     clock = VirtualClock()
 
@@ -166,7 +166,7 @@ def test_where_the_proof_fails_the_words_go_out_once_more_and_last() -> None:
 
 
 @pytest.mark.parametrize("identity", [SUPPLY, SUPPLY.replace("1.0", "1.1")])
-def test_an_instrument_that_answers_twice_is_brought_into_step_and_made_safe(identity: str) -> None:
+def test_instrument_that_answers_twice_is_resynchronised_and_made_safe(identity: str) -> None:
     """Reading the error queue amid resynchronising began to resynchronise again, without end."""
     off = threading.Event()
     answers = {"*IDN?": identity, "*OPC?": "1", "SYST:ERR?": '+0,"No error"', "OUTP?": "0"}
@@ -258,7 +258,7 @@ def cut_off_supply(clock: VirtualClock, reconnect: Callable[[Deadline], Scripted
     return supply
 
 
-def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
+def test_reconnection_after_a_while_is_waited_for() -> None:
     clock = VirtualClock()
     proof = [("OUTP OFF", None), NO_ERROR, ("OUTP?", "0"), *((f"MEAS:VOLT? {n}", "0") for n in ("P6V", "P25V", "N25V"))]
     back = ScriptedWire([OFF_BLIND, ("*IDN?", SUPPLY), ("*OPC?", "1"), NO_ERROR, *proof], clock=clock)
@@ -277,7 +277,7 @@ def test_a_connection_that_comes_back_after_a_while_is_waited_for() -> None:
     back.require_done()
 
 
-def test_who_is_connecting_anew_says_nothing_once_the_connection_was_given_back() -> None:
+def test_reconnecting_thread_sends_nothing_after_close() -> None:
     """The next run may have the instrument."""
     clock, trying, go_on = VirtualClock(), threading.Event(), threading.Event()
     late = ScriptedWire([], clock=clock)
@@ -336,7 +336,7 @@ def test_the_words_go_to_nothing_special() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX'")
-def test_a_second_answer_on_a_serial_line_is_never_the_next_one() -> None:
+def test_second_serial_answer_is_not_taken_for_next() -> None:
     """VISA can tell what waits on a serial line; also when the other end of it has gone."""
     import pty  # noqa: PLC0415 - POSIX has it
     import tty  # noqa: PLC0415

@@ -86,7 +86,7 @@ def test_the_trigger_is_set_after_its_channel_and_read_back() -> None:
 
 
 @pytest.mark.parametrize("found", ["+0.00E+000", "+3.00E-002", "+2.30E-001", "-2.50E-001"])
-def test_a_level_that_was_cut_to_the_screen_is_an_error(found: str) -> None:
+def test_level_clipped_to_screen_is_error(found: str) -> None:
     exchanges = [*left_of(2), *CHANNEL, *TRIGGER, (":TRIG:EDGE:LEV?", found)]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as scope:
         scope.configure_channel(2, 0.5)
@@ -95,7 +95,7 @@ def test_a_level_that_was_cut_to_the_screen_is_an_error(found: str) -> None:
             scope.acquire(2)
 
 
-def test_a_probe_of_another_factor_than_the_bench_files_is_refused() -> None:
+def test_probe_factor_other_than_bench_files_is_refused() -> None:
     asked: list[Exchange] = [*LEFT, (":CHAN2:PROB?", "+1.00000E+001")]
     with expected_exchange(OPEN, [*OPENING, *asked]) as scope, pytest.raises(InstrumentError, match="probe factor"):
         scope.configure_channel(2, 0.5)
@@ -242,7 +242,7 @@ def test_scales_it_does_not_have_are_not_sent() -> None:
 
 
 @pytest.mark.parametrize(("scale_s", "waits_s"), [(None, 1.0 + 1.0 + 2e-3), (0.5, 1.0 + 1.0 + 10.0)])
-def test_a_record_is_waited_for_as_long_as_two_of_them_take(scale_s: float | None, waits_s: float) -> None:
+def test_record_is_waited_for_twice_its_length(scale_s: float | None, waits_s: float) -> None:
     """Ten divisions, twice; a second for the automatic trigger, and the time-out of 1 s. After a reset, 100 us/div."""
     timebase = [":TIM:MODE MAIN", ":TIM:REF CENT", ":TIM:SCAL 0.5", ":TIM:POS 0"]
     before: list[Exchange] = [] if scale_s is None else [*LEFT, *((each, None) for each in timebase), NO_ERROR]

@@ -28,7 +28,7 @@ CONFIGURED: list[Exchange] = [
 OPEN = over_visa(E3631A, name="power")
 
 
-def test_current_limit_goes_before_the_voltage_and_both_are_read_back() -> None:
+def test_current_limit_precedes_voltage_and_both_are_read_back() -> None:
     with expected_exchange(OPEN, [*OPENING, *CONFIGURED]) as supply:
         supply.configure_output("P25V", 10.0, 0.1)
 
@@ -65,7 +65,7 @@ def test_what_is_out_of_range_is_not_sent(output: str, voltage_v: float, current
         supply.configure_output(output, voltage_v, current_a)
 
 
-def test_what_the_supply_refuses_is_raised_with_number_words_and_all_entries() -> None:
+def test_refused_command_raises_all_entries_of_error_queue() -> None:
     exchanges: list[Exchange] = [
         FOUND_OFF,
         ("OUTP:TRAC OFF;:INST:SEL P25V;:CURR 0.1;:VOLT 10", None),
@@ -272,7 +272,7 @@ def test_measuring_an_output_that_is_none_sends_nothing() -> None:
 
 
 @pytest.mark.parametrize(("output", "number"), [("P6V", 1), ("P25V", 2), ("N25V", 3)])
-def test_each_output_has_its_register_and_other_bits_do_not_matter(output: str, number: int) -> None:
+def test_output_reads_its_register_and_ignores_other_bits(output: str, number: int) -> None:
     """Bits 0 and 1 say how it is regulated (guide p. 118)."""
     with expected_exchange(OPEN, [*OPENING, (f"STAT:QUES:INST:ISUM{number}:COND?", "+22")]) as supply:
         assert supply.regulation(output) is Regulation.CONSTANT_VOLTAGE

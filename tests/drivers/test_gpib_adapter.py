@@ -121,7 +121,7 @@ def test_a_deadline_is_kept_and_a_late_answer_is_nobodys(adapter: str) -> None:
         assert supply.identify().model == "E3631A"
 
 
-def test_a_safe_word_goes_out_while_another_instrument_is_waited_for(adapter: str) -> None:
+def test_safe_word_is_sent_while_another_instrument_is_read(adapter: str) -> None:
     with Opened(adapter) as bench:
         meter, supply = bench["34401A"], bench["E3631A"]
         supply.configure_output("P6V", 1.0, 0.05)
@@ -140,7 +140,7 @@ def test_a_safe_word_goes_out_while_another_instrument_is_waited_for(adapter: st
         waiting.join()
 
 
-def test_service_is_asked_for_by_polls_and_what_answers_them_is_found(adapter: str) -> None:
+def test_polls_find_instruments_that_request_service(adapter: str) -> None:
     limit = Deadline.after(CLOCK, PLENTY_S)
     assert occupied(adapter, limit) == sorted(RACK.values())
     with Opened(adapter) as bench:
@@ -295,7 +295,7 @@ def test_a_killed_program_leaves_nothing_on(tmp_path: Path, wire: str, number: i
 
 
 @pytest.mark.parametrize("kind", few(["silent", "disconnect", "garbled", "truncated", "half_open"], "disconnect"))
-def test_after_a_failure_of_the_adapter_all_is_off_and_found_again(kind: str) -> None:
+def test_adapter_failure_leaves_all_off_and_reconnects(kind: str) -> None:
     with (
         serving("34401A:gpib22", "E3631A:gpib5") as server,
         Control(server.control.port) as control,

@@ -46,7 +46,7 @@ def test_range_and_integration_time_are_fixed_and_read_back() -> None:
 
 
 @pytest.mark.parametrize(("range_v", "nplc"), [(5.0, 10.0), (10.0, 5.0), (float("nan"), 10.0), (0.0, 10.0)])
-def test_ranges_and_integration_times_that_it_does_not_have_are_not_sent(range_v: float, nplc: float) -> None:
+def test_unknown_ranges_and_integration_times_are_not_sent(range_v: float, nplc: float) -> None:
     with expected_exchange(OPEN, OPENING) as meter, pytest.raises(LimitError, match="is not one of"):
         meter.configure_dc_voltage(range_v, nplc)
 
@@ -200,7 +200,7 @@ def test_first_reading_takes_as_long_as_after_a_reset() -> None:
         assert meter.reading_time_s == pytest.approx(2 * 10 / 50.0 + 0.05)
 
 
-def test_configuring_may_take_as_long_as_a_reading_that_is_under_way() -> None:
+def test_configuring_waits_for_reading_under_way() -> None:
     exchanges: list[Exchange] = [*CONFIGURED[:-3], ("SYST:ERR?", None)]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         begin_s = meter.clock.now()
@@ -222,7 +222,7 @@ def test_a_range_agrees_within_a_millionth(range_v: float, found_v: float) -> No
         meter.configure_dc_voltage(range_v, 10.0)
 
 
-def test_an_integration_time_that_was_not_taken_is_not_waited_for() -> None:
+def test_refused_integration_time_is_not_waited_for() -> None:
     exchanges = [*CONFIGURED[:-1], ("VOLT:DC:NPLC?", "+1.00000000E+00")]
     exchanges[4] = ("VOLT:DC:NPLC 100", None)
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:

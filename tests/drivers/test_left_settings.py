@@ -108,7 +108,7 @@ def test_a_generator_puts_out_the_same_whatever_was_left(model: str, cell: Left)
     [each for each in OF_GENERATORS if not each[1].idle],
     ids=lambda each: each if isinstance(each, str) else each.words[-1],
 )
-def test_what_is_left_in_a_generator_is_seen_without_the_table(
+def test_left_setting_of_generator_disturbs_without_the_table(
     model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clean = put_out(box(model), None)
@@ -180,7 +180,7 @@ def test_an_oscilloscope_is_right_whatever_was_left(model: str, cell: Left) -> N
     [each for each in OF_SCOPES if not each[1].idle],
     ids=lambda each: each if isinstance(each, str) else each.words[0],
 )
-def test_what_is_left_in_an_oscilloscope_is_seen_without_the_table(
+def test_left_setting_of_oscilloscope_disturbs_without_the_table(
     model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(Dso7104B, "left", ())
@@ -218,7 +218,7 @@ def test_a_supply_gives_the_rails_whatever_was_left(model: str, cell: Left) -> N
     [each for each in OF_SUPPLIES if not each[1].idle],
     ids=lambda each: each if isinstance(each, str) else each.words[0],
 )
-def test_what_is_left_in_a_supply_is_seen_without_the_table(
+def test_left_setting_of_supply_disturbs_without_the_table(
     model: str, cell: Left, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(E36312A, "left", ())

@@ -35,7 +35,7 @@ def test_switched_off_output_may_be_reversed_below_0_7_v(model: str, output: str
             assert ("more reverse than" if reverse_v > 0.0 else "not discharged") in str(caught.value)
 
 
-def test_the_outputs_of_a_drawn_supply_are_reverse_when_they_are_off() -> None:
+def test_drawn_supply_has_reverse_outputs_when_off() -> None:
     with open_simulated(load_bench("paper"), seed=1) as lab:
         pass
     detail = next(report.detail for report in lab.bench.safe_reports if report.instrument == "power")

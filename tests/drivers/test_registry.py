@@ -57,21 +57,21 @@ def test_what_drives_something_must_have_safe_words() -> None:
     Driver("1", E3631A, opener)  # type: ignore[arg-type]
 
 
-def test_what_is_opened_instead_of_a_tables_resource_is_not_named() -> None:
+def test_object_opened_for_table_resource_is_not_named() -> None:
     with pytest.raises(ConnectFailed, match="rate_table at /dev/ttyUSB7: cannot be opened"):
         open_instrument(
             "rate_table", "acl", "/dev/ttyUSB7", library="", clock=WallClock(), settings={"port": "sim://nowhere"}
         )
 
 
-def test_what_speaks_the_same_words_is_known_by_its_own_name() -> None:
+def test_model_with_like_keeps_its_own_name() -> None:
     driver = find_driver("34410A", like="34401A")
     assert driver.model == "34410A"
     assert issubclass(driver.driver_class, find_driver("34401A").driver_class)
     assert driver.driver_class.model == "34410A"
 
 
-def test_models_it_does_not_know_are_named_with_those_it_does() -> None:
+def test_unknown_model_error_lists_known_models() -> None:
     with pytest.raises(
         ConfigError,
         match=r"no driver for '34410A'; there are 2000, 33220A, 33509B, .*34401A, .*34461A, 34465A, .*E3631A,",

@@ -32,7 +32,7 @@ def fetched(first: str, again: str) -> list[Exchange]:
     return [*OPENING, *STARTED, ("FETC?", first), ("FETC?", again)]
 
 
-def test_the_meter_takes_them_by_itself_and_is_then_set_back() -> None:
+def test_meter_samples_by_itself_and_is_set_back() -> None:
     """10 power-line cycles at 50 Hz are 0.2 s of each second."""
     with expected_exchange(OPEN, [*fetched(THREE, THREE), *SINGLE]) as meter:
         assert meter.start_sampling(3, 1.0) == pytest.approx(3.05)
@@ -48,7 +48,7 @@ def test_the_meter_takes_them_by_itself_and_is_then_set_back() -> None:
         (THREE.replace("+1.20000000E-01", "+9.90000000E+37"), MeasurementError),
     ],
 )
-def test_readings_that_do_not_come_twice_or_are_none_are_refused(again: str, error: type[Exception]) -> None:
+def test_readings_that_differ_or_are_invalid_are_refused(again: str, error: type[Exception]) -> None:
     with expected_exchange(OPEN, fetched(THREE, again)) as meter:
         meter.start_sampling(3, 1.0)
         with pytest.raises(error):
@@ -64,7 +64,7 @@ def test_too_few_readings_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("samples", "interval_s"), [(513, 1.0), (0, 1.0), (3, 0.19), (3, float("nan")), (3, 1e9)])
-def test_what_memory_and_integration_time_do_not_allow_is_not_sent(samples: int, interval_s: float) -> None:
+def test_samples_beyond_memory_or_integration_time_are_not_sent(samples: int, interval_s: float) -> None:
     with expected_exchange(OPEN, OPENING) as meter, pytest.raises(LimitError, match="nothing was sent"):
         meter.start_sampling(samples, interval_s)
 

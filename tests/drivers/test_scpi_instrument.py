@@ -43,7 +43,7 @@ def session_on(wire: ScriptedWire, clock: VirtualClock) -> Session:
     return Session(wire, name="multimeter", resource="SCRIPT", clock=clock, timeout_s=1.0)
 
 
-def test_it_is_taken_over_by_a_device_clear_before_anything_is_said() -> None:
+def test_device_clear_precedes_first_message() -> None:
     """An earlier program may have left a reading of minutes, or half an answer (34401A p. 116)."""
     clock = VirtualClock()
     wire = WatchedWire([("SYST:REM", None), *OPENING], clock, "asrl")
@@ -85,7 +85,7 @@ def test_another_specimen_is_refused_when_one_is_asked_for() -> None:
     assert wire.closed
 
 
-def test_what_is_in_the_error_queue_is_raised_when_asked_for() -> None:
+def test_error_queue_is_raised_on_request() -> None:
     exchanges: list[Exchange] = [NO_ERROR, ("SYST:ERR?", '+550,"Command not allowed in local"'), NO_ERROR]
     with expected_exchange(OPEN, [*OPENING, *exchanges]) as meter:
         meter.check_errors()
@@ -104,7 +104,7 @@ def test_closing_gives_the_connection_back() -> None:
     assert meter.session.closed
 
 
-def test_without_time_nothing_is_tried_and_it_is_not_called_safe() -> None:
+def test_expired_deadline_is_not_reported_safe() -> None:
     with expected_exchange(OPEN, OPENING) as meter:
         report = meter.make_safe(Deadline.after(meter.clock, 0.0))
     assert (report.instrument, report.resource, report.safe) == ("multimeter", "SCRIPT", False)
@@ -117,7 +117,7 @@ def test_what_is_safe_says_who_and_where() -> None:
     assert (report.instrument, report.resource, report.safe, report.detail) == ("multimeter", "SCRIPT", True, "idle")
 
 
-def test_an_instrument_that_hangs_is_tried_three_times_in_equal_shares() -> None:
+def test_hanging_instrument_is_tried_three_times_in_equal_shares() -> None:
     """A third of the time, then half of the rest, then the rest."""
     clock = VirtualClock()
     begun_s: list[float] = []

@@ -86,9 +86,7 @@ MOODS = st.tuples(
 
 @settings(max_examples=120)
 @given(st.lists(MOODS, max_size=12), st.lists(st.sampled_from(["Q", "*IDN?", "*OPC?"]), min_size=1, max_size=12))
-def test_an_answer_is_the_answer_to_the_question_or_there_is_none(
-    moods: list[tuple[float, str]], asked: list[str]
-) -> None:
+def test_answer_is_of_its_query_or_error(moods: list[tuple[float, str]], asked: list[str]) -> None:
     clock = VirtualClock()
     session = Session(SlowWire(clock, moods), name="device", resource="X", clock=clock, timeout_s=1.0)
     session._identity = IDENTITY
@@ -121,7 +119,7 @@ def test_an_error_queue_that_does_not_empty_does_not_hang() -> None:
         session.check_errors()
 
 
-def test_all_of_the_error_queue_is_read_within_one_time_out() -> None:
+def test_error_queue_is_read_within_one_time_out() -> None:
     class Slow(PieceWire):
         def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
             sleep(self._clock, 0.4)
@@ -259,7 +257,7 @@ def test_raw_answers_come_as_they_are_in_however_many_pieces(answer: bytes, came
     assert wire.left == b""
 
 
-def test_a_raw_answer_that_does_not_end_runs_into_its_deadline() -> None:
+def test_endless_raw_answer_ends_at_deadline() -> None:
     clock = VirtualClock()
     session = Session(PieceWire(clock, b"#210abc", 2), name="device", resource="PIECES", clock=clock, timeout_s=1.0)
     with pytest.raises(DeadlineExceeded, match=r"command 'ANY\?'"):
@@ -293,7 +291,7 @@ def test_a_line_without_end_is_given_up_after_four_mebibytes() -> None:
     assert session.dirty
 
 
-def test_after_every_command_there_is_the_pause_that_the_instrument_needs() -> None:
+def test_every_command_is_followed_by_instruments_pause() -> None:
     opener = over_visa(lambda session: session, timeout_s=5.0, write_pause_s=0.4)
     with expected_exchange(opener, [("A", None), ("B", None), ("C?", "1")]) as session:
         session.send("A", "B")
@@ -313,7 +311,7 @@ def test_a_session_has_the_pauses_that_are_asked_for(
     assert clock.now() == pause_s
 
 
-def test_a_session_that_was_closed_says_so_whatever_is_asked_of_it() -> None:
+def test_closed_session_refuses_every_call() -> None:
     with expected_exchange(OPEN, []) as session:
         session.close()
         attempts: list[Callable[[], object]] = [session.clear, session.revive, session.resync, session.check_errors]
@@ -373,7 +371,7 @@ def test_command_after_a_failed_query_waits_for_resynchronisation() -> None:
         session.send("B 1")
 
 
-def test_a_session_is_brought_into_step_once_and_cleared_for_it() -> None:
+def test_session_is_resynchronised_once_by_clear() -> None:
     with expected_exchange(OPEN, [("*IDN?", IDENTITY), *SYNC, ("A?", "1"), *SYNC, ("A?", "1")]) as session:
         session.identify()
         for bring in (session.revive, session.resync):
@@ -384,7 +382,7 @@ def test_a_session_is_brought_into_step_once_and_cleared_for_it() -> None:
         session.revive()  # it is in step
 
 
-def test_an_error_queue_that_does_not_empty_does_not_hang_resynchronising() -> None:
+def test_endless_error_queue_does_not_hang_resynchronising() -> None:
     full: list[Exchange] = [("SYST:ERR?", '-350,"Queue overflow"')] * 64
     with expected_exchange(OPEN, [("*IDN?", IDENTITY), *SYNC[:2], *full, ("A?", "1")]) as session:
         session.identify()
@@ -392,7 +390,7 @@ def test_an_error_queue_that_does_not_empty_does_not_hang_resynchronising() -> N
         assert session.query("A?") == "1"
 
 
-def test_a_deadline_of_one_s_own_bounds_the_search_for_the_place() -> None:
+def test_own_deadline_limits_search_for_next_reply() -> None:
     session = on(PieceWire(VirtualClock(), b"", 1))
     session._identity = IDENTITY
     with pytest.raises(OutOfSync, match=r"device at X: .*after 0\.2 s"):
@@ -400,7 +398,7 @@ def test_a_deadline_of_one_s_own_bounds_the_search_for_the_place() -> None:
     assert session.closed
 
 
-def test_what_comes_twice_is_answered_once_however_late_the_second_comes() -> None:
+def test_late_second_answer_is_dropped() -> None:
     class Doubling(SlowWire):
         def send(self, data: bytes, deadline: Deadline) -> None:
             super().send(data, deadline)
@@ -427,7 +425,7 @@ def test_a_device_clear_has_the_deadline_of_its_caller() -> None:
 
 
 @pytest.mark.parametrize(("bring", "command"), [("clear", "device clear"), ("resync", "*IDN?")])
-def test_a_connection_that_goes_while_it_is_cleared_says_for_what(bring: str, command: str) -> None:
+def test_connection_lost_during_clear_names_the_reason(bring: str, command: str) -> None:
     class Gone(PieceWire):
         def clear(self, deadline: Deadline) -> None:
             del deadline
@@ -466,13 +464,13 @@ def test_half_the_time_resynchronises_and_the_rest_reconnects() -> None:
     assert (failed.value.command, failed.value.elapsed_s) == (None, 0.625)
 
 
-def test_the_error_queue_is_read_before_the_deadline_of_its_caller() -> None:
+def test_error_queue_is_read_before_callers_deadline() -> None:
     session = on(PieceWire(VirtualClock(), b"", 1))
     with pytest.raises(DeadlineExceeded, match=r"after 0\.25 s"):
         session.check_errors(Deadline.after(session.clock, 0.25))
 
 
-def test_an_instrument_that_has_gone_is_named_before_anything_is_sent() -> None:
+def test_lost_instrument_is_named_before_sending() -> None:
     class Gone(PieceWire):
         def pending(self) -> bytes:
             raise LinkLost("the other end has closed the connection")

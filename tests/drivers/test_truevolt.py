@@ -37,7 +37,7 @@ def configured(nplc: float) -> list[Exchange]:
     ]
 
 
-def test_autozero_is_that_of_direct_voltage_and_a_reading_is_fetched_twice() -> None:
+def test_autozero_of_dc_voltage_is_set_and_readings_fetched_twice() -> None:
     reading: list[Exchange] = [("INIT", None), ("FETC?", "-1.67463210E-01"), ("FETC?", "-1.67463210E-01")]
     with expected_exchange(OPEN_34461A, [*OPENING_34461A, *configured(10.0), *reading]) as meter:
         meter.configure_dc_voltage(10.0, 10.0)
@@ -60,7 +60,7 @@ def test_integration_time_of_a_missing_option_is_an_error() -> None:
 
 
 @pytest.mark.parametrize("nplc", [0.06, 0.006, 2.0])
-def test_integration_times_that_a_34461a_does_not_have_are_not_sent(nplc: float) -> None:
+def test_integration_times_unknown_to_34461a_are_not_sent(nplc: float) -> None:
     with expected_exchange(OPEN_34461A, OPENING_34461A) as meter, pytest.raises(LimitError, match="is not one of"):
         meter.configure_dc_voltage(10.0, nplc)
 

@@ -78,7 +78,7 @@ def test_a_library_that_is_not_there_fails_to_open() -> None:
         Session.opened(connect, name="x", resource="GPIB0::1::INSTR", clock=CLOCK, timeout_s=0.1)
 
 
-def test_a_peer_that_closes_is_link_lost_at_once_and_without_spinning() -> None:
+def test_closed_peer_is_link_lost_at_once() -> None:
     def closing(connection: socket.socket, line: str) -> bool:
         if line == "READ?":
             connection.shutdown(socket.SHUT_RDWR)
@@ -135,7 +135,7 @@ def test_a_late_answer_that_comes_amid_resynchronising_is_dropped_too() -> None:
         assert session.query("THIRD?") == "THIRD"
 
 
-def test_the_late_answer_may_be_the_one_that_resynchronising_looks_for() -> None:
+def test_late_answer_may_end_resynchronising() -> None:
     with serving(answering(nothing_special), answering(late(when_more_is_asked, "*IDN?"))) as where:
         with opened(where) as first:
             first.query("A?")
@@ -196,7 +196,7 @@ def test_something_said_unasked_is_dropped() -> None:
 
 
 @pytest.mark.parametrize("noise", [b"\xff\xfe1.5\n", b"1.2a3\n", b"\n", b"nan\n", b"1_0\n", b"+1.0,\n", b"\x001.5\n"])
-def test_noise_is_a_framing_error_and_the_next_answer_is_right(noise: bytes) -> None:
+def test_noise_is_framing_error_and_next_answer_right(noise: bytes) -> None:
     def noisy(connection: socket.socket, line: str) -> bool:
         if line == "READ?":
             connection.sendall(noise)
@@ -237,7 +237,7 @@ def test_two_threads_get_their_own_answers() -> None:
         assert wrong == []
 
 
-def test_a_peer_that_does_not_read_is_a_deadline_not_a_hang() -> None:
+def test_peer_that_does_not_read_ends_at_deadline() -> None:
     done = threading.Event()
 
     def deaf(connection: socket.socket, line: str) -> bool:

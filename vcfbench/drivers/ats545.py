@@ -90,7 +90,7 @@ class TemptronicATS545(ScpiInstrument):
         return None if found > _NO_SENSOR_C else found
 
     def enable_flow(self) -> None:
-        """Let air flow; InterlockError when there is a fault, or the head is up: nothing here moves it."""
+        """Switch the air on; InterlockError at a fault, or while the head is up."""
         if fault := self.fault():
             raise self._error(InterlockError, fault)
         if self._session.query_int("AUXC?") & _HEAD_UP:
@@ -122,7 +122,7 @@ class TemptronicATS545(ScpiInstrument):
         return on
 
     def fault(self) -> str | None:
-        """Return the faults in EROR? in words, None when there is none."""
+        """Return the faults in EROR? in words, or None."""
         bits = self._session.query_int("EROR?")
         known = [words for bit, words in _FAULTS.items() if bits & bit]
         return (", ".join(known) or f"error register {bits}") if bits else None

@@ -25,7 +25,7 @@ class Calls:
         """Instruments that were sent anything."""
 
     def call(self, what: str, deadline: Deadline, act: Callable[[], _T]) -> _T:
-        """Do `act`, which is to return before `deadline`; of its seconds none may have passed yet."""
+        """Call `act`, and note that it must return before `deadline`."""
         key = object()
         self._due[key] = (what, self._clock.now() + deadline.expires_s - deadline.started_s)
         try:
@@ -34,7 +34,7 @@ class Calls:
             del self._due[key]
 
     def overdue(self) -> str | None:
-        """Return which call should have returned by now, None where there is none."""
+        """Return the call that is beyond its deadline, or None."""
         now_s = self._clock.now()
         return next((what for what, due_s in tuple(self._due.values()) if due_s < now_s), None)
 
@@ -58,7 +58,7 @@ def attended(calls: Calls) -> Iterator[None]:
 
 
 class AttendedWire:
-    """A wire whose calls are noted."""
+    """A wire that notes the beginning and end of each call."""
 
     def __init__(self, wire: Wire, calls: Calls, name: str) -> None:
         self.interface: Interface = wire.interface

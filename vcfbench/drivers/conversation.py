@@ -74,7 +74,7 @@ class Conversation:
         open_timeout_s: float | None = None,
         **more: Any,
     ) -> Self:
-        """Return one on the wire that `connect` opens, now and whenever it has to be opened anew.
+        """Return a conversation on the wire that `connect` opens, now and at each reconnection.
 
         `name` is the role on the bench, for messages; an exchange may take `timeout_s` unless its caller says
         otherwise, and connecting `open_timeout_s`, by default the same.
@@ -108,7 +108,7 @@ class Conversation:
 
     @contextmanager
     def exchange(self, command: str | None, deadline: Deadline) -> Iterator[None]:
-        """Keep other threads out for one exchange; an error of the wire, or a refusal, tells where it happened."""
+        """Exclude other threads for one exchange; add instrument and place to an error or a refusal."""
         with self._lock:
             try:
                 yield
@@ -136,7 +136,7 @@ class Conversation:
         self.dirty = False
 
     def locate(self, error: TransportError, command: str | None, deadline: Deadline) -> TransportError:
-        """Tell `error` where it happened; a lost connection is closed."""
+        """Add instrument and place to `error`; close a lost connection."""
         error.instrument = error.instrument or self.name
         error.resource = error.resource or self.resource
         # An answer that cannot be read is found out after its exchange, where a driver reads it
@@ -151,7 +151,7 @@ class Conversation:
 
     @property
     def on_port(self) -> bool:
-        """True on a serial port, whose speed may be another than the instrument's."""
+        """True on a serial port, whose speed may differ from the instrument's."""
         return self._wire.interface in ("asrl", "serial") and "://" not in self.resource
 
     def _with_what_came(self, late: DeadlineExceeded, received: bytes) -> DeadlineExceeded:
@@ -170,7 +170,7 @@ class Conversation:
         self._last_read = what, self.clock.now()
 
     def unproved(self, words: str, *, sent: bool) -> UnprovedCommand:
-        """Return the command that nothing proved, beside the last read-back."""
+        """Return the last command without proof, with the last read-back."""
         if self._last_read is None:
             return UnprovedCommand(words, sent)
         what, at_s = self._last_read
@@ -190,7 +190,7 @@ class Conversation:
             self._wire.close()
 
     def close(self) -> None:
-        """Close the connection for good, also if another thread is just connecting anew."""
+        """Close the connection for good, also if another thread is reconnecting."""
         self._given_back = True
         self._give_up("it was given back")
 
@@ -209,7 +209,7 @@ class Conversation:
         self._send_blind(words, gap_s)
 
     def say_blind(self, words: Sequence[bytes], gap_s: float = 0.0) -> bool:
-        """Send `words` at once; return True if the wire took them; nothing is waited for, nothing raised.
+        """Send `words` at once, without waiting or raising; return True if the wire took them.
 
         Nor is the lock waited for: another thread may hang in an exchange. A connection that is gone is made anew.
         `gap_s` is left between the words if that is short.

@@ -45,7 +45,7 @@ records, and not less than 10 s are to be allowed (the maker's sample program); 
 
 
 class Preamble(Struct, frozen=True):
-    """Scaling of codes to seconds and volts: t = (i - x_reference) x_step_s + x_origin_s, and likewise the voltage."""
+    """Scaling of codes to seconds and volts: t = (i - x_reference) x_step_s + x_origin_s, the voltage by y alike."""
 
     points: int
     x_step_s: float
@@ -210,7 +210,7 @@ class Dso7104B(ScpiInstrument):
             self._session.check_errors(deadline)
 
     def measure_frequency_hz(self, channel: int) -> float:
-        """Measure the frequency of the record; raises MeasurementError when there is none."""
+        """Measure the frequency of the record; raises MeasurementError without a signal."""
         return self._session.query_reading(f":MEAS:FREQ? {self._source(channel)}", form=self.reading_form)
 
     def measure_amplitude_v(self, channel: int) -> float:

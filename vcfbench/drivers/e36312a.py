@@ -17,7 +17,7 @@ from vcfbench.errors import FramingError, InstrumentError
 
 
 class E36312A(E3631A):
-    """Every output has a switch of its own; those that nobody configured are left off."""
+    """Every output has a switch of its own; outputs that are not configured stay off."""
 
     model: ClassVar[str] = "E36312A"
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)

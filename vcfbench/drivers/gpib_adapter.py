@@ -63,7 +63,7 @@ def open_behind(adapter: str, resource: str, deadline: Deadline) -> "GpibWire":
 
 
 def occupied(adapter: str, deadline: Deadline) -> list[int]:
-    """Return the addresses behind an adapter at which something answers a serial poll, which moves nothing."""
+    """Return the addresses behind an adapter that answer a serial poll, which moves no instrument."""
     with ExitStack() as stack:
         wires = [open_behind(adapter, f"GPIB0::{address}::INSTR", deadline) for address in range(_ADDRESSES)]
         for wire in wires:
@@ -127,7 +127,7 @@ class _Adapter:
                 raise ConnectFailed("no GPIB adapter answers there (++ver)", elapsed_s=deadline.elapsed())
 
     def say(self, words: bytes, deadline: Deadline) -> None:
-        """Write all of `words`, with nothing of another thread's in between."""
+        """Write all of `words` without bytes of other threads between them."""
         if self.closed:
             raise LinkLost("the connection to the adapter is closed")
         if not self._writing.acquire(timeout=left_s(deadline)):
@@ -141,7 +141,7 @@ class _Adapter:
             self._writing.release()
 
     def ask(self, words: bytes, deadline: Deadline, wait_s: float = 0.0) -> bytes:
-        """Say `words` and return all that comes of them, which takes the adapter at most `wait_s` without a byte."""
+        """Send `words` and return the reply; the adapter waits at most `wait_s` for each byte."""
         with self._alone(deadline):
             self.say(words + b"++ver\n", deadline)
             self._owed += 1
@@ -183,7 +183,7 @@ class _Adapter:
         return answer
 
     def give_up(self) -> None:
-        """Close the stream: its next user opens it anew."""
+        """Close the stream; its next use opens it again."""
         self.closed = True
         self._stream.close()
 
@@ -224,12 +224,12 @@ class GpibWire:
         raise DeadlineExceeded("no answer")
 
     def status_byte(self, deadline: Deadline) -> int | None:
-        """Serial poll: the status byte, whose request for service that ends; None where nobody is."""
+        """Return the status byte by a serial poll, which ends a request for service; None without an instrument."""
         polled = self._open.ask(self._to + b"++spoll\n", deadline).strip()
         return int(polled) if polled.isdigit() else None
 
     def pending(self) -> bytes:
-        """Return nothing: on GPIB an instrument speaks only when it is addressed."""
+        """Return no bytes: on GPIB an instrument speaks only when it is addressed."""
         return b""
 
     def clear(self, deadline: Deadline) -> None:

@@ -1,4 +1,4 @@
-"""Instruments that a person sets, reads and switches off: each has the capabilities of a driver, and asks in words.
+"""Instruments that a person sets, reads and switches off: drivers that ask the operator.
 
 What drives something is safe when the person has typed that it is: the word `off`, or a rate of 0.
 """
@@ -46,13 +46,13 @@ class Hands:
         return answer
 
     def word(self, words: str, *choice: str) -> str:
-        """Have one of the words of `choice` typed; MeasurementError where none comes."""
+        """Ask for one of the words of `choice`; MeasurementError without one."""
         return self._typed(
             words, " or ".join(choice), lambda answer: answer.lower() if answer.lower() in choice else ""
         )
 
     def number(self, what: str, unit: str, largest: float, decimals: int = 0) -> float:
-        """Have a number within +-`largest` typed, with at least so many decimals; MeasurementError where none comes."""
+        """Ask for a number within +-`largest` with at least so many decimals; MeasurementError without one."""
         limits = f"{unit}, at most {largest:g}" + f", {decimals} decimals" * (decimals > 0)
 
         def as_number(answer: str) -> str:
@@ -66,7 +66,7 @@ class Hands:
         return float(self._typed(f"type {what} ({limits})", unit, as_number))
 
     def twice(self, what: str, unit: str, largest: float, expected: float = 0.0, before: str = "") -> float:
-        """Have a number typed twice the same, or once as `expected`; MeasurementError where neither comes.
+        """Ask for a number twice, or once if it is `expected`; MeasurementError if the entries differ.
 
         `before` says what was typed before.
         """
@@ -78,7 +78,7 @@ class Hands:
             if second == first:
                 return first
             before = f", {first:g} and then {second:g} were typed"
-        raise MeasurementError(f"{what} was not typed the same twice")
+        raise MeasurementError(f"{what}: expected the same entry twice, got different ones")
 
     def _typed(self, words: str, types: str, accepted: Callable[[str], str]) -> str:
         asked = words
@@ -87,7 +87,7 @@ class Hands:
             if found := accepted(answer):
                 return found
             asked = f"{words}, not {repr(answer) if answer else 'Enter alone'}"
-        raise MeasurementError(f"somebody had to {words}; after {_TRIES} tries: got {answer!r}")
+        raise MeasurementError(f"asked the operator to {words}; after {_TRIES} tries got {answer!r}")
 
 
 class _ByHand:
@@ -109,10 +109,10 @@ class _ByHand:
         return Identity("by hand", self._part.model or self.name.replace("_", " "), number, "")
 
     def check_errors(self) -> None:
-        """Do nothing: a person would have said so."""
+        """Do nothing: the operator reports errors at once."""
 
     def command_safe(self) -> UnprovedCommand:
-        """Return the last request to a person; nobody can be told at once, `make_safe` asks."""
+        """Return the last request; `make_safe` asks the operator, who cannot be reached at once."""
         return UnprovedCommand(self.safe_words, sent=not self.safe_words, last_read=self._last_read)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
@@ -127,7 +127,7 @@ class _ByHand:
         return "read by hand, it has no output"
 
     def close(self) -> None:
-        """Ask nobody any more."""
+        """Ask the operator no more questions."""
         self._hands.left = True
 
 
@@ -138,12 +138,12 @@ class HandMeter(_ByHand):
     _before_v: float | None = None
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
-        """Have the range set; such meters integrate as they please."""
+        """Ask the operator to set the range; the integration time is the meter's own."""
         self._hands.do(f"set the multimeter to DC volts, {range_v:g} V range")
         self._range_v = range_v
 
     def read_voltage_v(self) -> float:
-        """Have one reading typed, V; one that is far from the one before is typed until two in a row are alike."""
+        """Ask for one reading, V; ask again until two agree if it differs much from the previous one."""
         largest_v, step = 1.2 * self._range_v, f"{self._part.resolution_v:.9f}".rstrip("0")
         what, near_v, within_v = "the multimeter's reading", self._before_v, _JUMP * self._range_v
         for _ in range(_TRIES):
@@ -163,30 +163,30 @@ class HandSupply(_ByHand):
     _on = False
 
     def configure_output(self, output: str, voltage_v: float, current_limit_a: float) -> None:
-        """Have level and current limit set."""
+        """Ask the operator to set level and current limit."""
         level = f"{_OUTPUTS[output]} of the supply ({output}) to {voltage_v:+g} V"
         self._hands.do(f"set the {level}, current limit {current_limit_a:g} A, outputs off")
 
     def enable_outputs(self) -> None:
-        """Have the outputs switched on."""
+        """Ask the operator to switch the outputs on."""
         self._on = True
         self._hands.do("switch the outputs of the supply on")
 
     def disable_outputs(self) -> None:
-        """Have the outputs switched off."""
+        """Ask the operator to switch the outputs off."""
         self._hands.do("switch the outputs of the supply off")
         self._on = False
 
     def outputs_enabled(self) -> bool:
-        """Return True if the outputs are on, as the person said last."""
+        """Return True if the outputs are on, by the operator's last answer."""
         return self._on
 
     def measure_voltage_v(self, output: str) -> float:
-        """Have the voltage that the supply shows typed, V."""
+        """Ask for the voltage that the supply shows, V."""
         return self._hands.twice(f"the voltage of the {_OUTPUTS[output]}, with its sign", "V", 100.0)
 
     def measure_current_a(self, output: str) -> float:
-        """Have the current that the supply shows typed, A."""
+        """Ask for the current that the supply shows, A."""
         return self._hands.number(f"the current of the {_OUTPUTS[output]}", "A", 10.0)
 
     def regulation(self, output: str) -> Regulation:
@@ -213,29 +213,29 @@ class HandTable(_ByHand):
     _safe = False
 
     def enable(self) -> None:
-        """Have it made ready, at rest."""
+        """Ask the operator to make the table ready, at rest."""
         self._hands.do("make the rate table ready to turn, at rest")
 
     def disable(self) -> None:
-        """Do nothing: it is at rest, and stays ready."""
+        """Do nothing: the table is at rest, and stays ready."""
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Have the rate set, as the table counts it."""
+        """Ask the operator to set the rate, with the table's own sign."""
         self._safe = self._typed = False
         self._set_deg_s = shown = self._part.axis_sign * rate_deg_s
         how = f"turn the rate table at {shown:+g} deg/s" if shown else "bring the rate table to rest"
         self._hands.do(f"{how}, with at most {acceleration_deg_s2:g} deg/s^2")
 
     def stop(self, acceleration_deg_s2: float) -> None:
-        """Have it brought to rest."""
+        """Ask the operator to bring the table to rest."""
         self.set_rate(0.0, acceleration_deg_s2)
 
     def at_rate(self) -> bool:
-        """Tell that the rate is reached: it was said so."""
+        """Return True: the operator has confirmed the rate."""
         return True
 
     def rate_deg_s(self) -> float:
-        """Have the rate that the table shows typed, deg/s."""
+        """Ask for the rate that the table shows, deg/s."""
         if self._safe:
             return 0.0
         largest = 2.0 * (self._limits["max_rate_deg_s"] or 0.0)
@@ -250,7 +250,7 @@ class HandTable(_ByHand):
         return rate_deg_s
 
     def angle_deg(self) -> float:
-        """Have the angle that the table shows typed, deg."""
+        """Ask for the angle that the table shows, deg."""
         return float(self._part.axis_sign * self._hands.twice("the angle that the table shows", "deg", 1e6))
 
     def fault(self) -> str | None:
@@ -264,7 +264,7 @@ class HandTable(_ByHand):
             if abs(rate_deg_s) <= _STILL_DEG_S:
                 self._safe = True
                 return f"{rate_deg_s:g} deg/s, as typed by the operator"
-        raise MeasurementError(f"it turns at {rate_deg_s:g} deg/s, as typed by the operator")
+        raise MeasurementError(f"expected the table at rest, the operator typed {rate_deg_s:g} deg/s")
 
 
 BY_HAND: Final[Mapping[str, type]] = MappingProxyType(

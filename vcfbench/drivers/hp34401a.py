@@ -109,7 +109,7 @@ class Hp34401A(ScpiInstrument):
         return self.fast_apertures_s.get(self._nplc, self._nplc / self._mains_hz)
 
     def answers(self) -> dict[str, str]:
-        """Ask each of its questions once, then those whose answers are the front panel's: terminals, mains."""
+        """Send each query once, then those for the front panel: terminals, mains."""
         found = super().answers()
         self._take_over(tuple(row for row in self.left if row.refused), mains=f"{self._mains_hz:g}")
         return found
@@ -259,7 +259,7 @@ class Hp34401A(ScpiInstrument):
         return self._error(FramingError, what, command="FETC?")
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Abort the measurement; a meter drives nothing. Its answer shows that it is idle: when busy it has none."""
+        """Abort the measurement; an answer to the query shows that the meter is idle."""
         return safely(self, self._prove_idle, deadline)
 
     def _prove_idle(self, deadline: Deadline) -> str:

@@ -35,7 +35,7 @@ class _Keithley(Hp34401A):
 
 
 class Keithley2000(_Keithley):
-    """The 2000: it measures by itself from power-on until it is told not to, and averages unless it is told not to."""
+    """The 2000, which from power-on measures and averages by itself until it is set otherwise."""
 
     model: ClassVar[str] = "2000"
     memory_readings: ClassVar[int] = 1024

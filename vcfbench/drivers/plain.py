@@ -23,7 +23,7 @@ _SILENCE_S = 0.2
 
 
 class Plain:
-    """An open instrument: `tell` sends a message that asks nothing, `ask` returns the answer as it came."""
+    """An open instrument: `tell` sends a command, `ask` sends a query and returns the unchanged answer."""
 
     def __init__(self, conversation: Conversation, tell: Callable[[str], object], ask: Callable[[str], bytes]) -> None:
         self.tell = tell
@@ -37,7 +37,7 @@ class Plain:
 
 
 class PlainLine(Plain):
-    """A rate table whose language does not tell which message is answered: everything that comes is shown."""
+    """A rate table whose language does not show which message is answered, so all received bytes are shown."""
 
 
 def plain(instrument: Instrument, timeout_s: float) -> Plain:

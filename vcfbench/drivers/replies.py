@@ -109,7 +109,7 @@ def number(reply: str, form: NumberForm = ANY_NUMBER) -> float:
 
 
 def reading(reply: str, form: NumberForm = ANY_NUMBER) -> float:
-    """Return a measured number; raises MeasurementError for 9.9E37, which means overload or nothing to measure."""
+    """Return a measured number; raises MeasurementError for 9.9E37, which means overload or no signal."""
     if form.pattern.fullmatch(reply) is None:
         raise _refuse(form.words, reply)
     value = float(reply)
@@ -138,7 +138,7 @@ def integer(reply: str) -> int:
 
 
 def boolean(reply: str) -> bool:
-    """Return a switch: ``0`` or ``1``, and nothing else."""
+    """Return a switch: ``0`` or ``1``."""
     if reply not in ("0", "1"):
         raise _refuse("0 or 1", reply)
     return reply == "1"

@@ -1,4 +1,4 @@
-"""Base of the SCPI drivers: identity, errors, and the frame of making safe."""
+"""Base of the SCPI drivers: identity, errors, and making safe."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -41,7 +41,7 @@ class VisaSettings(Struct, frozen=True):
 
 
 class Left(Struct, frozen=True):
-    """A setting that a last user may have left: its header, the value that the driver needs, its place in the manual.
+    """A setting that an earlier user may have changed: header, needed value, page of the manual.
 
     Header and value are templates. With `refused` it is not the driver's to set: it is asked for, and another answer
     than the value ends in these words.
@@ -106,7 +106,7 @@ class ScpiInstrument(OverWire):
 
     @classmethod
     def of_model(cls, model: str, **own: Any) -> type[Self]:
-        """Return the driver of a `model` whose class attributes differ in those of `own`."""
+        """Return the driver of a `model` with the class attributes in `own`."""
         return type(cls.__name__, (cls,), {"model": model, **own, "__doc__": cls.__doc__})
 
     def _disagreement(self, query: str, wanted: str, found: str) -> InstrumentError:
@@ -187,7 +187,7 @@ class ScpiInstrument(OverWire):
         self._session.check_errors()
 
     def answers(self) -> dict[str, str]:
-        """Ask each of its questions once; return the answers by question.
+        """Send each query once; return the answers by query.
 
         Raises:
             FramingError: an answer is not in the form that a run demands.

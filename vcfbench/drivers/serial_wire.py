@@ -1,4 +1,4 @@
-"""Wires on serial ports: whatever pyserial opens by name or URL, with deadlines."""
+"""Wires on serial ports, opened by pyserial by name or URL, with deadlines."""
 
 from typing import Annotated, Any, Literal
 
@@ -16,7 +16,7 @@ Pause = Annotated[float, Meta(ge=0.0, le=60.0)]
 
 
 class Link(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Set-up of a serial line."""
+    """Settings of a serial line."""
 
     baud: Annotated[int, Meta(ge=300, le=921_600)] = 9600  # the bench file's `baud_rate` overrides it
     data_bits: Literal[7, 8] = 8  # bits per character

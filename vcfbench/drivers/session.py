@@ -206,7 +206,7 @@ class Session(Conversation):
         self._safe_words = (b"".join(b"\n" + word.encode("ascii") for word in words) + b"\n",) if words else ()
 
     def command_safe(self) -> bool:
-        """Send the safe commands at once; return True if the wire took them; nothing is waited for, nothing raised.
+        """Send the safe commands at once, without waiting or raising; return True if the wire took them.
 
         The lock is not: another thread may hang in an exchange. Commands have no answers, so the session stays in step.
         """
@@ -249,7 +249,7 @@ class Session(Conversation):
         self._wire.clear(deadline)
         if self._identity is None:  # all that can be done is to let a stream fall silent
             if self._wire.interface not in _STREAMS:
-                raise errors.FramingError("no answer is known yet")
+                raise errors.FramingError("no reply was received yet, so the form of replies is unknown")
             while True:
                 try:
                     self._wire.receive(deadline.within(_QUIET_S))
@@ -290,7 +290,7 @@ class Session(Conversation):
         return entries
 
     def revive(self, deadline: Deadline | None = None) -> None:
-        """Make the session usable again for making safe: resynchronise it, or connect anew to the same instrument.
+        """Make the session usable for making safe: resynchronise it, or reconnect to the same instrument.
 
         On a serial line that the instrument needs pauses on it is left in peace after its safe words first.
         """
@@ -426,7 +426,7 @@ class Session(Conversation):
         return b"".join([*parts, last[:cut]])
 
     def locate(self, error: errors.TransportError, command: str | None, deadline: Deadline) -> errors.TransportError:
-        """Tell `error` where it happened; the session is dirty then, and a lost connection is closed."""
+        """Add instrument and place to `error`; the session is dirty then, and a lost connection is closed."""
         self.dirty, self._received = True, b""
         return super().locate(error, command, deadline)
 

@@ -48,7 +48,7 @@ class Outputs:
         return UnprovedCommand("", sent=all(each.sent for each in sent))
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Make each safe; the first that is not is told of."""
+        """Make each safe; the error names the first that is not."""
         reports: list[SafeReport] = [each.make_safe(deadline) for each in self.of.values()]
         return next((each for each in reports if not each.safe), reports[0])
 

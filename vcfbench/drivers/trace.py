@@ -53,9 +53,9 @@ def escaped(data: bytes) -> str:
 
 
 def unescaped(text: str) -> bytes:
-    """Return the bytes that :func:`escaped` made `text` of; ValueError if it did not."""
+    """Return the bytes of an escaped `text`; ValueError if :func:`escaped` cannot have made it."""
     if not _ESCAPED.fullmatch(text):  # of others the codec warns
-        raise ValueError(f"{text!r} holds what is not escaped so")
+        raise ValueError(f"{text!r} has an escape sequence that a trace does not use")
     return text.encode("ascii").decode("unicode_escape").encode("latin-1")
 
 

@@ -14,7 +14,7 @@ from vcfbench.drivers.scpi_instrument import Left
 
 
 class Trueform(Agilent33220A):
-    """A generator of the series: its first channel drives V_Vc; a second one is told neither to follow nor to lead."""
+    """A generator of the series: its first channel drives V_Vc; tracking of a second channel is off."""
 
     number_form: ClassVar[replies.NumberForm] = replies.nr3()  # 13 decimals of levels, 15 of the rest (users' records)
     questions: ClassVar[tuple[tuple[str, replies.NumberForm], ...]] = (

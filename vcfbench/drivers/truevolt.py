@@ -18,7 +18,7 @@ REAR, MAINS = (
 
 
 class Truevolt(Hp34401A):
-    """A meter of the series, made of its row's numbers: every function has an autozero of its own (guide p. 223)."""
+    """A meter of the series, with the numbers of its row; every function has its own autozero (guide p. 223)."""
 
     makers: ClassVar[tuple[str, ...]] = ("KEYSIGHT",)
     autozero: ClassVar[str] = "VOLT:DC:ZERO:AUTO"

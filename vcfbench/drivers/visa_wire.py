@@ -222,7 +222,7 @@ class VisaWire:
         return bytes(data), self._knows_end and status != _FULL
 
     def pending(self) -> bytes:
-        """Take unasked bytes on a serial line; elsewhere VISA cannot tell without waiting."""
+        """Return unasked bytes of a serial line; other interfaces of VISA cannot read without waiting."""
         data = b""
         while self.interface == "asrl" and (waiting := self._waiting()):
             try:

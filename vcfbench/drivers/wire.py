@@ -27,7 +27,7 @@ class SerialLine(Struct, frozen=True):
 
 
 def left_s(deadline: Deadline) -> float:
-    """Return the rest of `deadline`, s; raises DeadlineExceeded if there is none."""
+    """Return the rest of `deadline`, s; raises DeadlineExceeded after it."""
     left = deadline.expires_s - deadline.clock.now()
     if left <= 0.0:
         raise DeadlineExceeded("the time is up")
@@ -69,7 +69,7 @@ class Wire(Protocol):
         """Return at least one byte, and True if the instrument marked the last one as the end of its message."""
 
     def pending(self) -> bytes:
-        """Take unasked bytes of a stream, without waiting; empty where the interface cannot tell."""
+        """Return unasked bytes of a stream without waiting; none if the interface cannot."""
 
     def clear(self, deadline: Deadline) -> None:
         """Do a device clear where the interface has one, and drop received bytes."""

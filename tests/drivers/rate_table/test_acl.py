@@ -72,7 +72,7 @@ RELEASING: list[Exchange] = [
 UNLOCKING: list[Exchange] = [(":Utility:Lockout OFF", None), FINE]
 
 
-def test_demand_zero_comes_before_the_mode_and_the_mode_before_the_servo() -> None:
+def test_demand_zero_precedes_mode_and_mode_precedes_servo() -> None:
     with expected_exchange(table(), [IDN, *ENABLING]) as driver:
         driver.enable()
 
@@ -198,7 +198,7 @@ def test_a_question_is_asked_again_a_motion_command_is_not() -> None:
             driver.set_rate(10.5, 20.0)
 
 
-def test_a_number_that_is_none_is_an_error_and_not_rest() -> None:
+def test_invalid_number_is_error_and_not_rest() -> None:
     with (
         expected_exchange(table(), [IDN, (":Read:Rate? 1", "?"), IDN, FINE, (":Read:Rate? 1", "?")]) as driver,
         pytest.raises(FramingError),
@@ -290,7 +290,7 @@ def test_safe_without_ever_having_been_enabled() -> None:
         assert driver.make_safe(Deadline.after(driver.clock, 30.0)).safe
 
 
-def test_a_table_that_goes_on_turning_is_aborted_and_not_called_safe() -> None:
+def test_table_that_keeps_turning_is_aborted_and_not_safe() -> None:
     with expected_exchange(table(), [IDN]) as driver:
         driver.line._wire = endless = _Turning([], clock=driver.clock)
         report = driver.make_safe(Deadline.after(driver.clock, 5.0))

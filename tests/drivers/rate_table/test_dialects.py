@@ -324,7 +324,7 @@ def test_a_table_that_stops_before_it_reverses_is_waited_for(name: str, accelera
         assert bench.world.table.rate_deg_s() == pytest.approx(rate, abs=0.01)
 
 
-def test_ruya_stops_before_each_change_of_rate_and_waits_for_it() -> None:
+def test_ruya_stops_before_each_change_of_rate() -> None:
     bench = Bench("ruya")
     bench.driver.enable()
     bench.reach(100.0)
@@ -346,7 +346,7 @@ def test_aaaa_comes_to_rest_at_the_end_of_travel() -> None:
     assert bench.driver.make_safe(Deadline.after(bench.clock, 10.0)).safe
 
 
-def test_aaaa_says_its_end_of_travel_in_the_sign_of_the_bench() -> None:
+def test_aaaa_reports_end_of_travel_in_bench_sign() -> None:
     bench = Bench("aaaa", axis_sign=-1)
     bench.driver.enable()
     bench.reach(200.0)

@@ -88,9 +88,7 @@ MOODS = st.tuples(
 @pytest.mark.parametrize("header", ["none", "u32le2"])
 @settings(max_examples=80)
 @given(moods=st.lists(MOODS, max_size=12), count=st.integers(min_value=1, max_value=10))
-def test_a_reading_is_the_one_asked_for_or_there_is_none(
-    header: Header, moods: list[tuple[float, str]], count: int
-) -> None:
+def test_reading_is_of_its_query_or_error(header: Header, moods: list[tuple[float, str]], count: int) -> None:
     clock = VirtualClock()
     wire = SlowTable(clock, [(0.0, "well"), *moods], header)
     line = TableLine(wire, name="rate_table", resource="X", clock=clock, timeout_s=1.0)

@@ -248,9 +248,7 @@ class SpeltOutDialect(AskingDialect):
 
 @pytest.mark.parametrize("language", [AskingDialect, SpeltOutDialect])
 @pytest.mark.parametrize("pace", PACES)
-def test_a_language_written_from_its_seam_alone_works_on_a_healthy_table(
-    language: type[AskingDialect], pace: str
-) -> None:
+def test_language_with_protocol_alone_works_on_healthy_table(language: type[AskingDialect], pace: str) -> None:
     clock = VirtualClock()
     table = Answering(clock)
     wire = PacedWire(table, clock, (PACES[pace], PACES[pace] / 960.0))

@@ -135,7 +135,7 @@ def test_a_flipped_bit_is_no_number(drawn: Any, which: int, bit: int) -> None:
     assert set(found) <= {each for number, each in enumerate(expected) if number != which}
 
 
-def test_two_words_that_stand_apart_are_one_number_with_its_sign() -> None:
+def test_two_separate_words_make_one_signed_number() -> None:
     stated = {
         "resource": "x",
         "sample_rate_hz": 10.0,
@@ -165,7 +165,7 @@ def line(text: str) -> bytes:
     return f"{text}*{checked('xor8', text[1:].encode()):02X}\r\n".encode()
 
 
-def test_the_first_line_may_have_lost_its_begin_and_is_none() -> None:
+def test_incomplete_first_line_is_dropped() -> None:
     assert seen(decoder(LINES), line("$G,1,-0.5,25") + line("$G,2,+1.5e0,25"), 3) == [(3.0, 2)]
 
 
@@ -173,7 +173,7 @@ def test_the_first_line_may_have_lost_its_begin_and_is_none() -> None:
     "spoilt",
     [b"$G,1,0.5,25*00\r\n", b"$G,1,0.5\r\n", line("$G,1,0.5"), line("$G,1,0x5,25"), line("$G,1,nan,25"), b"\xff\n"],
 )
-def test_a_line_that_is_not_whole_is_counted_and_no_number(spoilt: bytes) -> None:
+def test_incomplete_line_is_counted_without_number(spoilt: bytes) -> None:
     read = decoder(LINES)
     assert seen(read, line("$G,0,1,25") + spoilt + line("$G,2,1,25"), 5) == [(2.0, 2)]
     assert read.bad == 1

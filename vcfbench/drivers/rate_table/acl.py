@@ -75,7 +75,7 @@ def detect_header(first: bytes) -> Header:
 
 
 def take_counted(line: TableLine, deadline: Deadline) -> bytes | None:
-    """Return the reply to an accepted question if a header counts it; None, and nothing is taken, if it is text."""
+    """Return the reply to an accepted query if a header counts it; None for text, which stays unread."""
     first = line.take(1, deadline)
     line.put_back(first)
     if first != b"\0":  # an error code of zero begins so in either byte order, and no text does
@@ -154,7 +154,7 @@ class AclDialect(TableDialect):
         self.command(line, ":Utility:Lockout ON", deadline)
 
     def release(self, line: TableLine, deadline: Deadline) -> None:
-        """Let the controller's other interfaces in again; a byte stream has no other way back to local (inferred)."""
+        """Enable the controller's other interfaces; a byte stream has no other way back to local (inferred)."""
         self.command(line, ":Utility:Lockout OFF", deadline)
 
     def set_limits(self, line: TableLine, limits: TableSettings, deadline: Deadline) -> None:
@@ -294,7 +294,7 @@ class AclDialect(TableDialect):
         while length >= _LONGEST_MESSAGE:
             rest = layout.pack(error, length)
             if rest[:1] not in (b"\r", b"\n"):
-                raise FramingError(f"a reply cannot have the length {length}")
+                raise FramingError(f"expected a length of a reply, got {length}")
             error, length = layout.unpack(rest[1:] + line.take(1, deadline))
         body = line.take(length, deadline).rstrip(b"\r\n\0")
         if error:

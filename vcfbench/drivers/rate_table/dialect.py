@@ -18,7 +18,7 @@ Header = Literal["none", "u32le2", "u32be2", "auto"]
 
 
 class TableSettings(Struct, frozen=True):
-    """Settings of a rate table besides its resource; a dialect is made of them, and takes those of its language.
+    """Settings of a rate table in addition to its resource; a dialect is made from them.
 
     The limits are the highest demands, magnitudes; infinite, as without limits here, leaves the table's own.
     `reply_header` is that before replies, `steps_per_deg` the stage's microsteps per degree.
@@ -68,25 +68,25 @@ class TableDialect(Protocol):
         return 0.0
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
-        """Return the messages, as sent, that bring the table to rest with its servo closed, whatever it is doing.
+        """Return the messages that bring the table to rest from any state, with its servo closed.
 
         They are sent without looking at any answer, more than once, and maybe amid another message: what ends a torn
         one goes first. With an acceleration the table is told to stop first as it is, then with that one.
         """
 
     def shutdown_words(self) -> tuple[bytes, ...]:
-        """Return the messages that are sent besides when rest cannot be proved; none where they let a table coast."""
+        """Return the further messages if rest cannot be proved; none if they would let the table coast."""
         return ()
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is really told for `rate_deg_s`: the nearest multiple of its step."""
+        """Return the rate that is sent for `rate_deg_s`: the nearest multiple of the table's step."""
         return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the identity; also learns the framing where it is not configured."""
 
     def resync(self, line: TableLine, deadline: Deadline) -> None:
-        """Get answers and questions into step again after a failed exchange: by silence, where nothing is known."""
+        """Get answers and queries into step after a failed exchange, by default by silence."""
         line.drain(deadline)
 
     def may_come_unasked(self, data: bytes) -> bool:
@@ -102,7 +102,7 @@ class TableDialect(Protocol):
         del line, deadline
 
     def set_limits(self, line: TableLine, limits: TableSettings, deadline: Deadline) -> None:
-        """Tell the table its limits and its over-rate trip; the driver checks them before anything is sent, too."""
+        """Send the table its limits and its over-rate trip; the driver checks them too."""
         del line, limits, deadline
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
@@ -118,19 +118,19 @@ class TableDialect(Protocol):
         raise InstrumentError("the known part of this language has no move to an angle", **line.where)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
-        """Leave rate mode: zero rate whatever is demanded."""
+        """Leave rate mode: the rate becomes zero."""
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
         """Open the servo in the table's own orderly way; refused (InterlockError) where it would coast."""
 
     def demand_rate(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float, deadline: Deadline) -> None:
-        """Ramp to a rate; an infinite acceleration leaves the table's as it is. Asking for rate 0 may be repeated."""
+        """Ramp to a rate; an infinite acceleration keeps the table's present one. Commanding rate 0 may be repeated."""
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
         """Return True if the servo holds the axis."""
 
     def stands(self, line: TableLine, deadline: Deadline) -> bool:
-        """Return True if an independent flag of the table says that it stands, or if it has none."""
+        """Return True if an independent flag of the table reports rest, or if the table has no such flag."""
         del line, deadline
         return True
 

@@ -52,7 +52,7 @@ class _Ramp(Struct, frozen=True):
     since_s: float
 
     def fastest_deg_s(self, now_s: float) -> float:
-        """Return the highest rate at which it may turn now, whatever is read."""
+        """Return the highest possible rate now, independent of read-backs."""
         passed_s = now_s - self.since_s
         return max(self.to_deg_s, self.from_deg_s - (self.acceleration_deg_s2 * passed_s if passed_s > 0.0 else 0.0))
 
@@ -137,7 +137,7 @@ class RateTableDriver(OverWire):
             raise self._interlock("wound back, it did not come to rest", _WIND_BACK)
 
     def disable(self) -> None:
-        """Open the servo; refuses (InterlockError) a table that turns, or was told to."""
+        """Open the servo; InterlockError while the table turns, or was commanded to."""
         if self._ramp.to_deg_s:
             raise self._interlock(f"it was told {self._demanded_deg_s:g} deg/s, stop it before it is disabled")
         while self._ramp.fastest_deg_s(self.clock.now()) > 0.0:
@@ -154,7 +154,7 @@ class RateTableDriver(OverWire):
             raise self._interlock("the servo did not open")
 
     def set_rate(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
-        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; the table is told `realised_deg_s`.
+        """Ramp to `rate_deg_s` with at most `acceleration_deg_s2`; `realised_deg_s` of it is sent.
 
         Returns at once, but for a table that must come to rest first (`esp` reversing, `ruya`): then when it has.
         """
@@ -186,7 +186,7 @@ class RateTableDriver(OverWire):
         self._ramp = _Ramp(from_deg_s, abs(rate_deg_s), braking_deg_s2, self.clock.now())
 
     def realised_deg_s(self, rate_deg_s: float) -> float:
-        """Return the rate that the table is told when it is asked for `rate_deg_s`, for it takes steps only."""
+        """Return the rate that is sent for `rate_deg_s`, because the table takes rates in steps."""
         return self._sign * self.dialect.realised_deg_s(self._sign * rate_deg_s)
 
     def at_rate(self) -> bool:
@@ -194,7 +194,7 @@ class RateTableDriver(OverWire):
         return self._ask(self.dialect.at_rate)
 
     def rate_deg_s(self) -> float:
-        """Read back the rate; raises InterlockError when the table stands at an end of its travel."""
+        """Read back the rate; InterlockError at an end of the table's travel."""
         rate_deg_s = self._rate_deg_s(None)
         if self._demanded_deg_s and abs(rate_deg_s) < self._rest_tolerance_deg_s and self.dialect.travel_deg:
             end_deg = self.dialect.travel_deg[1 if self._sign * self._demanded_deg_s > 0.0 else 0]
@@ -216,7 +216,7 @@ class RateTableDriver(OverWire):
         return self._sign * self._ask(self.dialect.angle_deg) + 0.0
 
     def fault(self) -> str | None:
-        """Return the latched fault or interlock in words, None when there is none."""
+        """Return the latched fault or interlock in words, or None."""
         return self._ask(self.dialect.fault)
 
     def clear_fault(self) -> None:
@@ -251,7 +251,7 @@ class RateTableDriver(OverWire):
     # Safe state
 
     def command_safe(self) -> UnprovedCommand:
-        """Tell the table to stop, at once and without waiting for an answer; return the last read-back."""
+        """Send the stop command, without waiting for an answer; return the last read-back."""
         sent = self.line.say_blind(self._stop_words(), self.dialect.gap_s)
         return self.line.unproved("to stop", sent=sent)
 
@@ -288,7 +288,7 @@ class RateTableDriver(OverWire):
             # End with the table's own orderly shutdown, when it does not obey: still not to be called safe
             self.line.say_blind(self.dialect.shutdown_words(), self.dialect.gap_s)
             raise errors.MeasurementError(
-                f"rate and angle do not both say that the table stands, last read at {self.rate_deg_s():g} deg/s",
+                f"rate and angle do not both show a table at rest, last rate {self.rate_deg_s():g} deg/s",
                 hint="use the hard-wired emergency stop",
                 **self.line.where,
             )

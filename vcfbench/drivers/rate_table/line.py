@@ -51,11 +51,11 @@ class TableLine(Conversation):
     # Exchanges
 
     def ask(self, language: Language, question: bytes, deadline: Deadline) -> str:
-        """Put one question, sent as it is; return the line that answers it. Empty lines are no answers."""
+        """Send one query unchanged; return the line that answers it, skipping empty lines."""
         return self.exchanged(language, question, deadline, self.take_text)
 
     def command(self, language: Language, message: bytes, deadline: Deadline) -> None:
-        """Give one command that no line answers, sent as it is; one that is answered is asked."""
+        """Send one command unchanged that the table does not answer."""
         self.exchanged(language, message, deadline, lambda _: None)
 
     def exchanged(
@@ -107,7 +107,7 @@ class TableLine(Conversation):
         return False
 
     def drain(self, deadline: Deadline) -> None:
-        """Drop all until nothing comes for 0.2 s."""
+        """Discard all bytes until 0.2 s of silence."""
         self.take_unasked()
         while not deadline.expired():
             sleep(self.clock, min(_QUIET_S, deadline.remaining()))
@@ -152,7 +152,7 @@ class TableLine(Conversation):
         return data
 
     def put_back(self, data: bytes) -> None:
-        """Let `data` be the next that is taken."""
+        """Put `data` back, so that it is read next."""
         self._received = data + self._received
 
     def take_through(self, known: bytes, deadline: Deadline) -> bytes:
@@ -188,12 +188,12 @@ class TableLine(Conversation):
         self._received += data
 
     def locate(self, error: errors.TransportError, command: str | None, deadline: Deadline) -> errors.TransportError:
-        """Tell `error` where it happened; the line is out of step then."""
+        """Add instrument and place to `error`; the line is out of step then."""
         self.dirty = True
         return super().locate(error, command, deadline)
 
     def revive(self, deadline: Deadline, words: Sequence[bytes] = (), gap_s: float = 0.0) -> None:
-        """Connect anew if the connection is closed; `words` are the first that is said there."""
+        """Reconnect if the connection is closed, and send `words` first."""
         with self._lock:
             if self.closed and self._reconnect is not None:
                 self._renew(deadline, words, gap_s)

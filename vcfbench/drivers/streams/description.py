@@ -1,4 +1,4 @@
-"""A stream of numbers as a bench file tells it: its wire, its frames, and the kind of their numbers."""
+"""Description of a stream of numbers in a bench file: its wire, its frames, and the kind of their numbers."""
 
 import math
 import re
@@ -75,7 +75,7 @@ class FrameCounter(FrameNumber, frozen=True, kw_only=True):
 
     @property
     def numbers(self) -> int:
-        """Count of numbers before it begins anew."""
+        """Count of numbers before the counter wraps."""
         return self.modulus or int(self.ends[1]) + 1
 
 
@@ -148,7 +148,7 @@ class Stream(_Table, frozen=True, kw_only=True):
 
     @property
     def frame(self) -> "Stream":
-        """The same without its value: streams with equal ones are fields of one."""
+        """The description without its value; streams with equal frames are fields of one."""
         return replace(self, value=FrameQuantity())
 
     @property
@@ -178,17 +178,17 @@ class Stream(_Table, frozen=True, kw_only=True):
 
     @property
     def turn(self) -> float:
-        """Angle at which it begins anew; 0: it never does."""
+        """Angle at which the number wraps; 0 without a wrap."""
         low, high = self.value.ends
         return self.full_turn or (0.0 if math.isinf(high) else abs(self.value.scale) * (high - low + 1.0))
 
     @property
     def clock_share(self) -> float:
-        """The most by which the output is off by the device's clock, relative: a rate knows no clock."""
+        """Largest relative error of the output by the device's clock; a rate does not depend on a clock."""
         return 0.0 if self.kind == "rate" else 1e-6 * self.clock_ppm
 
     def contradictions(self) -> Iterator[tuple[str, str, object]]:
-        """Yield the mistakes: key, expected value, and the one that came."""
+        """Yield the mistakes: key, expected value, and given value."""
         if self.unit not in _UNITS[self.kind]:
             yield "unit", f"of {self.kind}: one of {', '.join(_UNITS[self.kind])}", self.unit
         if not self.value.scale:

@@ -46,7 +46,7 @@ class _FileWire:
         self.clock = clock
 
     def send(self, data: bytes, deadline: Deadline) -> None:
-        """Refuse: nobody reads it."""
+        """Raise LinkLost: a file takes no commands."""
         raise errors.LinkLost("a file takes no commands")
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
@@ -82,7 +82,7 @@ def stream_port(stream: Stream, port: str | None, clock: Clock) -> Connect:
 
 
 class StreamReader:
-    """The output of a gyroscope that speaks numbers, where others have a multimeter.
+    """The output of a gyroscope with digital output, in the place of a multimeter.
 
     Readings are in `output_unit` of the stream, whatever their names say.
     """
@@ -105,7 +105,7 @@ class StreamReader:
         self._last: tuple[float, int] | None = None
 
     def identify(self) -> Identity:
-        """Wait for a frame; a stream says nothing of itself, so the profile is its model.
+        """Wait for a frame; a stream has no identity, so the profile is its model.
 
         Raises:
             MeasurementError: bytes come, and no frame.
@@ -119,7 +119,7 @@ class StreamReader:
         """Do nothing: a stream has no error queue."""
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
-        """Do nothing: range and integration time of a stream are its device's, and in the bench file."""
+        """Do nothing: the bench file has range and integration time of a stream."""
 
     def read_voltage_v(self) -> float:
         """Return the mean output of the frames that begin now, over `aperture_s`, in the unit of the output.
@@ -137,7 +137,7 @@ class StreamReader:
             return value
 
     def reading(self, turn_s: float) -> Generator[None, None, float]:
-        """Take a reading as `read_voltage_v` does; yield when it is asked for, and after each wait of `turn_s` at most.
+        """Take a reading as `read_voltage_v` does; yield at its request, and after each wait of at most `turn_s`.
 
         So several are taken at the same time, each in its turn.
         """
@@ -216,11 +216,11 @@ class StreamReader:
         }
 
     def command_safe(self) -> UnprovedCommand:
-        """Return that it was never asked for anything: it drives nothing."""
+        """Return an empty command: a stream drives nothing."""
         return UnprovedCommand("", sent=True)
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
-        """Return that it drives nothing."""
+        """Report the stream as safe: it has no output."""
         return SafeReport(self.name, self.resource, safe=True, detail="a stream, it has no output")
 
     def close(self) -> None:

@@ -22,26 +22,26 @@ class _Shared:
         self._wire.send(data, deadline)
 
     def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
-        """Return the bytes that have come, waiting for the first byte."""
+        """Return the received bytes, waiting for the first one."""
         if not self._kept:
             data, _ = self._wire.receive(deadline)
             self._of.hand_out(data)
         return self.pending(), False
 
     def pending(self) -> bytes:
-        """Return the bytes that have come, without waiting."""
+        """Return the received bytes, without waiting."""
         data = bytes(self._kept)
         self._kept.clear()
         return data
 
     def clear(self, deadline: Deadline) -> None:
-        """Drop the bytes that have come by now, for this reader."""
+        """Discard the received bytes for this reader."""
         while not deadline.expired() and (data := self._wire.pending()):
             self._of.hand_out(data)
         self._kept.clear()
 
     def keep(self, data: bytes) -> None:
-        """Keep bytes that have come."""
+        """Keep received bytes."""
         self._kept += data
 
     def close(self) -> None:
@@ -65,12 +65,12 @@ class SharedConnection:
         return self._ends[-1]
 
     def hand_out(self, data: bytes) -> None:
-        """Give all readers the bytes that have come."""
+        """Give all readers the received bytes."""
         for each in self._ends:
             each.keep(data)
 
     def leave(self, end: _Shared) -> None:
-        """Let go of one reader's end."""
+        """Close one reader's end."""
         if end in self._ends:
             self._ends.remove(end)
             if not self._ends and self._wire is not None:
