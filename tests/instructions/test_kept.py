@@ -60,7 +60,7 @@ def known(store: DeviceStore, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
     return of
 
 
-def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(known: Callable[..., Sources]) -> None:
+def test_last_static_record_gives_flicker_with_age_and_u(known: Callable[..., Sources]) -> None:
     told = known("G-1", DAY + timedelta(days=12))
     assert (told.bias_instability_deg_h, told.bias_instability_dof) == (4.0, 50.0)
     assert told.bias_instability_from == "static record 0002 of G-1, 2026-05-04, 12 days old, u 0.4 deg/h"
@@ -70,7 +70,7 @@ def test_the_last_static_record_tells_the_flicker_with_its_age_and_u(known: Call
 
 
 @pytest.mark.parametrize("name", ["turntable", "virtual-coriolis", "kvc", "zero", "rate-limits", "threshold", "phase"])
-def test_what_is_known_of_the_drive_is_recalled_by_every_run_of_the_device(name: str, store: DeviceStore) -> None:
+def test_drive_is_recalled_by_every_run_of_device(name: str, store: DeviceStore) -> None:
     seen = Characteristics(drive_ppm_k=Measured(value=-29.5, u=0.2))
     kept_of = {"done": DAY, "procedure": "temperature", "conditions": FOUND.conditions}
     store.add(Characterisation(serial="G-1", characteristics=seen, **kept_of))
@@ -90,7 +90,7 @@ def test_that_of_another_device_is_refused(store: DeviceStore, known: Callable[.
     other = store.root / "G-2"
     other.mkdir()
     (store.root / "G-1" / "0002.json").rename(other / "0001.json")
-    with pytest.raises(ConfigError, match="it is of device 'G-1', and lies with 'G-2'"):
+    with pytest.raises(ConfigError, match="expected device 'G-2', got 'G-1'"):
         known("G-2", DAY)
 
 
@@ -126,7 +126,7 @@ def test_static_record_is_kept_for_budget_of_next_run(tmp_path: Path) -> None:
     assert (of_k_vc.bias_instability_deg_h, of_k_vc.bias_instability_dof) == (kept.value, kept.dof)
 
 
-def test_what_is_told_counts_unless_the_run_shows_more_than_chance_would() -> None:
+def test_stated_flicker_counts_unless_run_shows_more() -> None:
     told = Flicker(5.0, math.inf, "told")
     assert flicker_counted(told, 0.0, 40.0, "run") == told
     assert flicker_counted(told, 60.0, 25.0, "run") == told

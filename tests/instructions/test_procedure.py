@@ -26,9 +26,7 @@ def test_the_catalogue_finds_procedures_by_their_names() -> None:
         ("virtual-coriolis", ["rate_source", "multimeter", "rate_table"], ["power", "oscilloscope", "v_vc_meter"]),
     ],
 )
-def test_the_papers_procedures_use_the_papers_instruments_and_can_do_without_some(
-    name: str, needs: list[str], uses: list[str]
-) -> None:
+def test_papers_procedures_use_papers_instruments(name: str, needs: list[str], uses: list[str]) -> None:
     assert [*PROCEDURES[name].needs] == needs
     assert [*PROCEDURES[name].uses] == uses
 

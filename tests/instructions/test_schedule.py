@@ -57,7 +57,7 @@ def line(settings: SweepSettings, points: list[Point]) -> tuple[float, float]:
 
 
 @given(RATES)
-def test_the_paper_s_order_is_that_in_which_the_rates_are_given(rates: list[float]) -> None:
+def test_order_paper_keeps_given_order(rates: list[float]) -> None:
     assert ordered(rates, Order.PAPER) == tuple(rates)
 
 
@@ -98,7 +98,7 @@ def test_loop_visits_every_rate_up_and_down(rates: list[float]) -> None:
     assert all((b - a) * way >= 0.0 for a, b, way in zip(found, found[1:], ways[1:], strict=False))
 
 
-def test_a_loop_begins_and_ends_at_rest_and_turns_at_both_ends() -> None:
+def test_loop_begins_and_ends_at_rest() -> None:
     assert ordered((10.0, 0.0, -10.0, 5.0, -5.0), Order.LOOP) == (
         *(0.0, 5.0, 10.0),
         *(10.0, 5.0, 0.0, -5.0, -10.0),

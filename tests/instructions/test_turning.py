@@ -42,7 +42,7 @@ def turned(step: CaptureRotations, apart: float, off_hz: float) -> tuple[list[Ro
             return cast("tuple[list[RotationRecord], float]", ended.value)
 
 
-def test_the_reference_is_that_of_records_that_turned_alike_either_way() -> None:
+def test_reference_is_from_records_that_turned_equally() -> None:
     random = Random(1)  # noqa: S311  # frequencies, no secrets
     for _ in range(200):
         drive_hz, near_hz = 10.0 ** random.uniform(3.0, 4.7), 10.0 ** random.uniform(0.0, 0.9)

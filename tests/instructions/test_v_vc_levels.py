@@ -79,7 +79,7 @@ def test_windows_at_one_setting_have_one_level() -> None:
         ("self-calibration", {"k_vc": "150"}),
     ],
 )
-def test_the_meter_on_v_vc_is_set_up_before_it_reads(procedure: str, settings: dict[str, Any]) -> None:
+def test_v_vc_meter_is_set_up_before_reading(procedure: str, settings: dict[str, Any]) -> None:
     """Else it stands on ranges of its own choice, whose errors are not those of the budget."""
     steps = [each.step for each in vcfbench.dry_run(procedure, "lab", settings=settings).steps]
     first = next(place for place, step in enumerate(steps) if isinstance(step, AcquireWithVvc))

@@ -1,1 +1,1 @@
-"""The work instruction: what a procedure is, its routines, the order of its rates, and what it knows beforehand."""
+"""Common work of procedures: the class Procedure, routines, order of rates, and results of earlier runs."""

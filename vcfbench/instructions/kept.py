@@ -127,5 +127,5 @@ def require_valid(
     until = "" if record.valid_until is None else f" to {record.valid_until:%Y-%m-%d %H:%M}"
     raise ConfigError(
         f"{where}: the {kind} is valid from {since:%Y-%m-%d %H:%M}{until}, not now",
-        hint=f"{anew}; --set outdated=true takes it all the same",
+        hint=f"{anew}; --set outdated=true uses it nevertheless",
     )

@@ -26,7 +26,7 @@ _ANSWERS = 10.0
 
 
 def framed(*frames: Callable[[Any, Plan], Plan]) -> Callable[[Callable[[S], Plan]], Callable[[S], Plan]]:
-    """Have a plan done inside of `frames`, the first of which is the outermost: ``@framed(powered, watched)``."""
+    """Put a plan inside of `frames`, the outermost first: ``@framed(powered, watched)``."""
 
     def of(plan: Callable[[S], Plan]) -> Callable[[S], Plan]:
         @wraps(plan)
@@ -82,7 +82,7 @@ def rails_of(settings: ProcedureSettings) -> tuple[steps.ConfigureRail, ...]:
 
 
 def look_at_drive(settings: ProcedureSettings) -> Routine[steps.DriveReading | None]:
-    """Check the drive signal where the bench has an oscilloscope; where it has none, wait, and have the run say so."""
+    """Check the drive signal if the bench has an oscilloscope; otherwise wait, and record "not checked"."""
     if settings.station.oscilloscope is None:
         yield steps.NotChecked("the drive signal", "the bench has no oscilloscope")
         yield steps.Settle(settings.drive.start_up_s, "drive loop starts, unseen")
@@ -121,7 +121,7 @@ def go_to_rate(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s
 
 
 def v_vc_on(settle_s: float | None = None) -> Routine[None]:
-    """Set 0 V and only then close the generator's relay; wait `settle_s`, where that is told.
+    """Set 0 V, then close the generator's relay; wait `settle_s` if given.
 
     >>> [step.describe() for step in vcfbench.v_vc_on()]
     ['V_Vc = +0 V', 'generator output on']
@@ -133,14 +133,14 @@ def v_vc_on(settle_s: float | None = None) -> Routine[None]:
 
 
 def v_vc_level_again() -> Routine[None]:
-    """Have V_Vc be a level of 0 V again after it was a sine."""
+    """Set V_Vc back from a sine to a level of 0 V."""
     yield steps.DisableVvc()
     yield steps.ConfigureGenerator(0.0)
     yield from v_vc_on()
 
 
 def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: float) -> Routine[None]:
-    """Have V_Vc be a sine, and let the gyro settle."""
+    """Set V_Vc to a sine, and let the gyro settle."""
     yield steps.SetSine(frequency_hz, amplitude_v)
     yield steps.Settle(settings.settle_s, "gyro settles after the change of frequency")
 
@@ -148,7 +148,7 @@ def set_sine(settings: ProcedureSettings, frequency_hz: float, amplitude_v: floa
 def turning(
     settings: ProcedureSettings, step: steps.CaptureRotations, amplitude_v: float, off_hz: float
 ) -> Routine[tuple[list[steps.RotationRecord], float]]:
-    """Take records of the sense signal as V_Vc, a sine beside twice the drive's frequency, turns it against the drive.
+    """Record the sense signal while V_Vc is a sine beside twice the drive's frequency.
 
     Once more, with another sine, where it turns otherwise than it was to: of a drive at 30 kHz the time bases of
     generator and oscilloscope differ by 3 Hz. `off_hz` is what the sine was set lower by for that; what the next one
@@ -210,7 +210,7 @@ def at_rates(
 
 
 def take_reference(settings: ProcedureSettings, step: int, v_vc_v: float = 0.0) -> Routine[Point]:
-    """Average one window at rest, V_Vc as it is, and return its mean, which is for comparison and no point."""
+    """Average one window at rest with the present V_Vc; return its mean, which is no point of the run."""
     verify = steps.VerifyZero(step, 0.0, v_vc_v, 0.0, **window_of(settings))
     return answer((yield verify), steps.Window).point
 
@@ -224,11 +224,11 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
     # None at all: nobody measured, or a bench without noise
     if 0.0 < point.std_v < 0.1 * settings.meter_resolution_v and settings.expected.reading_noise_v is None:
         raise MeasurementError(
-            f"the output does not answer: it stands at {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
+            f"the output does not respond: it is {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
             f"less than a tenth of the meter's last digit of {settings.meter_resolution_v:g} V",
             instrument="multimeter",
             step=str(point.step),
-            hint=f"{LOOK_AT_SIGNALS}; of a gyroscope that is so quiet expected.reading_noise_v says so",
+            hint=f"{LOOK_AT_SIGNALS}; for a gyroscope with so little noise set expected.reading_noise_v",
         )
 
 
@@ -359,7 +359,7 @@ def drive_seen(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
 
 
 def off_afterwards(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:
-    """Do `work`; whatever happens, generator (where there is one) and supply are off afterwards."""
+    """Do `work`; whatever happens, generator (if there is one) and supply are off afterwards."""
     try:
         yield from work
     finally:

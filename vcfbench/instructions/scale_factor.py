@@ -1,4 +1,4 @@
-"""The scale factor that turns the output at rest into a rate: told, or expected."""
+"""The scale factor that turns the output at rest into a rate: given, or expected."""
 
 from collections.abc import Iterator
 from enum import Enum
@@ -76,7 +76,7 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
 
 
 class ScaleFactor(Struct, frozen=True):
-    """Scale factor of volts to rates, V/(deg/s); `u` None where nobody tells it; `source` names its source."""
+    """Scale factor of volts to rates, V/(deg/s); `u` is None if not given; `source` names its source."""
 
     value: float
     u: float | None

@@ -1,4 +1,4 @@
-"""Procedures that come along, by name with their titles: each stands in the module, or the folder, of its name."""
+"""Built-in procedures by name, with their titles; each is the module or the folder of its name."""
 
 BUILT_IN = {
     "turntable": "Calibrate on the rate table, generator off.",

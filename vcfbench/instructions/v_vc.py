@@ -1,4 +1,4 @@
-"""Measurement of V_Vc: by a meter of its own, by the one meter with its leads moved, or believed as it is set.
+"""Measurement of V_Vc: by a second meter, by the one meter with its leads moved, or by the setting.
 
 What a generator was set to it reads back to the last digit, however far it is off; so V_Vc is measured unless somebody
 says that the setting is believed, and then the generator's accuracy is the uncertainty.
@@ -48,7 +48,7 @@ A sine of the mains of 50 mV makes a modulator of 1.5 % a volt off by 20 uV."""
 
 
 def has_v_vc_meter(settings: ProcedureSettings) -> bool:
-    """Return True if V_Vc is measured beside the output, by a meter of its own."""
+    """Return True if a second meter measures V_Vc together with the output."""
     believed = isinstance(settings, KnownVvcSettings) and settings.v_vc is VvcKnown.SET
     return "v_vc_meter" in settings.station.instruments and not believed
 
@@ -71,8 +71,8 @@ def ready_v_vc_meter(settings: ProcedureSettings, range_v: float) -> Routine[Non
             raise MeasurementError(
                 f"V_Vc was set to {set_v:+.4g} V and shows up to {seen_v:.3g} V on channel {channel}",
                 instrument="oscilloscope",
-                hint="look at the lead of V_Vc: a terminator or an input of 50 ohm on it halves it, and it may catch "
-                "the mains, which meters average away and the modulator does not",
+                hint="check the lead of V_Vc: a terminator or an input of 50 ohm halves it; the modulator sees mains "
+                "pick-up, which meters average away",
             )
     yield steps.DisableVvc()
 
@@ -86,7 +86,7 @@ def take_driven(
     table_deg_s: float | None = 0.0,
     tolerance_v: float | None = None,
 ) -> Routine[Point]:
-    """Average one window with V_Vc on; V_Vc is measured beside it where the bench has a meter for that.
+    """Average one window with V_Vc on; a second meter, if present, measures V_Vc too.
 
     It must be within `tolerance_v` of its setting; by default that of :func:`v_vc_tolerance_v`.
     """
@@ -133,7 +133,7 @@ def at_measured_levels(points: Sequence[Point]) -> Sequence[Point]:
 
 
 def mean_levels_v(settings: Sequence[Hashable], points: Sequence[Point]) -> list[float]:
-    """Return V_Vc of each point, V: the mean of the measured values with its setting, else as it was set."""
+    """Return V_Vc of each point, V: the mean of the measured values at its setting, else the setting."""
     seen: dict[Hashable, list[float]] = {}
     for setting, point in zip(settings, points, strict=True):
         if point.v_vc_measured_v is not None:
@@ -143,7 +143,7 @@ def mean_levels_v(settings: Sequence[Hashable], points: Sequence[Point]) -> list
 
 
 def standing_for(points: Sequence[Point], step: int, rate_of: Callable[[float], float]) -> Sequence[Point]:
-    """Return the points, those of `step` at the rates that their measured V_Vc stands for."""
+    """Return the points, with the rates of their measured V_Vc for those of `step`."""
     return [
         replace(point, rate_deg_s=rate_of(point.v_vc_v))
         if point.step == step and point.v_vc_measured_v is not None
@@ -186,7 +186,7 @@ class KnownVvcSettings(KnownFlickerSettings, frozen=True, kw_only=True):
 
     @property
     def v_vc_role(self) -> Literal["v_vc_meter", "multimeter"] | None:
-        """The role of the meter that measures V_Vc, None where the setting is believed."""
+        """The role of the meter that measures V_Vc, or None if the setting is used."""
         if self.v_vc is VvcKnown.SET:
             return None
         return "v_vc_meter" if has_v_vc_meter(self) else "multimeter"
@@ -254,7 +254,7 @@ def temperature_errors(settings: KnownVvcSettings, windows: int) -> dict[str, fl
 
 
 def of_warmth(settings: ProcedureSettings, lasted_s: float) -> dict[str, float]:
-    """Return the same of a scale factor that is the mean over so many seconds."""
+    """Return by source the relative standard uncertainties of a scale factor, from temperature and warm-up."""
     per_k = 1e-6 * (settings.station.sources.scale_factor_ppm_k or 0.0)
     return {name: per_k * u_k for name, u_k in away_from_warm_k(settings, lasted_s).items()}
 
@@ -282,7 +282,7 @@ def v_vc_error(settings: KnownVvcSettings) -> InstrumentAccuracy:
 
 
 def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Routine[None]:
-    """Have V_Vc measured at each level by the one meter, whose leads a person moves there and back.
+    """Measure V_Vc at each level by the one meter, whose leads a person moves there and back.
 
     The levels are those at which the output was measured; the generator sets them once more. Where V_Vc was measured
     beside the output, or its setting is believed, nothing is done.
@@ -300,7 +300,7 @@ def measured_levels(settings: KnownVvcSettings, levels_v: Iterable[float]) -> Ro
 
 
 def measured_level(points: Sequence[Point], by_hand: Mapping[float, float]) -> float:
-    """Return V_Vc of windows at one setting, V: measured beside them, by hand, or else as it was set."""
+    """Return V_Vc of windows at one setting, V: measured by a second meter, by hand, or else the setting."""
     seen = [point.v_vc_measured_v for point in points if point.v_vc_measured_v is not None]
     return math.fsum(seen) / len(seen) if seen else by_hand.get(points[0].v_vc_v, points[0].v_vc_v)
 
@@ -315,5 +315,5 @@ def levels_by_hand(settings: KnownVvcSettings, points: Sequence[Point]) -> Mappi
     found = points.found(VvcMeasured) if isinstance(points, Measured) else ()
     known = {step.v_vc_v: result.mean_v for step, result in found if isinstance(step, MeasureVvc)}
     if not known:
-        raise ConfigError("V_Vc was not measured, and its setting was not said to be believed")
+        raise ConfigError("V_Vc was not measured; --v-vc set uses the generator's setting instead")
     return known
