@@ -290,7 +290,7 @@ def test_a_browser_that_takes_nothing_is_let_go(
     assert "never retrieved" not in caplog.text
 
 
-def test_nothing_is_told_any_more_to_a_browser_that_has_gone(shown: PageContent) -> None:
+def test_closed_browser_gets_no_more_events(shown: PageContent) -> None:
     Going(shown)
 
     async def receive() -> Any:
@@ -327,7 +327,7 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
         assert httpx.get(page.address.split("run/")[0], timeout=5.0).status_code == 200
 
 
-def test_a_stop_is_heard_at_once_in_a_flood_of_connections(tmp_path: Path) -> None:
+def test_stop_acts_at_once_in_flood_of_connections(tmp_path: Path) -> None:
     """They held it away until each had had its time to ask something."""
     with LivePage(tmp_path, tmp_path, 0) as page, ExitStack() as stack:
         page.follow(control := RunControl())

@@ -67,7 +67,7 @@ class Looked:
         return bool(self.page.evaluate("document.documentElement.scrollWidth > innerWidth"))
 
 
-def test_a_run_is_seen_by_several_to_its_end_and_after(browser: Any, tmp_path: Path) -> None:
+def test_several_browsers_follow_run_to_its_end(browser: Any, tmp_path: Path) -> None:
     words = ("run", "virtual-coriolis", "--speed", "15", "--page", "--quiet")  # 45 s: late screens must come in time
     with started(tmp_path, *words) as (process, address):
         first = Looked(browser, address)
@@ -267,9 +267,7 @@ class Relay:
 
 
 @pytest.mark.parametrize("lost", ["cut once", "cut twice", "away for 10 s", "asleep"])
-def test_stop_is_there_and_stops_behind_a_relay_that_loses_its_connections(
-    browser: Any, tmp_path: Path, lost: str
-) -> None:
+def test_stop_works_behind_relay_that_loses_connections(browser: Any, tmp_path: Path, lost: str) -> None:
     words = ("run", "turntable", "--speed", "2", "--page", "--quiet")
     with ExitStack() as kept, started(tmp_path, *words) as (process, address):
         port, clock = int(address.split(":")[2].split("/")[0]), WallClock()

@@ -47,9 +47,9 @@ def panel(tmp_path: Path) -> Panel:
     return Panel(read_batch(tmp_path / "plan.toml"), tmp_path / "runs")
 
 
-def test_a_device_is_named_mounted_measured_and_judged_in_that_order(panel: Panel) -> None:
+def test_device_is_named_mounted_measured_and_judged(panel: Panel) -> None:
     assert panel.shown()["state"] == "serial"
-    with pytest.raises(ConfigError, match="the panel is at serial"):
+    with pytest.raises(ConfigError, match="the panel is in the state serial"):
         panel.start()
     panel.name("G2")
     panel.name(" G1\n")  # another one after all, with what a scanner sends behind it
@@ -57,7 +57,7 @@ def test_a_device_is_named_mounted_measured_and_judged_in_that_order(panel: Pane
     panel.start()
     assert panel.next_device() == "G1"
     for too_early in (panel.start, lambda: panel.name("G2"), lambda: panel.answer("done")):
-        with pytest.raises(ConfigError, match="the panel is at measuring"):
+        with pytest.raises(ConfigError, match="the panel is in the state measuring"):
             too_early()
     view = View(planned_s=60.0, t_s=12.0, began_s=2.0, doing={"what": "ramp"}, control="running", about={"run": "R"})
     panel.begin("turntable", 1, 2, view)
@@ -71,8 +71,8 @@ def test_a_device_is_named_mounted_measured_and_judged_in_that_order(panel: Pane
     assert panel.shown()["verdict"] is None
 
 
-def test_a_device_that_cannot_be_measured_is_refused_before_it_is_mounted(panel: Panel, tmp_path: Path) -> None:
-    for wrong, words in ((" ", "a device has a serial number"), ("G3", "G3 is not in the plan: G1, G2")):
+def test_unmeasurable_device_is_refused_before_mounting(panel: Panel, tmp_path: Path) -> None:
+    for wrong, words in ((" ", "expected a serial number, got an empty one"), ("G3", "G3 is not in the plan: G1, G2")):
         with pytest.raises(ConfigError, match=words):
             panel.name(wrong)
     settings = {"samples": 2, "rates_deg_s": [-10, 0, 10]}
@@ -90,7 +90,7 @@ def test_a_device_that_cannot_be_measured_is_refused_before_it_is_mounted(panel:
         Panel(read_batch(tmp_path / "hasty.toml"), tmp_path / "runs").name("G9")
 
 
-def test_what_only_hands_can_do_is_asked_for_on_the_page(panel: Panel) -> None:
+def test_page_asks_for_work_by_hand(panel: Panel) -> None:
     panel.name("G1")
     panel.start()
     ask, said = panel.person(StopSignals()), list[str]()
@@ -151,7 +151,7 @@ def test_after_a_bench_that_is_not_safe_nothing_is_started(
         command.panel(tmp_path / "plan.toml", runs=tmp_path / "runs", port=0)
     assert "its outputs are on" in capsys.readouterr().err
     assert (boards[0].shown()["state"], boards[0].shown()["verdict"]["word"]) == ("not safe", "NOT SAFE")
-    with pytest.raises(ConfigError, match="the panel is at not safe"):
+    with pytest.raises(ConfigError, match="the panel is in the state not safe"):
         boards[0].name("G2")
     assert panel.shown()["state"] == "serial"
 
@@ -166,6 +166,6 @@ def test_only_who_knows_the_address_starts_anything(panel: Panel, tmp_path: Path
     assert client.post("/panel/name", content="G1", headers={**token, "Origin": HERE}).json()["state"] == "mounting"
     assert client.post("/panel/leave", headers=token).status_code == 404
     answer = client.post("/panel/answer", headers=token)
-    assert (answer.status_code, answer.text) == (409, "the panel is at mounting: look at it again")
+    assert (answer.status_code, answer.text) == (409, "the panel is in the state mounting: reload it")
     assert client.post("/panel/start", headers=token).json()["state"] == "measuring"
     assert Client(PageContent(station, token=ADDRESS_END)).get("/panel").status_code == 404

@@ -1,4 +1,4 @@
-"""The page as an ASGI application: runs and devices to look at, and a run to stop, pause and let go on."""
+"""The page as an ASGI application: shows runs and devices, and stops, pauses and resumes a run."""
 
 import asyncio
 import hmac
@@ -93,10 +93,10 @@ class PageContent:
         self.follower = lru_cache(_MOST_VIEWS)(lambda name: JournalFollower(self.station.directory(name).journal))
 
     def view(self, name: str) -> View:
-        """Return the run called `name` as far as it is known now."""
+        """Return the present state of the run called `name`."""
         if name == LIVE:
             if self.live is None:
-                raise ConfigError("no run goes on here: look at the station, /")
+                raise ConfigError("no run is under way here: see the station, /")
             return self.live
         follower = self.follower(name)
         try:
@@ -262,7 +262,7 @@ class _Routes:
             return _document(page_of(full_report(run), title_of(run), path.name).encode(), _SHEETS["html"])
 
     async def run_act(self, request: Request) -> Response:
-        """Stop the run of this process, have it pause or go on: at once, however many threads are busy."""
+        """Stop, pause or continue the run of this process at once, even while many threads are busy."""
         self._require_token(request)
         control, live = self._shown.control, self._shown.live
         if control is None or live is None or live.end is not None:

@@ -15,7 +15,7 @@ _ASKING_S: Final = 5.0  # Within which a new connection must have put its first 
 
 
 class BoundedConnection(H11Protocol):
-    """A connection that is refused where too many are busy, and closed where it asks nothing."""
+    """A connection that is refused if too many are busy, and closed if it sends no request."""
 
     _unasked: asyncio.TimerHandle | None = None
     _made = count()

@@ -28,7 +28,7 @@ _NO_LINE_OF_OURS = (ArithmeticError, AttributeError, LookupError, RecursionError
 
 
 def introduce(view: View, prepared: Prepared) -> None:
-    """Tell a view which run it is of, before its events come."""
+    """Give a view the name and header of its run before the events."""
     planned, description = prepared.planned(), prepared.description
     view.planned_s = planned.bench_seconds
     view.headings = [each.step.describe() for each in planned.steps if isinstance(each.step, Note)]
@@ -60,7 +60,7 @@ _LINE = msgspec.json.Decoder(dict[str, Any])
 
 
 class JournalFollower:
-    """Tells a view the lines of a journal, and those added to it."""
+    """Gives a view the lines of a journal, and each added line."""
 
     def __init__(self, path: Path) -> None:
         self.view = View()

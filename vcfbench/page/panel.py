@@ -60,7 +60,7 @@ class Panel:
         self._draw_sheet()
 
     def name(self, serial: str) -> None:
-        """Name the next device; it is checked against the limits of the bench before anybody mounts it.
+        """Name the next device; it is checked against the limits of the bench before it is mounted.
 
         Raises:
             ConfigError: another one is being measured, this one is already, or the plan does not name it.
@@ -68,7 +68,7 @@ class Panel:
         """
         self._require(PanelState.SERIAL, PanelState.MOUNTING, PanelState.VERDICT)
         if not (serial := serial.strip()):
-            raise ConfigError("a device has a serial number")
+            raise ConfigError("expected a serial number, got an empty one")
         if self._batch.devices and serial not in self._batch.devices:
             raise ConfigError(f"{serial} is not in the plan: {', '.join(self._batch.devices)}")
         if not self._batch.left(serial, self._runs):
@@ -94,10 +94,10 @@ class Panel:
 
     def _require(self, *states: PanelState) -> None:
         if self._state not in states:
-            raise ConfigError(f"the panel is at {self._state.value}: look at it again")
+            raise ConfigError(f"the panel is in the state {self._state.value}: reload it")
 
     def next_device(self) -> str:
-        """Wait until somebody has started a device, and return its serial number."""
+        """Wait until the operator starts a device, and return its serial number."""
         return _taken(self._started)
 
     def person(self, signals: StopSignals) -> Callable[[Request], str]:

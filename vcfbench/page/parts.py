@@ -1,4 +1,4 @@
-"""A report as plain values for a page, which draws it with its own means: no HTML is made of a record's words."""
+"""A report as plain values, without HTML, which the page draws by itself."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ def parts_of(report: Report) -> list[dict[str, Any]]:
 
 
 def end_of(run: Run) -> dict[str, Any]:
-    """Return the end of a run, as a page tells it."""
+    """Return the end of a run for the page."""
     return {
         "status": run.status.value,
         "error": None if run.error is None else str(run.error),

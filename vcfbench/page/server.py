@@ -1,4 +1,4 @@
-"""The page's server: uvicorn on this machine alone, in a thread beside the run or the command that waits for it."""
+"""The page's server: uvicorn, reachable from this machine alone, in its own thread."""
 
 from __future__ import annotations
 
@@ -40,13 +40,13 @@ def _bound(port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         raise ConfigError(
-            f"--port {port}: the page cannot be put there: {error.strerror}", hint="choose another, or 0 for any"
+            f"--port {port}: the page cannot use this port: {error.strerror}", hint="choose another, or 0 for any"
         ) from error
     return listening
 
 
 class LivePage:
-    """The page of a station and of the runs of this process, in a thread of its own that nothing of a run waits for.
+    """The page of a station and of the runs of this process, in a thread for which no run waits.
 
     Somebody who knows the token controls the run that goes: stops it, has it pause and go on. With a `panel` that
     person starts them, too.
@@ -90,7 +90,7 @@ class LivePage:
 
     @property
     def was_stopped(self) -> bool:
-        """Return True if somebody has stopped the run that is shown, and not the whole program."""
+        """Return True if the page has stopped the shown run, and not the whole program."""
         return self._shown.control is not None and bool(self._shown.control.stop_by)
 
     def __enter__(self) -> Self:
@@ -115,5 +115,5 @@ class LivePage:
         raise BenchError("the server of the page ended by itself")
 
     def ended(self, run: Run) -> None:
-        """Tell the end of the run."""
+        """Show the end of the run."""
         self.view.finished(end_of(run))

@@ -52,7 +52,7 @@ class StationDirectories:
         }
 
     def directory(self, name: str) -> RunDirectory:
-        """Return the run of that very name; ConfigError where there is none."""
+        """Return the run of exactly that name; ConfigError without one."""
         directory = RunDirectory(self._runs / name)
         if name not in self._names() or not directory.journal.is_file():
             raise ConfigError("there is no such run")
@@ -66,7 +66,7 @@ class StationDirectories:
             return []
 
     def sheet(self, batch: str, kind: str) -> bytes:
-        """Return the sheet of a batch as a file of that kind: html, pdf, md, xlsx; a BenchError where there is none."""
+        """Return the sheet of a batch as html, pdf, md or xlsx; BenchError for another suffix."""
         left_out = rehearsals(batch, self._runs)
         rows = sheet_rows(batch, self._runs, left_out, self._devices)
         if not rows:

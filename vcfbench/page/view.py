@@ -19,7 +19,7 @@ from vcfbench.values.printing import in_unit
 
 @dataclass(slots=True)
 class BrowserPosition:
-    """Position of one browser in a view: as much as it has been told."""
+    """Position of one browser in a view: the part that it has received."""
 
     version: int = -1
     introduced: bool = False
@@ -133,7 +133,7 @@ class View:
         return {**shown, "count": count, "all": few is None}
 
     def news(self, seen: BrowserPosition) -> dict[str, Any] | None:
-        """Return the news since `seen`, which is brought up to date; None when there are none."""
+        """Return the news since `seen`, which is brought up to date, or None."""
         version = self.version
         if version == seen.version:
             return None
