@@ -41,7 +41,7 @@ def test_three_axes_of_one_stream_have_their_planted_directions(three: vcfbench.
 
 
 @pytest.mark.exhaustive
-def test_the_sheet_of_three_axes_has_the_matrix_and_the_angles(three: vcfbench.Run) -> None:
+def test_sheet_of_three_axes_has_matrix_and_angles(three: vcfbench.Run) -> None:
     text = vcfbench.text_of(lot_report(three))
     assert "Output for the rate about each axis" in text
     rows = [line.split() for line in text.splitlines() if "above 90 deg" in line]
@@ -63,7 +63,7 @@ def test_a_mounting_that_is_askew_is_in_the_angles() -> None:
     assert u95[1] == pytest.approx(5.0 * u95[0], rel=0.05)
 
 
-def test_the_angle_of_two_axes_has_readings_and_the_worse_mounting() -> None:
+def test_angle_of_two_axes_includes_readings_and_worse_mounting() -> None:
     """X of the one and y of the other: each is turned by the other's small component alone, and by the mounting."""
     common: dict[str, Any] = {"scale_factor": measurand(1.0, "V/(deg/s)", []), "towards": {}, "outputs_v": {}}
     one = AxesResult(sensitivity=(1.0, 0.0, 0.0), u_sensitivity=(0.5, 0.003, 0.5), mounting_deg=0.1, **common)

@@ -101,7 +101,7 @@ def test_phases_come_back_where_the_oscilloscope_sees_v_vc(tmp_path: Path) -> No
     assert "Phase of the output against V_Vc" in vcfbench.text_of(run.report())
 
 
-def test_the_oscilloscope_takes_phases_only_where_it_sees_v_vc_and_output() -> None:
+def test_phases_need_v_vc_and_output_on_oscilloscope() -> None:
     def captures(bench: BenchDescription) -> list[tuple[int, ...]]:
         taken = [each.step for each in vcfbench.dry_run("bandwidth", bench).steps]
         return [each.channels for each in taken if isinstance(each, CaptureSines)]

@@ -169,7 +169,7 @@ def test_each_part_has_results_of_its_own_part(run: Any) -> None:
     assert factor.conditions == "line through 5 rates to 200 deg/s"
 
 
-def test_what_a_calibration_finds_turns_volts_into_rates_for_the_others(run: Any) -> None:
+def test_calibrated_scale_factor_is_used_by_other_parts(run: Any) -> None:
     zero, _, turntable = (part.results for part in run.results.parts)
     assert zero.scale_factor_v_per_deg_s.value == turntable.uncertainty.value("scale_factor").value
 
@@ -234,7 +234,7 @@ def test_the_supply_stays_on_from_part_to_part() -> None:
     ]
 
 
-def test_a_part_that_wants_to_see_the_power_come_finds_it_off() -> None:
+def test_part_that_measures_power_on_starts_with_power_off() -> None:
     steps = planned("lab", parts=["polarity", "power"])
     kinds = [type(step).__name__ for step in steps]
     on = kinds.index("SuppliedAndLogged")
@@ -290,7 +290,7 @@ def performed(plan: Plan, fails_at: int | None = None) -> list[Step]:
 ON, OFF, LOOK = EnableSupply(), DisableSupply(), Note("look")
 
 
-def test_the_last_switching_off_of_a_part_alone_is_left_out() -> None:
+def test_switching_off_at_end_of_part_is_left_out() -> None:
     session = _Session()
     assert performed(_kept_on(part(ON, LOOK, OFF, ON, LOOK), session)) == [ON, LOOK, OFF, ON, LOOK]
     assert session.left_on
@@ -325,7 +325,7 @@ def test_what_cannot_be_is_refused_with_its_place(settings: dict[str, Any], word
         vcfbench.dry_run("characterize", "lab", settings=settings)
 
 
-def test_a_part_is_told_by_the_bench_file_as_it_is_alone() -> None:
+def test_part_has_settings_of_its_procedure_in_bench_file() -> None:
     text = "[procedure.turntable]\nsamples = 12\n[procedure.characterize.turntable]\nsettle_s = 5.0\n"
     steps = planned(parse_bench(f"{embedded_text('paper')}\n{text}", "own"), parts=["turntable"])
     windows = [step for step in steps if isinstance(step, Acquire)]
@@ -333,7 +333,7 @@ def test_a_part_is_told_by_the_bench_file_as_it_is_alone() -> None:
     assert any(isinstance(step, Settle) and step.seconds == 5.0 for step in steps)
 
 
-def test_a_part_with_a_meter_setting_of_its_own_has_its_resolution() -> None:
+def test_part_with_own_meter_setting_has_its_resolution() -> None:
     text = "[procedure.turntable]\nnplc = 1\n"
     bench = parse_bench(f"{embedded_text('paper')}\n{text}", "own")
     settings = settings_of(vcfbench.PROCEDURES["characterize"], bench)
@@ -341,7 +341,7 @@ def test_a_part_with_a_meter_setting_of_its_own_has_its_resolution() -> None:
     assert settings.of("zero").meter_resolution_v == pytest.approx(10e-6)
 
 
-def test_every_part_is_a_procedure_with_a_setting_of_its_name() -> None:
+def test_part_is_procedure_with_setting_of_its_name() -> None:
     kind = vcfbench.PROCEDURES["characterize"].settings
     names = {each.name for each in PARTS}
     assert names <= set(vcfbench.PROCEDURES)
@@ -421,7 +421,7 @@ def test_the_whole_of_it_is_one_data_sheet(tmp_path: Path) -> None:
     assert vcfbench.load_run("last", runs=tmp_path).results == run.results
 
 
-def test_of_what_was_not_seen_the_bound_is_told_and_not_zero() -> None:
+def test_unseen_effect_is_bound_and_not_zero() -> None:
     @dataclass(frozen=True)
     class Found:
         walk: NoiseCoefficient

@@ -69,7 +69,7 @@ def test_custom_settings_define_all_values_and_custom_definition_stays() -> None
     assert next(iter(defined([own], Own(), RunMetadata()))).definition == own.definition
 
 
-def test_conditions_are_the_rails_and_the_temperature_nearest_to_the_device() -> None:
+def test_conditions_are_rails_and_temperature_nearest_to_device() -> None:
     told = RunMetadata(ambient_temperature_c=21.5)
     (room,) = defined([K_VC], PROCEDURES["kvc"].settings(), told)
     (device,) = defined([K_VC], PROCEDURES["kvc"].settings(temperature_c=24.0), told)

@@ -94,7 +94,7 @@ def test_findings_by_hand() -> None:
     assert list(findings(settings, {**GOOD, "output_ohm": 200.1})) == []  # that the leads may have
 
 
-def test_four_wires_without_sense_leads_are_told_from_an_open_bench() -> None:
+def test_missing_sense_leads_differ_from_open_bench() -> None:
     with pytest.raises(MeasurementError, match="with four wires those of sense too"):
         run(wires=4)
 

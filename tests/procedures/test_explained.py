@@ -30,7 +30,7 @@ def test_temperature_by_the_drive_and_rails_explain_what_they_do() -> None:
     assert "; +37±2 ppm by +0.100 V of both rails. Left: -37±88 ppm, within its U95." in words
 
 
-def test_what_no_coefficient_is_kept_of_is_asked_for_and_explains_nothing() -> None:
+def test_missing_coefficient_is_named_and_explains_no_change() -> None:
     words = said(Characteristics(drive_hz=HZ), Characteristics(drive_hz=COLD))
     assert "what that does to this device is not known (vcfbench run temperature --by table)" in words
     assert "Left: -2950±59 ppm, more than its U95." in words

@@ -63,7 +63,7 @@ def run(procedure: str, bench: Path, **settings: Any) -> Any:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("sheet", few(dict.fromkeys((*SHEETS[::4], *QUICK_SHEETS)), QUICK_SHEETS[1]), ids=named)
-def test_what_k_vc_depends_on_is_that_of_the_data_sheet(sheet: DataSheet, tmp_path: Path) -> None:
+def test_drawn_gyroscope_has_characteristics_of_data_sheet(sheet: DataSheet, tmp_path: Path) -> None:
     found = run("kvc", bench_of(sheet, tmp_path), samples=3)
     seen = found.characteristics
     assert found.k_vc.value == pytest.approx(sheet.k_vc_deg_s_per_v, rel=1e-4)

@@ -117,7 +117,7 @@ def test_means_are_told_apart_by_the_channel_on_the_drive() -> None:
     assert (len(means), len(turned)) == (2, 2)
 
 
-def test_probes_as_they_are_tell_amplitudes_too_badly_to_correct_by() -> None:
+def test_unexchanged_probes_do_not_correct_amplitudes() -> None:
     found = checked(THEN, beside(health(exchanged=False, carrier_amplitude_v=2.04), Characteristics()))
     assert not found.refused
     assert found.u_ppm < 20.0  # not 16 000
@@ -137,7 +137,7 @@ def test_measured_split_and_q_are_not_counted_in_temperature() -> None:
     assert parts["q_anti_phase"] == pytest.approx(-8.0, abs=2.0)
 
 
-def test_k_vc_is_refused_where_something_has_changed_that_cannot_be_corrected() -> None:
+def test_k_vc_is_refused_after_uncorrectable_change() -> None:
     larger = checked(THEN, beside(health(exchanged=False, carrier_amplitude_v=2.4), Characteristics()))
     assert "+200000 ppm" in larger.refused[0]
     turned = checked(THEN, beside(health(sense_phase_deg=0.4), Characteristics()))
@@ -163,7 +163,7 @@ def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:
     assert charged.warning is not None and "charges on the combs" in charged.warning  # noqa: PT018
 
 
-def test_a_modulator_that_has_changed_its_shape_is_found_beside_the_output() -> None:
+def test_changed_modulator_shape_is_separated_from_output() -> None:
     output, then, now = np.array([8.4e-6, -2.6e-8]), np.array([0.2, 150.0, 1.95, 2.2]), np.array([0.2, 150.0, 1.5, 2.9])
     v_vc_v = np.array([0.001, 0.13, -0.13, 0.7, -0.7, 1.3, -1.3])
     rates = np.polynomial.polynomial.polyval(v_vc_v, now)
@@ -194,7 +194,7 @@ def test_what_the_bench_cannot_measure_is_said_not_to_be(tmp_path: Path) -> None
     assert any(word.startswith("NOT CHECKED: what K_Vc depends on") for word in words)
 
 
-def test_what_is_not_measured_widens_by_what_it_may_have_done() -> None:
+def test_unmeasured_cause_widens_u95() -> None:
     found = {part.source: 1e6 * part.u for part in not_measured(THEN)}
     assert math.hypot(*found.values()) > 750.0  # a degree of the carrier is 1270 ppm
     assert found["not measured: Q (to 50 %, assumed)"] == pytest.approx(254.0 / math.sqrt(3.0), rel=0.05)
@@ -220,7 +220,7 @@ def test_changed_oscilloscope_is_no_change_of_k_vc(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_all_that_can_be_seen_has_aged_and_k_is_right(tmp_path: Path) -> None:
+def test_ageing_of_visible_causes_leaves_k_right(tmp_path: Path) -> None:
     fresh = physical_parameters(LAB)
     settings = {"dut": "G", "devices": str(tmp_path / "devices"), "warm_up_s": 1800.0}
     vcfbench.run("kvc", LAB, seed=1, settings=settings, runs=tmp_path)

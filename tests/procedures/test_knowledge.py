@@ -165,7 +165,7 @@ def test_what_is_embedded_is_complete(name: str) -> None:
     assert (found.complete, found.missing) == (True, ())
 
 
-def test_a_file_that_says_nothing_is_wide_and_its_assumptions_are_said() -> None:
+def test_empty_uncertainty_table_gives_wide_u95_with_assumptions() -> None:
     run = run_of("turntable")
     told, silent = (stated(tomllib.loads(shipped()[name]), run) for name in ("paper", "how-to"))
     for before, after in zip(told.values[:3], silent.values[:3], strict=True):
@@ -197,7 +197,7 @@ expanded_v = 40e-6
 """
 
 
-def test_a_certificate_corrects_the_readings_and_stands_for_the_data_sheet() -> None:
+def test_certificate_corrects_readings_and_replaces_data_sheet() -> None:
     """Its gain of 20 ppm and offset of 20 uV are added; u is its own and the drift since by the data sheet."""
     run, text = run_of("turntable"), embedded_text("paper")
     known = tomllib.loads(text + CERTIFICATE)
@@ -215,7 +215,7 @@ def test_a_certificate_corrects_the_readings_and_stands_for_the_data_sheet() -> 
 
 
 @pytest.mark.parametrize(("room", "gain"), [("[18.0, 28.0]", 35e-6), ("[15.0, 30.0]", 50e-6), ("[20.0, 33.0]", 60e-6)])
-def test_a_room_beyond_18_to_28_degc_counts_by_the_kelvin(room: str, gain: float) -> None:
+def test_room_beyond_18_to_28_degc_counts_per_kelvin(room: str, gain: float) -> None:
     """34401A, 10 V: 5 ppm of the reading and 1 ppm of the range each kelvin, User's Guide p. 216."""
     text = embedded_text("paper").replace("mains_hz = 50", f"mains_hz = 50\nambient_c = {room}")
     known = settings_of(PROCEDURES["turntable"], checked_bench(tomllib.loads(text), "")).station.sources
@@ -255,7 +255,7 @@ def test_chosen_rule_covers_errors_of_a_meter(limits: str) -> None:
     assert (np.mean(np.abs(drawn) <= 1.96 * u) > 0.93) == (limits == "rectangular")
 
 
-def test_levels_beside_the_line_of_a_certificate_are_in_the_offset() -> None:
+def test_certificate_levels_off_the_line_enter_offset() -> None:
     """20 uV beside it at the most, rectangular."""
 
     def squared(middle_v: float) -> float:

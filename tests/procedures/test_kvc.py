@@ -160,7 +160,7 @@ def test_no_certificate_of_a_run_that_failed(tmp_path: Path) -> None:
     assert store.entries("G-1") == ()
 
 
-def test_a_serial_number_that_is_none_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+def test_invalid_serial_number_is_refused_before_opening(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="serial number"):
         vcfbench.run("kvc", LAB, settings={"dut": "../G-1"}, runs=tmp_path)
     assert list(tmp_path.iterdir()) == []

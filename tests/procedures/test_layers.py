@@ -62,7 +62,7 @@ def test_each_place_goes_before_the_one_above_it() -> None:
     assert settings_of(VIRTUAL_CORIOLIS, lab).nplc == 10
 
 
-def test_a_default_of_ones_own_gives_way_to_the_bench_file() -> None:
+def test_bench_file_overrides_procedures_default() -> None:
     assert settings_of(LOOP, bench()).samples == 30
     assert settings_of(LOOP, bench("[procedure]", "samples = 7")).samples == 7
     assert settings_of(LOOP, bench("[procedure]", "samples = 7", "[procedure.loop]", "samples = 8")).samples == 8
@@ -132,7 +132,7 @@ NEEDED = {name: ['k_vc="150"'] for name in ("online", "self-calibration")}
 
 
 @pytest.mark.parametrize("name", PROCEDURES)
-def test_every_key_can_be_set_to_its_default_and_is_explained(name: str) -> None:
+def test_key_accepts_its_default_and_is_explained(name: str) -> None:
     kind = PROCEDURES[name].settings
     keys = list(settable_keys(kind))
     assert {key.path.partition(".")[0] for key in keys} == set(setting_keys(kind))
@@ -169,7 +169,7 @@ def on_day(days: float, stated: float | None = None) -> BenchDescription:
 
 
 @pytest.mark.parametrize(("days", "gain"), [(1, 15e-6), (80, 20e-6), (91, 35e-6), (730, 70e-6)])
-def test_a_meter_promises_what_the_day_of_its_calibration_lets_it(days: int, gain: float) -> None:
+def test_meter_limits_follow_day_of_calibration(days: int, gain: float) -> None:
     """34401A, 10 V, User's Guide p. 216: 24 hours, 90 days, a year; beyond, its limits are taken to grow on."""
     known = settings_of(TURNTABLE, on_day(days)).station.sources
     assert known.meter_age_days == days
@@ -179,7 +179,7 @@ def test_a_meter_promises_what_the_day_of_its_calibration_lets_it(days: int, gai
     assert ("assumed to grow" in said) == (days > 365)
 
 
-def test_an_age_that_is_told_goes_before_the_day_of_the_calibration() -> None:
+def test_stated_age_overrides_day_of_calibration() -> None:
     known = settings_of(TURNTABLE, on_day(800, stated=90.0)).station.sources
     assert known.meter_age_days == 90.0
     assert known.meter_age_from.startswith("uncertainty.meter_age_days; room assumed")

@@ -39,7 +39,7 @@ def match(mode: Match, guess_v: float, times: int, *, curvature: float = 0.0, k_
 
 
 @given(st.floats(0.02, 2.0), st.sampled_from([1.0, -1.0]), st.floats(5.0, 200.0))
-def test_a_straight_gyro_is_matched_from_any_guess_of_either_sign(guess_v: float, sign: float, k_vc: float) -> None:
+def test_straight_gyro_is_matched_from_any_guess(guess_v: float, sign: float, k_vc: float) -> None:
     assert match(Match.ZERO, guess_v, 1, k_vc=sign * k_vc).k_vc == pytest.approx(sign * k_vc, rel=1e-9)
 
 
@@ -70,7 +70,7 @@ def test_equal_within_the_noise_or_nearly_so() -> None:
     assert begun((0.25, -0.1233, 2e-3)).usable()
 
 
-def test_between_the_ends_of_two_ranges_the_nearer_end_is_used() -> None:
+def test_v_vc_between_ranges_takes_nearer_end() -> None:
     below, above = (0.24, -0.122, 1e-5), (0.25, -0.129, 1e-5)
     assert not begun(below).usable()
     between = begun(below, above)
@@ -105,7 +105,7 @@ def test_uncertainty_of_k_vc_counts_every_mean() -> None:
     assert absolute.u_k_vc(0.0, 3e-6) / absolute.k_vc == pytest.approx(relative, rel=1e-6)
 
 
-def test_a_table_that_the_output_does_not_follow_gives_no_k_vc() -> None:
+def test_output_that_ignores_table_gives_no_k_vc() -> None:
     means = [point(1, 0.0, 0.0, 0.0), point(1, 10.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0)]
     matching = Matching.of([*means, point(2, 0.0, 0.25, -0.125), point(2, 0.0, 0.0, 0.0)], Match.ZERO, 10.0)
     assert matching.level_v == 0.0

@@ -57,7 +57,7 @@ def test_a_noisy_gyroscope_is_matched() -> None:
         matched(seed, float(np.random.default_rng(seed).uniform(0.0, 0.05)))
 
 
-def test_an_output_that_does_not_answer_to_v_vc_is_not() -> None:
+def test_output_that_ignores_v_vc_is_not_matched() -> None:
     for seed in range(20):
         with pytest.raises(MeasurementError):
             matched(seed, 0.01, answers=0.0)

@@ -76,7 +76,7 @@ def equal_v(rate_deg_s: float) -> float:
 
 
 @pytest.mark.exhaustive
-def test_half_the_difference_takes_the_even_order_of_the_modulator_away(runs: dict[str, Any]) -> None:
+def test_half_difference_removes_even_order_of_modulator(runs: dict[str, Any]) -> None:
     """One point at +10 deg/s has 0.09 % of it; so says the closed form, and so do the runs."""
     loaded = 1.0 + 50.0 / physical_parameters(still(vcfbench.load_bench())).virtual_path.pull_down_ohm
     plus, minus = loaded * equal_v(10.0), loaded * equal_v(-10.0)  # the generator's 50 ohm divide
@@ -100,7 +100,7 @@ def test_a_curve_brings_the_methods_together(runs: dict[str, Any]) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_record_gives_the_same_again_and_its_report_has_the_matches(runs: dict[str, Any]) -> None:
+def test_record_reproduces_result_and_report_has_matches(runs: dict[str, Any]) -> None:
     for by in ("plus-minus", "curve"):
         again = vcfbench.load_run(runs[by].directory)
         assert isinstance(again.results, NullVirtualCoriolisResult)
@@ -216,7 +216,7 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
 
 
 @pytest.mark.parametrize("by", [KvcBy.PLUS_MINUS, KvcBy.CURVE])
-def test_k_vc_of_a_perfect_generator_is_that_of_small_signals(by: KvcBy) -> None:
+def test_perfect_generator_gives_small_signal_k_vc(by: KvcBy) -> None:
     """But for the cubic that half the difference at 10 deg/s leaves."""
     settings = make_settings(k_vc_by=by, **TOLD)
     found = virtual_coriolis_results(settings, Drawn(0, 0.0).points(settings))
@@ -238,7 +238,7 @@ def test_match_next_to_a_range_end_has_its_range() -> None:
 
 
 @pytest.mark.parametrize(("by", "blocks"), [("plus-minus", 2), ("curve", 10)])
-def test_the_dry_run_has_the_blocks_of_both_signs_in_both_steps(by: str, blocks: int) -> None:
+def test_dry_run_has_blocks_of_both_signs(by: str, blocks: int) -> None:
     settings = make_settings(k_vc_by=KvcBy(by), k_vc_guess_deg_s_per_v=40.0)
     steps = [each.step for each in walk(PROCEDURES["virtual-coriolis"].plan(settings), LinearGyro(40.0))]
     windows = [step.step for step in steps if isinstance(step, Acquire)]

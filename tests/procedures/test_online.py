@@ -134,7 +134,7 @@ def test_single_meter_is_moved_by_hand_with_expected_sign(tmp_path: Path) -> Non
 
 
 @pytest.mark.exhaustive
-def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_path: Path) -> None:
+def test_certificate_keeps_shares_and_meter_counts_once(tmp_path: Path) -> None:
     own, meter = 30e-6 * K_VC, 10e-6 * K_VC
     name = "34401A at GPIB0::23::INSTR of lab"
     curve = KvcCurve(
@@ -171,7 +171,7 @@ def test_a_certificate_is_taken_with_its_shares_and_its_meter_counts_once(tmp_pa
 
 
 @pytest.mark.exhaustive
-def test_a_setting_that_is_believed_has_the_accuracy_of_the_generator(tmp_path: Path) -> None:
+def test_set_v_vc_has_accuracy_of_generator(tmp_path: Path) -> None:
     found = run(QUIET, tmp_path, v_vc="set", **FAST).results
     assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(0.02 / 3**0.5, rel=0.05)
     assert found.scale_factor.parts[0].source == "gain of what V_Vc is known by"
@@ -251,7 +251,7 @@ def chosen() -> OnlineSettings:
     return structs.replace(settings, station=structs.replace(settings.station, meter_resolution_v=1e-5))
 
 
-def test_bursts_that_are_alike_give_the_slope_that_was_put_in(chosen: OnlineSettings) -> None:
+def test_equal_bursts_give_planted_slope(chosen: OnlineSettings) -> None:
     found = online_results(chosen, Records())  # type: ignore[arg-type]
     assert found.scale_factor.value == pytest.approx(-1.8825 / 150.0 / (1.0 + 1e-6 * found.response_ppm), rel=1e-4)
     assert abs(found.disturbance.value) < 4.0 * found.disturbance.u
@@ -260,7 +260,7 @@ def test_bursts_that_are_alike_give_the_slope_that_was_put_in(chosen: OnlineSett
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"way": -1.0}, "in burst 3 of 5 output and V_Vc are apart by"),
+        ({"way": -1.0}, "burst 3 of 5: output and V_Vc differ by"),
         ({"noise_v": 1e-3}, r"burst 3 of 5 scatters by 0\.00\d+ V about its sine, the others by 0\.0001 V"),
         ({"way": 1e-9, "noise_v": 1e-6}, "burst 3 of 5: "),
         ({"way": 0.5}, r"burst 3 of 5 swings by 0\.315 V, the others by 0\.6301 V"),

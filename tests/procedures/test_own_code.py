@@ -215,7 +215,7 @@ def test_a_broken_package_is_one_sentence_and_breaks_no_other(
     assert [each.name for each in PROCEDURES.loaded()] == [*BUILT_IN]
 
 
-def test_a_name_that_is_taken_twice_is_refused_with_both_origins(install: Callable[..., None]) -> None:
+def test_duplicate_name_is_refused_with_both_origins(install: Callable[..., None]) -> None:
     install("wait", "acme_of_a_test:WAIT")
     install("wait", "other:WAIT")
     said = r"'wait' is taken twice: a package \(acme_of_a_test:WAIT\) and a package \(other:WAIT\)"
@@ -233,7 +233,7 @@ def test_built_in_procedure_keeps_its_name(
     assert "renamed" not in PROCEDURES.title("virtual-coriolis")
 
 
-def test_a_procedure_that_comes_along_is_found_without_looking_through_the_packages(
+def test_built_in_procedure_is_found_without_scanning_packages(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Where many are installed that takes as long as reading the command line."""

@@ -153,7 +153,7 @@ def test_records_begin_anywhere_in_the_drives_period() -> None:
             assert step.amplitudes_v[0] < before.level_v < 2.0 * step.amplitudes_v[0]
 
 
-def test_a_channel_that_sees_nothing_is_missed_before_anything_is_opened() -> None:
+def test_unwired_channel_is_refused_before_opening() -> None:
     paper = vcfbench.load_bench()
     wiring = structs.replace(paper.wiring, oscilloscope=structs.replace(paper.wiring.oscilloscope, channel_4=None))
     with pytest.raises(ConfigError, match="a channel on 'output'"):

@@ -129,7 +129,7 @@ def v_vc_at(volts: float) -> list[str]:
     return [f"V_Vc {volts:g}", "settle 2", f"acquire 2: 0 deg/s, {volts:g} V"]
 
 
-def test_four_steps_in_the_order_in_which_they_can_be_done() -> None:
+def test_four_steps_are_in_executable_order() -> None:
     assert words(steps_of("virtual-coriolis")) == [
         *START_UP,
         "# Step 1: the table turns at 10 deg/s, generator off",

@@ -159,9 +159,7 @@ class Looked(Measured):
 
 @pytest.mark.parametrize("offset_v", [PAPER.output_stage.offset_v, 0.0])
 @pytest.mark.parametrize("seen_by", [None, OscilloscopeWiring()])
-def test_every_fault_and_every_two_are_named_or_said_to_look_alike(
-    offset_v: float, seen_by: OscilloscopeWiring | None
-) -> None:
+def test_single_and_double_faults_are_named_or_look_alike(offset_v: float, seen_by: OscilloscopeWiring | None) -> None:
     """By the closed form of the gyroscope: 8 single and 28 double reversals, whatever the bias is made of."""
     rest_v = warm_output(moved((), offset_v))(0.0, None)
     window_v = tuple(sorted((0.5 * rest_v, 1.5 * rest_v)))
@@ -226,7 +224,7 @@ def test_a_wrong_sign_fails_the_run(backwards: Any) -> None:
     assert listed["verdict"] == "fail"
 
 
-def test_the_command_says_pass_and_its_exit_code_is_the_verdict(tmp_path: Path) -> None:
+def test_command_prints_pass_and_exit_code_is_verdict(tmp_path: Path) -> None:
     command = ["run", "polarity", "--quiet", "--set", "samples=2", "--runs", str(tmp_path)]
     right = CliRunner().invoke(app, command)
     assert right.exit_code == 0, right.output
@@ -270,7 +268,7 @@ def test_turned_carrier_is_named_and_lost_one_ends_the_run(tmp_path: Path) -> No
         vcfbench.run("polarity", lost, settings=QUICK, runs=tmp_path)
 
 
-def test_both_ways_are_taken_against_drift_and_without_a_table_nothing_turns() -> None:
+def test_both_signs_cancel_drift_with_and_without_table() -> None:
     steps = [each.step for each in vcfbench.dry_run("polarity", "lab", settings=QUICK).steps]
     assert [each.rate_deg_s for each in steps if isinstance(each, AwaitRate)] == [10.0, -10.0, 10.0, 0.0]
     assert [each.v_vc_v for each in steps if type(each) is SetVvc] == [0.0, 0.1, -0.1, 0.1]

@@ -121,7 +121,7 @@ def test_second_rail_waits_at_0_v_and_orders_start_off() -> None:
     assert isinstance(steps[-1], DisableSupply) or any(isinstance(step, DisableSupply) for step in steps[-4:])
 
 
-def test_the_rails_end_where_they_were_and_stay_within_the_step() -> None:
+def test_rails_return_and_stay_within_step() -> None:
     for by in ScaleFactorBy:
         steps = planned(by=by, cycles=1)
         rails = [step for step in steps if isinstance(step, ConfigureRail)]
@@ -145,7 +145,7 @@ def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words:
 
 
 @pytest.mark.exhaustive
-def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
+def test_imbalance_of_rails_is_corrected_in_both_halves() -> None:
     """Of a drive that follows the weaker rail, on a supply whose outputs are 30 mV apart; the closed form, balanced."""
     bench = simulated("lab", overrides={"drive_loop": {"amplitude_supply_coefficient_per_v": 5e-3}})
     assert bench.simulation is not None
@@ -162,7 +162,7 @@ def test_an_imbalance_of_the_rails_is_taken_out_of_the_halves() -> None:
             assert value.u < 500.0  # what 30 mV of 200 mV would do is 1500; 9 mV of the read-backs is 460
 
 
-def test_the_slope_of_a_state_is_relative_to_the_scale_factor_used() -> None:
+def test_slope_is_relative_to_used_scale_factor() -> None:
     rails = [SimpleNamespace(rail="positive", voltage_v=10.0)]
     windows: Any = [
         (SimpleNamespace(rate_deg_s=rate), SimpleNamespace(mean_v=mean_v, rails=rails))

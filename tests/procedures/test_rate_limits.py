@@ -49,7 +49,7 @@ def test_limit_of_a_clipped_output_lies_where_the_line_exceeds(by: str, headroom
     assert abs(found.positive.limit.value) < 800.0
 
 
-def test_limit_of_an_output_that_bends_is_that_of_its_cube() -> None:
+def test_bending_output_has_limit_of_its_cubic() -> None:
     """Of u - c u^3 a share c u^2 lacks; the line through 50 deg/s lacks a little itself."""
     cube = 2e-3
     bench = ideal({"third_order_per_v2": -cube})
@@ -108,7 +108,7 @@ class Latched:
             yield step, structs.replace(window, point=moved)
 
 
-def test_output_that_does_not_come_back_is_seen_at_its_size() -> None:
+def test_output_that_does_not_recover_is_reported_with_size() -> None:
     def results(settings: Any, measured: Any) -> Any:
         return RATE_LIMITS.results(settings, Latched(measured, 0.05))  # type: ignore[arg-type]
 
@@ -173,7 +173,7 @@ def test_noise_of_the_line_moves_its_limit_by_its_weights(rises: float, *, of_in
 
 
 @pytest.mark.parametrize("second_order_per_v", [0.03, -0.03])
-def test_output_that_bends_at_the_line_itself_has_limits_beyond_the_line(second_order_per_v: float) -> None:
+def test_output_bending_at_line_has_limits_beyond_line(second_order_per_v: float) -> None:
     """The line goes through both small rates; a square leaves one of them above it by 2 %, its opposite below."""
     found = run(ideal({"second_order_per_v": second_order_per_v}), by="table").results
     limits = [side.limit for side in (found.positive, found.negative)]
@@ -183,6 +183,6 @@ def test_output_that_bends_at_the_line_itself_has_limits_beyond_the_line(second_
 
 @pytest.mark.parametrize("turned", [{"k_vc_guess_deg_s_per_v": -150.0}, {"scale_factor_v_per_deg_s": 0.0125}])
 def test_wrong_sign_of_the_output_is_refused_first(turned: dict[str, Any]) -> None:
-    with pytest.raises(MeasurementError, match=r"the output goes by -1\.8\d* V/V") as ended:  # as it was measured
+    with pytest.raises(MeasurementError, match=r"the output changes by -1\.8\d* V/V") as ended:  # as it was measured
         run("ideal", **turned)
     assert "polarity" in str(ended.value)

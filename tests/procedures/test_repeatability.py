@@ -57,9 +57,7 @@ def test_noise_alone_is_expected_as_it_comes(run: Any) -> None:
 
 
 @pytest.mark.parametrize("by", ["v-vc", "table"])
-def test_switch_ons_of_the_simulated_gyroscope_come_out_as_they_were_drawn(
-    by: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_switch_ons_have_drawn_bias_and_gain(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise and errors of instruments what was drawn is all that differs."""
     drawn: list[course.SwitchOn] = []
 
@@ -91,7 +89,7 @@ def test_true_spread_lies_between_the_limits() -> None:
     assert 358 <= sum(each.low <= 2.0 <= each.high for each in spreads) <= 400
 
 
-def test_gyroscope_cools_without_power_before_each_switch_on_but_the_first() -> None:
+def test_gyroscope_cools_before_each_later_switch_on() -> None:
     steps = [each.step for each in vcfbench.dry_run("repeatability", "lab", settings=QUICK).steps]
     kinds = [type(each) for each in steps if isinstance(each, EnableSupply | DisableSupply)]
     assert kinds == [EnableSupply, DisableSupply] * 4

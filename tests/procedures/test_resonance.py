@@ -36,7 +36,7 @@ from vcfbench.uncertainty.measurand import as_kept
         (11_000.0, 25.0, 2.0, 0.1),  # what settles sooner is noise
     ],
 )
-def test_record_of_a_ring_down_is_as_long_as_it_shows(
+def test_ring_down_record_is_as_long_as_visible_decay(
     q: float, split_hz: float, settle_s: float, s_per_div: float
 ) -> None:
     mode = RingingMode(3475.0, q, 1.0)
@@ -106,7 +106,7 @@ def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:
     assert vcfbench.load_run(run.directory).results == run.results
 
 
-def test_a_drive_that_is_not_seen_to_ring_down_has_no_q(run: vcfbench.Run) -> None:
+def test_drive_without_visible_ring_down_has_no_q(run: vcfbench.Run) -> None:
     decays = [
         SenseDecay(3485.0 + shift, (RingingMode(3463.0 - shift, 1100.0 + 100.0 * shift, 1.0),))
         for shift in (-0.01, 0.0, 0.01)
@@ -173,7 +173,7 @@ def test_rails_are_on_between_ring_downs() -> None:
     assert "supply outputs off" in after
 
 
-def test_v_vc_of_a_ring_down_is_held_against_its_limit() -> None:
+def test_v_vc_of_ring_down_is_checked_against_limit() -> None:
     paper = vcfbench.load_bench()
     assert paper.limits is not None
     tight = structs.replace(paper, limits=structs.replace(paper.limits, max_v_vc_v=0.5))

@@ -144,7 +144,7 @@ def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str,
     assert drift.verdict == "fail"
 
 
-def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Path, dict[str, Any]]) -> None:
+def test_changed_combs_look_like_changed_gyroscope(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     fresh = still(LAB)
     combs = physical_parameters(fresh).virtual_path
@@ -164,7 +164,7 @@ def test_combs_that_change_are_read_as_a_change_of_the_gyroscope(quiet: tuple[Pa
 
 
 @pytest.mark.exhaustive
-def test_drawn_instruments_are_within_the_uncertainty_and_what_is_shared_cancels(tmp_path: Path) -> None:
+def test_drawn_instruments_lie_within_u95_and_shared_errors_cancel(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB, seed=5)
     first, second = (run(tmp_path, LAB, settings, seed=5) for _ in range(2))
     scale_factor, _ = truth(warm(physical_parameters(LAB)))
@@ -201,7 +201,7 @@ def numbered(bench: BenchDescription, **more: Any) -> BenchDescription:
 
 
 @pytest.mark.exhaustive
-def test_the_same_meter_is_the_one_with_the_same_number_and_calibration(tmp_path: Path) -> None:
+def test_same_meter_has_same_number_and_calibration(tmp_path: Path) -> None:
     """At the same address of another bench is another; its gain then counts twice."""
     settings = calibrated(tmp_path, numbered(LAB))
     cancelled, u_ppm = {}, {}
@@ -265,7 +265,7 @@ def test_a_served_bench_tells_its_instruments_apart_by_its_seed(tmp_path: Path) 
     assert not cancelled[1]
 
 
-def test_a_real_instrument_tells_its_number_where_the_bench_file_does_not() -> None:
+def test_serial_number_is_read_if_bench_file_has_none() -> None:
     unknown = PlacedInstrument(
         model="34461A", where="at TCPIP::meter", station="lab", calibrated="calibrated 2026-01-05"
     )
@@ -448,7 +448,7 @@ def test_unchanged_gyroscope_rarely_fails_in_100_years() -> None:
         assert 0.0 < failed.mean() < 0.02
 
 
-def test_a_drift_that_a_second_look_does_not_find_was_chance(quiet: tuple[Path, dict[str, Any]]) -> None:
+def test_failed_drift_without_confirmation_was_chance(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     store = fresh_store(where, "second-look")
     old = aged(still(LAB), output_stage={"gain": 0.999 * physical_parameters(still(LAB)).output_stage.gain})
@@ -468,7 +468,7 @@ def test_a_drift_that_a_second_look_does_not_find_was_chance(quiet: tuple[Path, 
 
 
 @pytest.mark.exhaustive
-def test_a_bench_without_an_oscilloscope_sees_a_step_by_its_own_mornings(tmp_path: Path) -> None:
+def test_daily_runs_without_oscilloscope_find_step(tmp_path: Path) -> None:
     """What nobody measures of K_Vc is the same in all of them: it hides a change since the certificate alone."""
     settings = calibrated(tmp_path, test_kvc.LAB, **WARM)
     blind = structs.replace(test_kvc.LAB, oscilloscope=None)
@@ -491,7 +491,7 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
 
 
 @pytest.mark.exhaustive
-def test_the_command_of_a_drift_that_failed_ends_with_1_each_time(tmp_path: Path) -> None:
+def test_failed_drift_ends_with_1_each_time(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB)
     gain = 0.97 * physical_parameters(FIELD).output_stage.gain
     old = tmp_path / "old.toml"
@@ -544,7 +544,7 @@ def dated_back(where: Path, settings: dict[str, Any], name: str, days: float, **
     return {**settings, "devices": str(where / name)}
 
 
-def test_what_nobody_sees_widens_u95_with_the_time_since_the_certificate(quiet: tuple[Path, dict[str, Any]]) -> None:
+def test_unseen_drift_widens_u95_with_time(quiet: tuple[Path, dict[str, Any]]) -> None:
     """Rectangular: 500 ppm a year are assumed, 0.95 of that is what U95 has of it alone."""
     where, settings = quiet
     bench = structs.replace(still(LAB), uncertainty=structs.replace(LAB.uncertainty, k_vc_drift_ppm_per_year=100.0))
@@ -612,7 +612,7 @@ def warm_k(bench: BenchDescription) -> float:
     return truth(warm(structs.replace(parameters, thermal=hotter)))[0]
 
 
-def test_the_zero_of_another_generator_is_not_in_the_scale_factor(quiet: tuple[Path, dict[str, Any]]) -> None:
+def test_zero_of_another_generator_leaves_scale_factor(quiet: tuple[Path, dict[str, Any]]) -> None:
     """The output is curved, 17 ppm a deg/s: the slope is stated at rate 0 of the certificate's curve."""
     where, settings = quiet
     other = still(LAB, rate_source={"ranges": [{"upper_v": 10.0, "gain_error": 0.0, "offset_error_v": 4.5e-3}]})
@@ -622,7 +622,7 @@ def test_the_zero_of_another_generator_is_not_in_the_scale_factor(quiet: tuple[P
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_number_of_the_other_sign_than_k_vc_is_refused(sign: float, tmp_path: Path) -> None:
+def test_number_of_wrong_sign_for_k_vc_is_refused(sign: float, tmp_path: Path) -> None:
     """By the guess of the bench file, or the certificate of the device, whatever K_Vc of the two has."""
     guessed = {**QUICK, "k_vc_guess_deg_s_per_v": sign * 150.0, "devices": str(tmp_path / "devices")}
     with pytest.raises(ConfigError, match=r"--k-vc .*150.0: expected the sign of .*k_vc_guess_deg_s_per_v"):

@@ -185,7 +185,7 @@ def test_the_air_is_off_before_the_supply_is() -> None:
     assert kinds.index(StopFlow) < kinds.index(DisableSupply)
 
 
-def test_without_a_chamber_a_person_sets_each_temperature_and_the_room_again() -> None:
+def test_person_sets_each_temperature_without_chamber() -> None:
     asked = [step for step in planned(chamber=False, room_c=22.0) if isinstance(step, AskOperator)]
     assert [step.adjustments[0][1] for step in asked] == [0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0, 22.0]
 
@@ -268,7 +268,7 @@ def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
     assert abs(found.value) > found.u95
 
 
-def test_an_output_that_never_rests_ends_the_run_after_the_longest_soak() -> None:
+def test_unsteady_output_ends_run_after_longest_soak() -> None:
     settings = TemperatureSettings(station=Station(meter_resolution_v=1e-5), longest_soak_s=4000.0)
     plan, means = TEMPERATURE.plan(settings), list[float]()
 

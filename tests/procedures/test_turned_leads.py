@@ -81,6 +81,6 @@ def test_wherever_it_is_turned_round(name: str, by: str) -> None:
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("by", ["v-vc", "table"])
 @pytest.mark.parametrize("name", ["repeatability", "temperature", "rate-limits"])
-def test_leads_that_are_turned_all_the_way_contradict_what_is_told(name: str, by: str) -> None:
+def test_leads_swapped_throughout_contradict_expected_sign(name: str, by: str) -> None:
     assert turned(name, by, at=0, scale_factor_v_per_deg_s=-0.0125)[1]
     assert not turned(name, by, at=10_000, scale_factor_v_per_deg_s=-0.0125)[1]

@@ -70,7 +70,7 @@ def test_readings_go_through_the_least_squares_sums() -> None:
     assert slope.coverage_factor == pytest.approx(1.9756, abs=1e-3)  # Student's t with 153 degrees of freedom
 
 
-def test_readings_that_are_all_alike_are_known_to_the_last_digit() -> None:
+def test_equal_readings_have_u_of_last_digit() -> None:
     """A rectangle of 10 uV, whose mean of ten is no better; readings that scatter average it out."""
     digit_v = 1e-5
     known = make_settings(station=Station(meter_resolution_v=digit_v, sources=Sources()))
@@ -127,7 +127,7 @@ def test_what_the_columns_share_cancels_in_their_difference() -> None:
     assert stated.correlation[1][4] == pytest.approx(1.0)
 
 
-def test_the_difference_of_the_methods_scatters_as_stated_when_generators_are_drawn() -> None:
+def test_difference_of_methods_scatters_as_stated_with_drawn_generators() -> None:
     """A straight gyroscope with drawn ranges: NumPy's scatter of 4000 is known to 1.1 %."""
     rng = np.random.default_rng(5)
     rates = np.array(RATES)
@@ -203,7 +203,7 @@ PHASES = Sources(
 """Virtual and Coriolis signal are 0.06 and 0.055 rad from the demodulator's reference; 17 deg/s of quadrature."""
 
 
-def test_phases_go_into_the_values_as_the_cosines_of_their_angles_scatter() -> None:
+def test_phases_enter_values_by_scatter_of_cosines() -> None:
     rng = np.random.default_rng(7)
     carrier, demodulator = np.radians(rng.uniform(-0.5, 0.5, (2, 200_000)))
     by_rate, by_v_vc = (
@@ -275,7 +275,7 @@ def test_what_is_not_known_of_phases_is_said() -> None:
     assert "phase" not in " ".join(four(PHASES).not_in_u)
 
 
-def test_a_self_calibration_has_the_phases_of_its_certificate_and_its_own() -> None:
+def test_self_calibration_has_own_and_certificates_phases() -> None:
     phases = PhaseErrors.of(PHASES)
     of_k_vc, of_own = phases.u("k_vc"), phases.u("self_calibrated")
     assert of_k_vc["carrier phase"] == of_own["carrier phase"]
@@ -317,7 +317,7 @@ def test_a_statement_is_written_by_the_names_of_its_fields() -> None:
     assert shares == pytest.approx([1.0] * len(shares))
 
 
-def test_a_source_that_cannot_be_costs_the_values_that_depend_on_it() -> None:
+def test_impossible_source_removes_dependent_values() -> None:
     sources = [Source("gain", 1.0, 0.1), Source("noise", 0.0, math.nan, "V"), Source("offset", 0.0, 0.2, "V")]
     budget, cannot_be = budget_of(
         sources, lambda q: {"slope": q["gain"] + q["noise"], "bias": q["offset"]}, {("gain", "noise"): 0.5}
@@ -372,7 +372,7 @@ def test_absolute_match_contains_the_difference_of_the_zeros(k_vc: float, apart:
     assert "what the generator adds to the zero" in found.of
 
 
-def test_zeros_that_are_farther_apart_than_the_match_leave_k_vc_incomplete() -> None:
+def test_zeros_farther_apart_than_match_leave_k_vc_incomplete() -> None:
     points = [
         structs.replace(each, output_v=3.0 * K * 10.0) if each.step == 2 and not each.v_vc_v else each
         for each in four_steps(NOISE)

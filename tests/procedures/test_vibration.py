@@ -66,7 +66,7 @@ def test_without_noise_and_errors_the_closed_form_comes_out(tmp_path: Path) -> N
 
 
 @pytest.mark.exhaustive
-def test_what_is_measured_is_within_its_uncertainty_whatever_the_generators_are_off(drawn: Any) -> None:
+def test_response_lies_within_u95_for_any_generator_error(drawn: Any) -> None:
     found = drawn.results
     assert found.v_vc_is_measured
     for each in found.responses:
@@ -115,7 +115,7 @@ def test_what_cannot_be_is_refused() -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_stated_noise_is_the_scatter_over_seeds_also_near_the_peak(tmp_path: Path) -> None:
+def test_stated_noise_is_scatter_over_seeds(tmp_path: Path) -> None:
     """24 seeds, five frequencies: sd of z within four of its own standard deviations of 1."""
     asked = {**FEW, "vibration_hz": [2.0, 5.0, 10.0, 20.0, 35.0]}
     runs = [

@@ -104,7 +104,7 @@ def test_the_simulated_warm_up_is_found(heating_k: float, tau_s: float, others: 
 
 
 @pytest.mark.exhaustive
-def test_what_is_not_steady_at_the_longest_is_said_to_be_so(tmp_path: Path) -> None:
+def test_unsteady_output_at_longest_time_is_reported(tmp_path: Path) -> None:
     settings = {**SCALE, "shortest_s": 300.0, "longest_s": 600.0}
     run = vcfbench.run("warmup", bench(60.0, 3000.0), seed=1, settings=settings, runs=tmp_path)
     assert run.status == "complete"
@@ -113,7 +113,7 @@ def test_what_is_not_steady_at_the_longest_is_said_to_be_so(tmp_path: Path) -> N
     assert "NOT steady" in vcfbench.text_of(run.report())
 
 
-def test_what_is_steady_ends_at_the_shortest_and_needs_no_exponential(tmp_path: Path) -> None:
+def test_steady_output_ends_at_shortest_time(tmp_path: Path) -> None:
     settings = {**SCALE, "shortest_s": 240.0}
     run = vcfbench.run("warmup", bench(0.0, 300.0), seed=2, settings=settings, runs=tmp_path)
     assert run.results.steady

@@ -252,7 +252,7 @@ def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None
 
 
 @pytest.mark.exhaustive
-def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None:
+def test_trend_of_white_noise_has_least_squares_uncertainty() -> None:
     """At least s / sqrt(n (n^2 - 1) / 12) a reading, from any textbook; flicker not excluded is in it too."""
     n, rng, found = 400, np.random.default_rng(5), []
     for _ in range(200):
@@ -266,7 +266,7 @@ def test_the_trend_of_white_noise_has_the_uncertainty_of_least_squares() -> None
 
 
 @pytest.mark.parametrize("seed", few(range(12), 0))
-def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
+def test_missing_ramp_leaves_mean_useful(seed: int) -> None:
     """An hour of white noise and flicker (twelve Ornstein-Uhlenbeck processes): U95 and dof can be used."""
     rng, n = np.random.default_rng(seed), 3600
     record = 0.5 * rng.standard_normal(n)
@@ -282,7 +282,7 @@ def test_a_ramp_that_is_not_there_makes_the_mean_not_useless(seed: int) -> None:
 
 
 @pytest.mark.exhaustive
-def test_what_swings_from_reading_to_reading_does_not_bend_the_fit() -> None:
+def test_alternating_readings_do_not_bend_fit() -> None:
     """Ten readings a second, whose neighbours share what passes at the mode split: B is that of the slow noise."""
     n, interval_s, b = 2**16, 0.1, 2.0
     rng, frequency = np.random.default_rng(4), np.fft.rfftfreq(2**16, 0.1)[1:]
@@ -369,7 +369,7 @@ def test_settings_that_cannot_be_are_refused_before_anything_is_opened(changes: 
         vcfbench.dry_run("zero", settings=changes)
 
 
-def test_ten_a_second_are_within_reach_of_one_power_line_cycle() -> None:
+def test_ten_readings_per_second_fit_one_power_line_cycle() -> None:
     planned = vcfbench.dry_run("zero", settings={"sample_interval_s": 0.1, "nplc": 1, "duration_s": 7200.0})
     (window,) = [each.step for each in planned.steps if isinstance(each.step, Acquire)]
     assert (window.samples, window.interval_s) == (72_000, 0.1)
@@ -380,7 +380,7 @@ def test_a_scale_factor_of_nothing_is_refused() -> None:
         vcfbench.dry_run("zero", settings={"scale_factor_v_per_deg_s": 0.0})
 
 
-def test_without_anything_told_the_papers_scale_factor_is_named_as_such(tmp_path: Path) -> None:
+def test_default_scale_factor_is_named_as_papers(tmp_path: Path) -> None:
     settings = {"duration_s": 200.0, "noise_bandwidth_hz": 0.0}
     done = vcfbench.run("zero", seed=3, settings=settings, runs=tmp_path)
     assert done.results.scale_factor_v_per_deg_s.value == -0.0125

@@ -38,7 +38,7 @@ _UNSEEN = (
 
 
 class AxesSettings(DeviceSettings, frozen=True, kw_only=True):
-    """Settings of the sensitivities about three axes, beside those of all procedures."""
+    """Settings of the sensitivities about three axes, in addition to those of all procedures."""
 
     rates_deg_s: Annotated[Rates, said("rates of the table in each mounting", option="--rates")] = (50.0, 0.0, -50.0)
     mount_s: Annotated[float, ranged(1.0, 3600.0, "time that a mounting takes, for the estimate")] = 120.0
@@ -76,7 +76,7 @@ class AxesResult(Struct, frozen=True, kw_only=True):
 
 @routines.framed(routines.energised, routines.drive_seen)
 def plan(settings: AxesSettings) -> steps.Plan:
-    """Have each axis of the case mounted along the table's, and visit the rates."""
+    """Ask for each axis of the case to be mounted along the table's, and visit the rates."""
     for number, axis in enumerate(_CASE, 1):
         words = f"mount the gyroscope with its +{axis} axis up, along the table's, and take the hands off"
         yield steps.AskOperator(words, settings.mount_s, (("up_axis", f"+{axis}"),))

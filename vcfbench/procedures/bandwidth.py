@@ -73,7 +73,7 @@ def phase_channels(settings: ProcedureSettings) -> tuple[int, int] | None:
 def phases_of(
     settings: ProcedureSettings, amplitude_v: float, found: Sequence[tuple[float, steps.SineResponse]]
 ) -> Routine[None]:
-    """Capture V_Vc and output at each frequency; the meter's samples `found` there tell the output's size."""
+    """Capture V_Vc and output at each frequency; the meter's samples `found` give the size of the output."""
     channels = phase_channels(settings)
     if channels is None:
         return
@@ -297,7 +297,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
             f"{band.frequency_hz[worst]:.4g} Hz by {100.0 * band.residual[worst]:+.2g} %",
             instrument="multimeter",
             hint="does the output reach a limit (sine_amplitude_v), or did its gain change in the sweep? "
-            "closed_form_ppm widens u by what the closed form lacks",
+            "closed_form_ppm adds a deviation from the closed form to u",
         )
     in_time = [step.frequency_hz for step, _ in sampled]
     require_one_gain(band, drive_hz, np.array(list(map(in_time.index, band.frequency_hz))), _CLOSE)

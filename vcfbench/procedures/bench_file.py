@@ -1,4 +1,4 @@
-"""Bench files with every check, also that of the settings of the procedures; a bench written with all of these."""
+"""Reading of bench files with all checks, including procedure settings, and writing of complete ones."""
 
 from collections.abc import Mapping
 from pathlib import Path

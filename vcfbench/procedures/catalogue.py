@@ -79,7 +79,7 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         return name in BUILT_IN or name in _installed()
 
     def title(self, name: str) -> str:
-        """Return the title of the procedure called `name` as far as it is known without importing it."""
+        """Return the title of the procedure called `name` if it is known without importing it."""
         if name not in BUILT_IN:
             return f"Of {self.origin(name)}."
         hidden = " and ".join(map(_origin, _installed().get(name, ())))
@@ -87,7 +87,7 @@ class Catalogue(Mapping[str, "AnyProcedure"]):
         return f"{title} That of {hidden} has to be renamed before it can be run." if hidden else title
 
     def origin(self, name: str) -> str:
-        """Say where the procedure called `name` comes from, "" where there is none."""
+        """Return the origin of the procedure called `name`, or ""."""
         own = ["vcfbench itself"] if name in BUILT_IN else []
         return " and ".join([*own, *map(_origin, _installed().get(name, ()))])
 
@@ -138,7 +138,7 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
 
 
 def no_procedure(name: str) -> PlanError:
-    """Return the error of a name that no procedure has, with the nearest name."""
+    """Return the error for an unknown name of a procedure, with the nearest name."""
     close = "".join(f" ({each!r}?)" for each in get_close_matches(name, PROCEDURES, n=1))
     return PlanError(f"there is no procedure {name!r}{close}", hint=f"known are {', '.join(PROCEDURES)}")
 

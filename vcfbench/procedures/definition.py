@@ -1,7 +1,7 @@
 """Definition and conditions of the values of a run, by its settings and metadata.
 
 A setting either defines values, or is a condition of all of them, or a circumstance: what that does is in u, or u is
-incomplete without it. Which of them defines was found by changing each alone. Settings of procedures of one's own
+incomplete without it. Which of them defines was found by changing each alone. Settings of custom procedures
 define all their values.
 """
 

@@ -96,7 +96,7 @@ class ElectricalResult(Struct, frozen=True):
 
 
 def electrical(settings: ElectricalSettings) -> steps.Plan:
-    """Have the leads put on each line in turn, all outputs off; refuse to go on where one is out of its limits."""
+    """Ask for the leads on each line in turn, all outputs off; refuse if a line is out of its limits."""
     placed = settings.station.instruments
     if "rate_source" in placed:
         yield steps.DisableVvc()
@@ -121,12 +121,12 @@ def electrical(settings: ElectricalSettings) -> steps.Plan:
             "; ".join(wrong),
             instrument="multimeter",
             step="resistance of the lines",
-            hint="nothing was switched on; look at the connector and the leads before anything gets power",
+            hint="all outputs stayed off; check the connector and the leads before you switch on",
         )
 
 
 def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Iterator[str]:
-    """Yield the faults of the lines, each in words; two that have each other's resistance are swapped."""
+    """Yield the faults of the lines in words; two lines with each other's resistance are swapped."""
     windows = settings.windows
 
     def fits(ohm: float, key: str) -> bool:

@@ -42,7 +42,7 @@ Axes = Literal["x", "y", "z"]
 
 
 class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
-    """Settings of the bias against acceleration, beside those of all procedures."""
+    """Settings of the bias against acceleration, in addition to those of all procedures."""
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     axes: Annotated[tuple[Axes, ...], several(1, 3, "axes of the case that are turned up and down")] = ("x", "y", "z")
@@ -85,7 +85,7 @@ class GSensitivityResult(Struct, frozen=True):
 
 @routines.framed(routines.energised, routines.drive_seen, watched)
 def g_sensitivity(settings: GSensitivitySettings) -> steps.Plan:
-    """Have the case turned, and take a window in each position; leave it upright."""
+    """Ask for the case to be turned, and take a window in each position; leave it upright."""
     previous, upright = "", f"+{settings.input_axis}"
     for _ in range(settings.cycles):
         for number, up in enumerate(settings.positions):

@@ -58,7 +58,7 @@ from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
-    """Settings of the calibration of K_Vc, beside those of all procedures."""
+    """Settings of the calibration of K_Vc, in addition to those of all procedures."""
 
     match_rates_deg_s: Annotated[
         tuple[Rate, ...], several(3, 100, "rates at which V_Vc is matched, each with both signs")

@@ -103,12 +103,12 @@ def recorded_settings(procedure: Procedure[S, Any], values: Any) -> S:
     try:
         settings = typed(values, procedure.settings)
     except ValidationError as error:
-        raise ConfigError(f"its settings do not fit this version: {error}") from None
+        raise ConfigError(f"this version cannot read the settings of the record: {error}") from None
     written = to_builtins(settings)
     without = {"simulated", "gyro"}  # no result of before goes by them
     of_station = set(written["station"]) - set(values.get("station", ())) - without
     if missing := sorted(set(written) - set(values)) + sorted(of_station):
-        raise ConfigError(f"its settings do not fit this version: {', '.join(missing)} missing")
+        raise ConfigError(f"this version cannot read the settings of the record: {', '.join(missing)} missing")
     return settings
 
 

@@ -1,4 +1,4 @@
-"""Procedures of one's own: a file read as one, and mistakes in its code told with file and line."""
+"""Loads custom procedures from files; reports errors in their code with file and line."""
 
 import sys
 import traceback
@@ -41,8 +41,8 @@ def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure
 
 
 def file_of(procedure: AnyProcedure) -> dict[str, str] | None:
-    """Return where the plan of a procedure stands and the SHA-256 of that file, None where it is no file."""
-    from hashlib import sha256  # noqa: PLC0415  # few procedures are one's own
+    """Return the file of a procedure's plan and its SHA-256; None if it is not in a file."""
+    from hashlib import sha256  # noqa: PLC0415  # few procedures are custom ones
 
     code = getattr(procedure.plan, "__code__", None)
     path = None if code is None else Path(code.co_filename)

@@ -60,7 +60,7 @@ DEMODULATED: frozenset[str] = frozenset(name for name, turned in CAUSES.items() 
 
 
 class PolaritySettings(ProcedureSettings, frozen=True, kw_only=True):
-    """Settings of the check, beside those of all procedures."""
+    """Settings of the check, in addition to those of all procedures."""
 
     polarity_rate_deg_s: Annotated[
         float, Meta(gt=0.0, le=1000.0, description="rate of the table, taken with both signs")
@@ -98,7 +98,7 @@ class Sign(Struct, frozen=True):
 
     @property
     def right(self) -> bool:
-        """True if it is as expected."""
+        """True if the sign is the expected one."""
         return self.found == self.expected
 
 

@@ -48,7 +48,7 @@ _HELD = frozenset({_LINE, _RAISED, _AGAIN})
 
 
 class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
-    """Settings of the input rate limits, beside those of all procedures."""
+    """Settings of the input rate limits, in addition to those of all procedures."""
 
     smooth: ClassVar[bool] = False
 
@@ -82,7 +82,7 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
 
     @property
     def off_levels(self) -> float:
-        """Amount by which the ratio of two levels of V_Vc that nobody measures may be off, relative; else 0."""
+        """Possible error of the ratio of two unmeasured levels of V_Vc, relative; 0 if measured."""
         known = self.station.sources
         if self.by_table or v_vc.has_v_vc_meter(self):
             return 0.0
@@ -101,7 +101,7 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
             yield InvalidValue("level_deg_s", f"less than {self.most_deg_s:g} deg/s (limits)", self.level_deg_s)
 
     def input_of(self, point: Point) -> float:
-        """Return the rate of the table, deg/s, or V_Vc as it was measured or set, V."""
+        """Return the rate of the table, deg/s, or the measured or set V_Vc, V."""
         known_v = point.v_vc_v if point.v_vc_measured_v is None else point.v_vc_measured_v
         return point.rate_deg_s if self.by_table else known_v
 
@@ -146,7 +146,7 @@ class RateLimitsResult(Struct, frozen=True):
 
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest, partial(watched, steps=_HELD))
 def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
-    """Take the line, then either side to its limit, beyond, and back; and see what moved meanwhile."""
+    """Measure the line, then search the limit of either side, and compare repeated rates."""
     if not settings.by_table:
         yield from v_vc.ready_v_vc_meter(settings, V_VC_RANGE_V)
         yield from routines.v_vc_on(settings.settle_s)
@@ -208,7 +208,7 @@ def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
         goes = "/(deg/s) with the rate" if settings.by_table else "/V with V_Vc"
         guess = "" if settings.by_table else f" and {k_vc:+g} (deg/s)/V (k_vc_guess_deg_s_per_v)"
         raise MeasurementError(
-            f"the output goes by {line.slope:+.4g} V{goes}: not as {scale.value:+.4g} V/(deg/s) "
+            f"the output changes by {line.slope:+.4g} V{goes}: not as {scale.value:+.4g} V/(deg/s) "
             f"({scale.source}){guess} {'have' if guess else 'has'} it",
             instrument="multimeter",
             hint="give both with their signs, or check the leads: vcfbench run polarity",

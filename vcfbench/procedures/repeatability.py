@@ -36,7 +36,7 @@ _AT_LEVELS, _AFTER_POWER_ON = 1, 2
 
 
 class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
-    """Settings of the repeatability over switch-ons, beside those of all procedures."""
+    """Settings of the repeatability over switch-ons, in addition to those of all procedures."""
 
     checked_warm: ClassVar[bool] = False
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after each power-on")] = 1800.0
@@ -70,7 +70,7 @@ class Spread(Value, frozen=True):
     by_noise: float = 0.0
 
     def in_results(self) -> dict[str, Any]:
-        """Return it as the results in ``result.json`` have it."""
+        """Return the result in the form of ``result.json``."""
         ends = {"low": self.low, "high": self.high}
         return {"value": self.value, **ends, "by_noise": self.by_noise, "unit": self.unit}
 

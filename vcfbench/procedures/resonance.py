@@ -139,7 +139,7 @@ class DriveDecay(StepResult, Struct, frozen=True):
 
 @does(Effect.MEASURES, "drive signal", overhead_s=1.0)
 class ReleaseDrive(Step, Struct, frozen=True):
-    """Switch the supply off and record the drive signal meanwhile.
+    """Switch the supply off while the drive signal is recorded.
 
     Its loop stops below a voltage at which the board still shows the drive, which rings down until the board is dead.
     `drive_hz` is where it is, roughly.
@@ -210,7 +210,7 @@ def _looked_at(settings: ResonanceSettings, work: steps.Plan) -> steps.Plan:
 
 @routines.framed(routines.energised, _looked_at, routines.held_at_rest)
 def plan(settings: ResonanceSettings) -> steps.Plan:
-    """Sweep, then let the sense modes ring down, then the drive."""
+    """Sweep, then record ring-downs of the sense modes, then of the drive."""
     _, drive_hz = yield from sweep(settings)
     yield steps.Note("The sense modes ring down as V_Vc is switched off")
     yield from routines.v_vc_level_again()
@@ -222,7 +222,7 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
         raise MeasurementError(
             f"the sense modes were seen to ring down {len(decays)} times of {count} as V_Vc was switched off",
             instrument="oscilloscope",
-            hint="look at the leads of V_Vc and of the sense signal; ring_down_v_vc_v gives more of a weak signal",
+            hint="look at the leads of V_Vc and of the sense signal; a larger ring_down_v_vc_v gives a larger signal",
         )
     drive_hz = fmean(each.drive_hz for each in decays)
     yield steps.Note("The drive rings down as the rails are switched off")

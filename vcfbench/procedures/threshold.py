@@ -44,7 +44,7 @@ _ONE_SIDED = 1.645
 
 
 class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
-    """Settings of threshold, resolution and dead band, beside those of all procedures."""
+    """Settings of threshold, resolution and dead band, in addition to those of all procedures."""
 
     by: Annotated[ScaleFactorBy, said("what makes the steps: V_Vc or the table", option=True)] = ScaleFactorBy.V_VC
     steps_deg_s: Annotated[tuple[Rate, ...], several(3, 100, "sizes of the steps, each taken to both sides")] = (
@@ -79,7 +79,7 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
 
     @property
     def k_vc(self) -> float:
-        """K_Vc as far as it is known, (deg/s)/V."""
+        """K_Vc of the certificate, the settings or the guess, (deg/s)/V."""
         return self.expected_gyro().k_vc if self.k_vc_deg_s_per_v is None else self.k_vc_deg_s_per_v
 
     @property
@@ -213,7 +213,7 @@ def _level_of_rest(settings: ThresholdSettings) -> Routine[float]:
                 f"steps of {span_deg_s:g} deg/s either way by V_Vc move the output by {rise_v:+.3g} V",
                 instrument="multimeter",
                 step=str(_SEARCH),
-                hint="look at the lead of V_Vc; a dead band that is as wide needs larger steps_deg_s",
+                hint="check the lead of V_Vc; a wide dead band needs larger steps_deg_s",
             )
         level_v += below_v + (rest.output_v - below.output_v) * (above_v - below_v) / rise_v - middle_v
     return level_v

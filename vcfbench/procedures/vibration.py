@@ -76,7 +76,7 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @property
     def frequencies_hz(self) -> tuple[float, ...]:
-        """Those asked for that a record tells from the mains, rising."""
+        """The wanted frequencies that a record separates from the mains, rising."""
         mains_hz, samples = self.station.mains_hz, self.record_samples
         return tuple(sorted(each for each in self.vibration_hz if tones.stands_off_mains(each, mains_hz, samples)))
 
@@ -295,7 +295,7 @@ def _closed_form(settings: VibrationSettings, drive_hz: float, frequency_hz: flo
 
 
 def report(_settings: VibrationSettings, _measured: Measured, found: VibrationResult) -> Report:
-    """Report the responses beside the closed form."""
+    """Report the responses and the closed form."""
     columns = heads(
         "frequency [Hz]:g | virtual rate [deg/s]:.4g | output [V]:.5g | response:.5f | U95:.1g | "
         "expected:.5f | U95:.1g | difference [%]:+.3f | E_n:.2f | <u is made of"

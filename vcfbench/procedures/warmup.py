@@ -59,7 +59,7 @@ _QUICK_INTERVAL_S = 0.1
 
 
 class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
-    """Settings of the warm-up, beside those of all procedures."""
+    """Settings of the warm-up, in addition to those of all procedures."""
 
     creeps: ClassVar[bool] = True
     checked_warm: ClassVar[bool] = False
@@ -327,7 +327,7 @@ def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -
 
 
 class SwitchedOn(StepResult, Struct, frozen=True):
-    """The bench time at which the supply was told to switch on, s, and the output from then on."""
+    """The bench time at which the supply was commanded on, s, and the output from then on."""
 
     t_s: float
     log: tuple[Reading, ...]

@@ -11,7 +11,7 @@ from vcfbench.uncertainty.measurand import stated_cells
 
 
 class SheetRow(Struct, frozen=True):
-    """One line of the data sheet; `u` and `u95` are None where the procedure tells none."""
+    """One line of the data sheet; `u` and `u95` are None if the procedure gives none."""
 
     quantity: str
     value: float
@@ -102,7 +102,7 @@ def _model_equation(rows: Sequence[SheetRow]) -> list[Table | Text]:
 
 
 def line_of(rows: Sequence[SheetRow]) -> str:
-    """Return the procedure of the first line: scale factor, bias and what else several measure are stated from it."""
+    """Return the procedure from which values that several procedures measure are stated."""
     return next((each.procedure for each in rows if each.quantity.endswith("scale factor")), "")
 
 

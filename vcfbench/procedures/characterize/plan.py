@@ -137,7 +137,7 @@ class CharacterizeSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @property
     def warm_again_s(self) -> float:
-        """Waiting time of its first part: the others have found the gyroscope warm."""
+        """Waiting time of the first part; the gyroscope is warm for the others."""
         return self.of(self.parts[0]).warm_again_s
 
     def given(self, name: str) -> dict[str, Any]:
@@ -290,7 +290,7 @@ class _Session(Struct):
 
 
 def plan(settings: CharacterizeSettings) -> Plan:
-    """Do the plan of every part that the bench allows, the supply on all the time; whatever happens, off in the end."""
+    """Do the plan of every possible part, with the supply always on; whatever happens, it is off at the end."""
     session = _Session()
     for name in settings.parts:
         if why := settings.lacking(name):
@@ -372,7 +372,7 @@ class CharacterizeResult(Struct, frozen=True):
 
 
 def results(settings: CharacterizeSettings, measured: Measured) -> CharacterizeResult:
-    """Have each part make its results of its own measured data; then put them together."""
+    """Compute the results of each part from its own data, and put them together."""
     by_name = {begin.name: part for begin, part in measured.parted(BeginPart)}
     found: dict[str, PartResult] = {}
     last = [name for name in by_name if hasattr(PROCEDURES[name].settings, _SCALE_FACTOR)]

@@ -239,7 +239,7 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
 
 
 def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
-    """Say that the combs may have charged where the split has changed by more than temperature does; else None.
+    """Return a warning of charged combs if temperature does not explain the change of the split; else None.
 
     A charge is a spring, and changes the force that a volt makes, which nothing else shows (Micromachines 2023, 14,
     1755): the split is the only witness of what would change K_Vc unseen. The drive's frequency is the thermometer.

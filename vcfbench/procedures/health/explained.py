@@ -18,7 +18,7 @@ class Rise(NamedTuple):
 
 
 def rise_since(then: Characteristics, now: Characteristics) -> Rise | None:
-    """Return the rise of temperature, by the drive's frequency where that was measured; None: nobody knows."""
+    """Return the rise of temperature, from the drive's frequency if measured, else as stated, or None."""
     if then.drive_hz is not None and now.drive_hz is not None:
         per_k = then.drive_ppm_k or ASSUMED_DRIVE_PPM_K
         ppm = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0)
@@ -32,7 +32,7 @@ def rise_since(then: Characteristics, now: Characteristics) -> Rise | None:
 
 
 def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Characteristics | None) -> list[Text]:
-    """Return the part of a change that temperature and rails explain, and the rest; nothing if neither is known."""
+    """Return the part of a change that temperature and rails explain, and the rest; empty if neither is known."""
     if then is None or now is None:
         return []
     causes: list[tuple[str, float, float, Measured | None, str]] = []

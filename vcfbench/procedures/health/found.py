@@ -39,7 +39,7 @@ quality factors make of it: 0 where nothing else is at work.
 
 
 def beside(found: Health, known: Characteristics) -> Characteristics:
-    """Return the characteristics for the device store, beside those `known` otherwise."""
+    """Return the characteristics for the device store, in addition to the `known` ones."""
     seen = {name: as_kept(each) for name, each in found.items()}
     only_size = {"split_size_hz": None} if "split_hz" in seen else {}
     return structs.replace(known, **only_size, **seen)
@@ -57,7 +57,7 @@ def unchanged(found: Health, then: Characteristics) -> Health:
 
 
 def health_of(settings: KnownVvcSettings, measured: Measured, then: Characteristics | None = None) -> Health:
-    """Return the characteristics that K_Vc depends on, by the steps of :mod:`.plan`; nothing where none were done.
+    """Return the characteristics that K_Vc depends on, from the steps of :mod:`.plan`; empty without them.
 
     `then` are those of the certificate.
 

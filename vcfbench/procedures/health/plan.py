@@ -87,7 +87,7 @@ def modes_of(decay: SenseDecay) -> Modes:
     """Return both modes, the one nearer to the drive as that in anti-phase; MeasurementError: only one rang down."""
     if len(decay.modes) < 2:
         raise MeasurementError(
-            f"one sense mode alone rang down, at {decay.modes[0].frequency_hz:.1f} Hz", instrument="oscilloscope"
+            f"expected a ring-down of two modes, got {decay.modes[0].frequency_hz:.1f} Hz", instrument="oscilloscope"
         )
     near, far = sorted(decay.modes, key=lambda mode: abs(mode.frequency_hz - decay.drive_hz))
     return Modes(decay.drive_hz, near, far)
@@ -132,7 +132,7 @@ _FAR_PERIODS, _FAR_A_PERIOD = 100.0, 30.0
 
 
 class CaptureFar(steps.CaptureRotations, frozen=True):
-    """Records under a sine so far from the modes that feed-through shows beside their response; the filter is shut.
+    """Records under a sine far from the modes, where feed-through is visible; the filter is shut.
 
     The last of `channels` is not looked at.
     """

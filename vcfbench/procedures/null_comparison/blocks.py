@@ -1,4 +1,4 @@
-"""Chopped blocks as results see them: their noise, the V_Vc at which nothing is left, the output at rest."""
+"""Results of chopped blocks: their noise, the V_Vc of equal outputs, the output at rest."""
 
 import math
 from collections.abc import Sequence

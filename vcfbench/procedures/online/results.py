@@ -217,8 +217,7 @@ def _sign(
             own_deg, first_deg = (math.degrees(cmath.phase(angle)) for angle in (each, turned[0]))
             angles = f"{own_deg:.0f} degrees, in the first {first_deg:.0f}"
             raise MeasurementError(
-                f"in burst {number} of {len(turned)} output and V_Vc are apart by {angles}: they must be in phase, or "
-                "opposed, in all",
+                f"burst {number} of {len(turned)}: output and V_Vc differ by {angles}, expected 0 or 180",
                 instrument="multimeter",
             )
     settings.require_sign(sign * slope)

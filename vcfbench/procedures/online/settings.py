@@ -19,7 +19,7 @@ _LEAST_BURSTS = 3
 
 
 class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """Settings of the calibration beside those of a self-calibration; the gyroscope is warm, as in service."""
+    """Settings of the calibration in addition to those of a self-calibration; the gyroscope is warm, as in service."""
 
     rates_key: ClassVar[str] = "virtual_rate_deg_s"
 

@@ -28,7 +28,7 @@ Varied = Literal["positive", "negative", "both"]
 
 
 class PowerSettings(LevelSettings, frozen=True, kw_only=True):
-    """Settings of the test of the supply, beside those of all procedures."""
+    """Settings of the test of the supply, in addition to those of all procedures."""
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     orders: Annotated[
@@ -100,7 +100,7 @@ class RailDraw(Struct, frozen=True):
 
 
 class RailsLogged(StepResult, Struct, frozen=True):
-    """Currents and output from the bench time `t_s` on, at which a rail was told to come on, s."""
+    """Currents and output from the bench time `t_s`, s, at which a rail was commanded on."""
 
     t_s: float
     drawn: tuple[RailDraw, ...]

@@ -54,7 +54,7 @@ from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 
 class SelfCalibrationSettings(KnownDeviceSettings, frozen=True, kw_only=True):
-    """Settings of a self-calibration, beside those of all procedures."""
+    """Settings of a self-calibration, in addition to those of all procedures."""
 
     virtual_rates_deg_s: Annotated[tuple[Rate, ...], several(2, 100, "rates that V_Vc stands for, with both signs")] = (
         *(10.0, 20.0, 50.0, 100.0, 200.0),
@@ -90,7 +90,7 @@ _HOLDS_NOT = (
 
 
 class Level(Struct, frozen=True):
-    """One level of V_Vc: the rate that it stands for, and the output with its zero subtracted."""
+    """One level of V_Vc: its rate, and the output with its zero subtracted."""
 
     rate_deg_s: float
     v_vc_v: float
@@ -142,7 +142,7 @@ class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
 
 
 class NotStated(Struct, frozen=True, kw_only=True):
-    """A self-calibration whose K_Vc cannot be stated: the bias, and the changes of its characteristics."""
+    """A self-calibration without a value of K_Vc: the bias, and the changes of its characteristics."""
 
     bias: Measurand
     """Output at rest, generator off, V."""
@@ -150,7 +150,7 @@ class NotStated(Struct, frozen=True, kw_only=True):
     k_vc_from: str
 
     def refusal(self) -> str:
-        """Say the reason that nothing is stated."""
+        """Return the reason why no value of K_Vc is stated."""
         return f"K_Vc of {self.k_vc_from} does not hold any more: {'; '.join(self.health.refused)}"
 
     def stated(self) -> Iterator[Value | Unstated]:
@@ -180,7 +180,7 @@ class _Measured(Struct, frozen=True):
         return np.asarray(powers[1:] - powers[0])
 
     def curve(self, coefficients: Floats, v_vc_v: Floats, output_v: Floats) -> Floats:
-        """Return the curve of K_Vc with the modulator as it is now."""
+        """Return the curve of K_Vc with the present modulator."""
         if self.output_orders is None:
             return coefficients
         return shape.bent(coefficients, v_vc_v, output_v, self.covariance_v2, self.output_orders)

@@ -1,4 +1,4 @@
-"""Change of the modulator's shape since the certificate, and its curve as it is now.
+"""Change of the modulator's shape since the certificate, and its present curve.
 
 Without a table the output's curve and the modulator's cannot be told apart by the data alone: both bend the output
 against V_Vc. On the table the output's was measured, and it is the smaller by far. So it is taken to be what it was,
@@ -43,7 +43,7 @@ def orders_of(coefficients: Floats, v_vc_v: Floats, output_v: Floats, covariance
 
 
 def bent(coefficients: Floats, v_vc_v: Floats, output_v: Floats, covariance_v2: Floats, output: Floats) -> Floats:
-    """Return the curve of K_Vc whose second and third order leave the output's curve as `output` has it.
+    """Return the curve of K_Vc whose second and third order agree with the curve of `output`.
 
     By Newton's method from `coefficients`: an order of the curve changes that of the output by so much over its slope.
     """

@@ -78,7 +78,7 @@ def plan(settings: TemperatureSettings) -> steps.Plan:
                 raise MeasurementError(
                     f"the output has not come to rest after {settings.longest_soak_s:g} s at the temperature",
                     instrument="multimeter",
-                    hint="longest_soak_s is longer, or steady_ppm_min larger, for what takes its temperature slowly",
+                    hint="raise longest_soak_s or steady_ppm_min for a device that warms up slowly",
                 )
             points.append(answer((yield window), steps.Window).point)
         yield from to_level(settings, 0.0, previous=1.0)

@@ -54,7 +54,7 @@ class AtTemperature(Step, Struct, frozen=True):
 
 
 class PointOfTemperature(Struct, frozen=True):
-    """One temperature: as it was read (degC; at the device, else of the air, else as a person set it), and direction.
+    """One temperature: its reading (degC; at the device, else of the air, else as a person set it), and direction.
 
     `slope` is the scale factor, V/(deg/s) by the table or V/V by V_Vc; `bias_deg_s` that with the generator off.
     """

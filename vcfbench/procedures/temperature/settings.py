@@ -16,7 +16,7 @@ Celsius = Annotated[float, ranged(-100.0, 200.0)]
 
 
 class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
-    """Settings of the run over temperature, beside those of all procedures."""
+    """Settings of the run over temperature, in addition to those of all procedures."""
 
     checked_warm: ClassVar[bool] = False
     temperatures_c: Annotated[tuple[Celsius, ...], several(3, 100, "temperatures of the air, in their order")] = (

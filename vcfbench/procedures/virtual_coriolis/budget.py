@@ -111,7 +111,7 @@ def four_step_statement(
 
 
 def zeros_apart(around: Circumstances, values: Mapping[str, Any], q: Errors) -> dict[str, Any]:
-    """Return what the generator's offset makes of the zeros at the stated temperature and phases (U7).
+    """Return the effect of the generator's offset on the zeros, at the stated temperature and phases (U7).
 
     Its volts go through the modulator, so the difference of both columns' zeros goes with what a volt of V_Vc does. The
     rest of a warm-up is too small for it.

@@ -98,7 +98,7 @@ class Matching(Struct, frozen=True):
 
     @property
     def compared(self) -> tuple[Mean, ...]:
-        """The means whose noise goes into the comparison."""
+        """The means whose noise is part of the comparison."""
         if self.match is Match.ABSOLUTE:
             return (self.turning, self.best)
         return (self.turning, self.best, self.zero_table, self.zero_virtual)
@@ -120,7 +120,7 @@ class Matching(Struct, frozen=True):
 
     @property
     def slope(self) -> float:
-        """Output over V_Vc (V/V) along the chord from the zero to the best try, whose V_Vc may differ from 0 V itself.
+        """Output over V_Vc (V/V), the slope of the chord from the zero, whose V_Vc may not be 0 V, to the best try.
 
         The chord, not the secant through the last two tries: those lie within each other's noise once the outputs are
         equal. MeasurementError: the output does not answer to V_Vc.

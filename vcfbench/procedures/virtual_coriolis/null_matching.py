@@ -94,7 +94,7 @@ class NullMatching(Struct, frozen=True):
             if abs(off) <= 1e-12 * max(1.0, abs(rate_deg_s)):
                 return level_v
             level_v -= off / float(self.slope_of(np.array([level_v]))[0])
-        raise ConfigError(f"no V_Vc stands for {rate_deg_s:g} deg/s on the curve of K_Vc")
+        raise ConfigError(f"the curve of K_Vc does not reach {rate_deg_s:g} deg/s")
 
     @property
     def noise_weights(self) -> Floats:

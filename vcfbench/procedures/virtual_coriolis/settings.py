@@ -12,7 +12,7 @@ from vcfbench.station.settings import Match
 
 
 class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
-    """Settings of the virtual Coriolis calibration, beside those of all procedures."""
+    """Settings of the virtual Coriolis calibration, in addition to those of all procedures."""
 
     match: Annotated[
         Match,

@@ -66,7 +66,7 @@ class NoiseCoefficient(Value, frozen=True):
         return cls(*stated, form=form, high=upper_95 if u is None else None, words=words, upper_95=upper_95)
 
     def in_results(self) -> dict[str, Any]:
-        """Return it as the results in ``result.json`` have it."""
+        """Return the noise in the form of ``result.json``."""
         return {"name": self.words, "value": self.value, "u": self.u, "upper_95": self.upper_95, "unit": self.unit}
 
 
@@ -297,7 +297,7 @@ def with_what_is_let_through(fit: NoiseFit, sampling: Sampling, u_bandwidth_hz: 
 
 
 def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
-    """Return the coefficients, or words where there are none."""
+    """Return the coefficients, or the reason without any."""
     if not noise:
         return Text("no noise: the readings scatter by less than the meter resolves")
     columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
@@ -307,7 +307,7 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
 
 
 def allan_table(rows: Sequence[AllanRow]) -> Table:
-    """Return the Allan curve as a table, without a column that says nothing: a gapless record has no dead time."""
+    """Return the Allan curve as a table; a gapless record has no column for dead time."""
     columns = heads(
         "tau [s]:g | Allan deviation [deg/h]:.3f | low 95 % [deg/h]:.3f | high 95 % [deg/h]:.3f | edf:.3g | "
         "without dead time [deg/h]:.3f | fit [deg/h]:.3f"
@@ -332,7 +332,7 @@ def stability_table(found: BiasStability) -> Table:
 
 
 def allan_figure(all_rows: Sequence[AllanRow], white_noise_seen: float) -> Figure | Text:
-    """Draw the Allan curve; where white noise is seen too large, that without dead time beside it."""
+    """Draw the Allan curve; with dead time also the curve corrected for it."""
     rows = [row for row in all_rows if row.observed > 0.0]
     if not rows:
         return Text("no Allan figure: there is no noise to draw")

@@ -49,7 +49,7 @@ class Mode(Enum):
 
 
 class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
-    """Settings of the static record, beside those of all procedures."""
+    """Settings of the static record, in addition to those of all procedures."""
 
     powered_s: Annotated[float, ranged(0.0, 86_400.0, "time under power before the record, at least warm_up_s")] = (
         1800.0
@@ -84,7 +84,7 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
 
     @property
     def sampling(self) -> Sampling:
-        """Sampling of the record; of a noise bandwidth nothing is told where dead time is not corrected for."""
+        """Sampling of the record; without a correction for dead time it has no noise bandwidth."""
         if self.mode is Mode.GAPLESS:
             return Sampling.without_gaps(self.sample_interval_s)
         passed_hz = self.passed_hz if self.mode is Mode.CORRECTED else None
@@ -201,7 +201,7 @@ class ZeroResult(Struct, frozen=True):
 
 
 class ForeseenZero(Struct, frozen=True):
-    """Expected statement of a static record, before there is one: nothing of one without noise."""
+    """Expected statement of a static record before the run; none without noise."""
 
     output_v: Measurand | None = None
     bias: Measurand | None = None
