@@ -32,7 +32,7 @@ def whole() -> list[dict[str, Any]]:
     return [{"type": "header", "format": 1, "procedure": "turntable"}, *steps, error, footer]
 
 
-def test_a_whole_journal_and_each_beginning_of_one_have_no_damage() -> None:
+def test_journal_and_each_beginning_of_it_have_no_damage() -> None:
     lines = whole()
     assert [first_damage(lines[:kept]) for kept in range(len(lines) + 1)] == [None] * 9
 

@@ -110,7 +110,7 @@ def test_nothing_is_written_over(store: DeviceStore) -> None:
         CERTIFICATE.serial = "other"  # type: ignore[misc]
 
 
-def test_programs_that_add_at_the_same_time_all_get_a_place(store: DeviceStore) -> None:
+def test_programs_that_add_at_once_all_get_a_number(store: DeviceStore) -> None:
     def add() -> None:
         for _ in range(5):
             store.add(SELF)
@@ -179,7 +179,7 @@ def change(**changes: Any) -> Any:
         (change(kind="letter"), "letter"),
         (change(colour="red"), "colour"),
         (change(issued="2026-11-22T12:00:00"), "issued"),
-        (change(serial="G-0043"), "it is of device 'G-0043', and lies with 'G-0042'"),
+        (change(serial="G-0043"), "expected device 'G-0042', got 'G-0043'"),
         (change(k_vc={"coefficients": [1.0]}), "k_vc"),
         (change(k_vc={"coefficients": [0.0, 1.0], "covariance": [[1.0]], "v_vc_min_v": -1, "v_vc_max_v": 1}), "2 rows"),
         (change(scale_factor_v_per_deg_s={"value": 1.0, "u": -1.0}), ">= 0"),
@@ -284,14 +284,14 @@ def test_real_and_simulated_entries_never_meet(store: DeviceStore) -> None:
     assert rehearsal.left_out("G-0042") == "device G-0042: left out, from a real bench: 0003"
 
 
-def test_entries_are_in_the_order_of_their_days_whenever_they_were_added(store: DeviceStore) -> None:
+def test_entries_are_sorted_by_day(store: DeviceStore) -> None:
     store.add(CERTIFICATE)
     store.add(structs.replace(CERTIFICATE, issued=NOON - timedelta(days=300)))
     assert [each.name for each in store.entries("G-0042")] == ["0002", "0001"]
     assert store.certificate("G-0042").name == "0001"
 
 
-def test_a_withdrawn_entry_stays_and_counts_no_more_until_that_is_withdrawn(store: DeviceStore) -> None:
+def test_withdrawn_entry_counts_again_after_withdrawing_withdrawal(store: DeviceStore) -> None:
     store.add(CERTIFICATE)
     store.add(structs.replace(SELF, drift_verdict="fail"))
     taken = store.withdraw("G-0042", "0002", reason="the leads were swapped", by="A. Person")
@@ -309,9 +309,7 @@ def test_a_withdrawn_entry_stays_and_counts_no_more_until_that_is_withdrawn(stor
 
 @pytest.mark.parametrize("change", ["removed", "changed"])
 @pytest.mark.parametrize("name", ["0001", "0002", "0003"])
-def test_what_stands_before_a_withdrawal_cannot_be_changed_or_removed_unseen(
-    store: DeviceStore, change: str, name: str
-) -> None:
+def test_change_before_a_withdrawal_is_found(store: DeviceStore, change: str, name: str) -> None:
     store.add(CERTIFICATE)
     store.add(SELF)
     store.withdraw("G-0042", "0002", reason="why", by="who")

@@ -44,7 +44,7 @@ def test_no_directory_is_no_runs(tmp_path: Path) -> None:
 
 def test_a_place_where_nothing_can_be_kept_is_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ConfigError, match="no record can be kept there"):
+    with pytest.raises(ConfigError, match="no record can be written there"):
         create_run(tmp_path / "file", "turntable")
 
 
@@ -94,12 +94,12 @@ def test_unwritable_disk_is_found_at_once_and_leaves_nothing(tmp_path: Path, mon
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("vcfbench.records.directory.os.fsync", full)
-    with pytest.raises(ConfigError, match="no record can be kept there: No space left on device"):
+    with pytest.raises(ConfigError, match="no record can be written there: No space left on device"):
         create_run(tmp_path / "runs", "turntable")
     assert list((tmp_path / "runs").iterdir()) == []
 
 
-def test_a_directory_without_a_record_is_taken_away_and_no_other(tmp_path: Path) -> None:
+def test_only_directory_without_record_is_removed(tmp_path: Path) -> None:
     empty, kept = create_run(tmp_path, "turntable"), create_run(tmp_path, "turntable")
     Journal(kept.journal).close()
     empty.discard()

@@ -16,7 +16,7 @@ def points(step: int) -> list[Point]:
     return [Point(step, rate, 0.0, -0.0125 * rate - 1.0 / 3.0, 1e-4, 10) for rate in (200.0, 0.0, -200.0)]
 
 
-def test_points_are_read_back_by_the_analysis_to_the_last_digit() -> None:
+def test_points_are_read_back_to_last_digit() -> None:
     both = [*points(3), *points(4)]
     series = read_table(BytesIO(points_csv(both).encode()), "points.csv", Layout(), [])
     assert list(series) == ["turntable", "virtual"]
@@ -28,11 +28,11 @@ def test_points_survive_json() -> None:
 
 
 def test_a_file_that_cannot_be_written_is_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(BenchError, match="the journal beside it is whole"):
+    with pytest.raises(BenchError, match="the journal is complete: free space, then export again"):
         write_text(tmp_path, "x")
 
 
-def test_a_disk_that_is_full_leaves_no_half_of_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_disk_leaves_no_partial_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its first lines alone would be read as a table of fewer points."""
     written = Path.write_bytes
 
@@ -47,6 +47,6 @@ def test_a_disk_that_is_full_leaves_no_half_of_a_table(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize("value", [2e15, -2e15, float("nan"), float("inf"), 9.9e37])
-def test_a_point_that_could_not_be_read_back_is_not_made(value: float) -> None:
+def test_unreadable_point_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="output_v: expected a number within"):
         Point(1, 10.0, 0.0, value, 1e-6, 10)

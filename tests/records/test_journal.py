@@ -299,7 +299,7 @@ def test_what_cannot_be_taken_back_hides_no_full_disk(tmp_path: Path, monkeypatc
     journal.close()
 
 
-def test_a_torn_line_after_the_last_one_leaves_the_record_incomplete(tmp_path: Path) -> None:
+def test_torn_last_line_leaves_record_incomplete(tmp_path: Path) -> None:
     path = tmp_path / "j"
     whole = write(path)
     path.write_bytes(whole + b'{"type":"amend')
@@ -382,9 +382,7 @@ def test_line_is_on_disk_by_the_call_of_its_system(
 
 
 @pytest.mark.parametrize("trouble", ["write", "sync"])
-def test_a_line_that_cannot_be_added_leaves_the_record_as_it_was(
-    trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_failed_addition_leaves_record_unchanged(trouble: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole, path = write(tmp_path / "j"), tmp_path / "j"
     path.write_bytes(whole + b'{"type":"st')  # torn
 
@@ -442,7 +440,7 @@ def test_journal_without_a_record_keeps_its_lines() -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there who has a file open keeps it locked")
-def test_who_only_asks_whether_a_run_goes_on_is_no_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_query_for_running_run_is_not_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It has the lock for an instant, and what a library has kept of its file has it no more."""
     path, kept = tmp_path / "j", list[int]()
     write(path)
@@ -480,7 +478,7 @@ def test_without_locks_a_run_writes_and_nobody_knows(tmp_path: Path, monkeypatch
     journal.close()
 
 
-def test_one_that_is_empty_or_not_there_is_not_asked_about(tmp_path: Path) -> None:
+def test_empty_or_missing_journal_is_not_locked(tmp_path: Path) -> None:
     """It may be about to be locked, and nobody is to come in between."""
     assert not being_written(tmp_path / "none")
     journal = Journal(tmp_path / "j")
@@ -490,7 +488,7 @@ def test_one_that_is_empty_or_not_there_is_not_asked_about(tmp_path: Path) -> No
     journal.close()
 
 
-def test_lines_are_yielded_up_to_the_first_that_is_not_whole(tmp_path: Path) -> None:
+def test_lines_are_yielded_up_to_first_torn_line(tmp_path: Path) -> None:
     (tmp_path / "j").write_bytes(b'{"n":1}\n{"n":2}\n[3]\n{"n":4}\n')
     assert list(lines_of(tmp_path / "j")) == [{"n": 1}, {"n": 2}]
     (tmp_path / "j").write_bytes(b'{"n":1}\n{"n":2}')

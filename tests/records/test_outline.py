@@ -77,7 +77,7 @@ def test_nor_is_one_with_another_tail(tmp_path: Path, tail: str) -> None:
     assert outline_of(written(tmp_path, WHOLE, tail)) is None
 
 
-def test_what_has_an_outline_is_called_the_same_by_the_full_reading(tmp_path: Path) -> None:
+def test_outline_has_status_of_full_reading(tmp_path: Path) -> None:
     """Every cut of a journal as it was written: no list says of it what its record does not."""
     whole = written(tmp_path, WHOLE).read_bytes().splitlines(keepends=True)
     for first in range(7):

@@ -70,7 +70,7 @@ def test_what_is_no_key_of_a_station_is_one_sentence(tmp_path: Path) -> None:
             public_key_of(path)
 
 
-def test_a_line_signs_one_seal_with_the_key_that_it_names(tmp_path: Path) -> None:
+def test_signature_line_signs_one_seal_with_named_key(tmp_path: Path) -> None:
     new_key(tmp_path / "a")
     new_key(tmp_path / "b")
     line = SigningKey(tmp_path / "a").signature(SEAL)
@@ -102,5 +102,5 @@ def test_the_environment_names_a_key_before_the_bench_file_does(
 def test_a_key_that_others_may_use_signs_nothing(mode: int, tmp_path: Path) -> None:
     new_key(tmp_path / "station.pem")
     (tmp_path / "station.pem").chmod(mode)
-    with pytest.raises(ConfigError, match=rf"may use this private key \(mode {mode:04o}\).*chmod 600"):
+    with pytest.raises(ConfigError, match=rf"only its owner can read, got mode {mode:04o}.*chmod 600"):
         SigningKey(tmp_path / "station.pem")

@@ -36,7 +36,7 @@ def test_values_are_found_in_fields_mappings_and_tuples_by_place() -> None:
     assert (found["bias_v"].kind, found["bias_v"].u95) == ("bias", None)
 
 
-def test_what_no_uncertainty_contains_is_said_of_all_that_state_one() -> None:
+def test_every_stated_uncertainty_lists_its_omissions() -> None:
     known = Own(Value("gain", 2.0, "V", u=0.1), {}, (), None)
     assert left_out(known) == (BEYOND_SHEETS,)
     assert left_out({"gain": {"value": 2.0, "unit": "V", "u": 0.1}, "holds_not": ["drift"]}) == (BEYOND_SHEETS, "drift")

@@ -31,7 +31,7 @@ _LONGEST_TAIL: Final = 1 << 22
 
 
 class Change(Struct, frozen=True):
-    """A word that was amended; None is nothing."""
+    """An amended entry; None is an empty one."""
 
     field: str
     was: str | None
@@ -77,7 +77,7 @@ def amendments_at(path: Path) -> tuple[Amendment, ...]:
 
 
 def lines_after(data: bytes) -> tuple[list[bytes], int]:
-    """Return the lines that stand after the footer, or whatever line is the last else, and where they begin."""
+    """Return the lines after the footer, or after the last line without a footer, and their start."""
     end, found = len(data), list[bytes]()
     while data.startswith(_AFTER, start := data.rfind(b"\n", 0, max(0, end - 1)) + 1):
         found.append(data[start:end])
@@ -100,7 +100,7 @@ def amended_fields(amendments: Sequence[Amendment]) -> tuple[str, ...]:
 
 
 def check_of(amendments: Sequence[Amendment]) -> Check | None:
-    """Return the last check of the record; None where nobody has checked it, or the check was taken back."""
+    """Return the last check of the record; None if it was never checked, or the check was withdrawn."""
     for each in reversed(amendments):
         for change in each.changes:
             if change.field == CHECKED_BY:
@@ -129,7 +129,7 @@ def amend(
     if record.damage is not None or not record.header:
         raise ConfigError(f"{shown(path)}: the record is damaged, nothing is amended: {record.damage or 'no header'}")
     if not reason.strip() or not by.strip():
-        raise ConfigError("amend: expected a reason and who amends, got an empty text")
+        raise ConfigError("amend: expected a reason and the name of the person, got an empty text")
     before, changes = amendments_of(record.lines), []
     metadata = amended(metadata_from(record.header), before)
     for name, value in given.items():
@@ -142,7 +142,7 @@ def amend(
             tag = _TAG.fullmatch(field)
             was = metadata.tags.get(tag[1]) if tag else getattr(metadata, field)
         if was == now and not again:
-            raise ConfigError(f"{name}: it is {now or 'nothing'} already")
+            raise ConfigError(f"{name}: it is {now or 'empty'} already")
         metadata = _changed(metadata, field, now)
         changes.append(Change(field, was, now))
     if not changes:
@@ -162,8 +162,8 @@ def _field(name: str) -> str:
         return f"tags.{name}"
     known = ", ".join((*_WORDS, CHECKED_BY, *_OF_CERTIFICATE, "tags.KEY"))
     raise ConfigError(
-        f"{name}: it cannot be amended, only what a person says of a run can: {known}",
-        hint="what was measured, set or answered stays; if it is wrong, run it anew",
+        f"{name}: expected a field that a person gave for the run, one of {known}",
+        hint="measured values, settings and answers cannot be amended: measure again",
     )
 
 

@@ -17,7 +17,7 @@ _AFTER_FOOTER = frozenset({"amendment", "signature"})
 
 
 def first_damage(lines: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return in words the first thing that is wrong with the whole lines of a journal, None when nothing is."""
+    """Return the first damage of the complete lines of a journal in words, or None."""
     return next(chain(_ends(lines), _order(lines), _times(lines), _chunks(lines), _means(lines), _count(lines)), None)
 
 
@@ -106,7 +106,7 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def own_readings(line: Mapping[str, Any]) -> Sequence[Mapping[str, float]]:
-    """Return the readings that stand in the line of a step itself, or of one that failed."""
+    """Return the readings in the line of a step itself, or of one that failed."""
     readings: Sequence[Mapping[str, float]] = line.get("readings") or line.get("result", {}).get("readings", ())
     return readings
 

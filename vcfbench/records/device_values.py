@@ -33,7 +33,7 @@ class Measured(Frozen, frozen=True, kw_only=True):
     missing: tuple[Text, ...] = ()  # Contributions that `u` lacks, because nobody told them
 
     def signed(self, sign: float) -> Self:
-        """Return this size with the sign of a number."""
+        """Return this size with the sign of `number`."""
         return structs.replace(self, value=math.copysign(self.value, sign))
 
 
@@ -56,7 +56,7 @@ class Conditions(Frozen, frozen=True, kw_only=True):
 
 
 class Characteristics(Frozen, frozen=True, kw_only=True):
-    """Properties of a device on which K_Vc depends; None where nobody has measured one.
+    """Properties of a device on which K_Vc depends; None if not measured.
 
     The names of what `vcfbench.analysis.k_vc_model` knows are those that it has there.
     """

@@ -81,7 +81,7 @@ class KvcCurve(Frozen, frozen=True, kw_only=True):
             raise ValueError(f"expected coefficients and a covariance up to {_LARGEST:g}")
 
     def rate_deg_s(self, v_vc_v: float) -> float:
-        """Return the rate that `v_vc_v` stands for; ValueError: it lies outside the measured range."""
+        """Return the rate that `v_vc_v` stands for; ValueError outside the measured range."""
         if not self.v_vc_min_v <= v_vc_v <= self.v_vc_max_v:
             between = f"{self.v_vc_min_v:g} to {self.v_vc_max_v:g} V, where K_Vc is known"
             raise ValueError(f"V_Vc of {v_vc_v:g} V is outside of {between}")
@@ -169,7 +169,7 @@ class Characterisation(Frozen, frozen=True, kw_only=True, tag_field="kind", tag=
 
 
 class Withdrawal(Frozen, frozen=True, kw_only=True, tag_field="kind", tag="withdrawal"):
-    """Entry by which somebody takes an earlier one back: that stays where it is, and counts no more."""
+    """Entry that withdraws an earlier one, which stays and no longer counts."""
 
     serial: str  # Serial number of the device
     done: Instant  # Time of the withdrawal
@@ -191,7 +191,7 @@ class NewEntry(Struct, frozen=True):
 
 
 class Entry(Struct, frozen=True):
-    """One entry of a device, and the file that it stands in."""
+    """One entry of a device, and its file."""
 
     path: Path
     record: DeviceRecord
@@ -238,7 +238,7 @@ class Device(Struct, frozen=True):
 
     @property
     def certificate(self) -> Certificate | None:
-        """The last certificate, None where there is none."""
+        """The last certificate, or None."""
         found = last_certificate(self.standing)
         return None if found is None else cast("Certificate", found.record)
 
@@ -264,7 +264,7 @@ class DeviceStore(Struct, frozen=True):
     simulated: bool | None = None
 
     def serials(self) -> tuple[str, ...]:
-        """Return the serial numbers of the devices that have entries, in the order of the alphabet."""
+        """Return the serial numbers of the devices with entries, in alphabetical order."""
         return tuple(sorted(each.name for each in self._directories() if any(numbered(each))))
 
     def entries(self, serial: str) -> tuple[Entry, ...]:
@@ -276,7 +276,7 @@ class DeviceStore(Struct, frozen=True):
         paths = [path for _, path in numbered(self.root / serial)]
         found = tuple(Entry(path, read_entry(path)) for path in paths)
         for each in (one for one in found if one.record.serial != serial):
-            raise ConfigError(f"{shown(each.path)}: it is of device {each.record.serial!r}, and lies with {serial!r}")
+            raise ConfigError(f"{shown(each.path)}: expected device {serial!r}, got {each.record.serial!r}")
         for path, record in ((each.path, each.record) for each in found if isinstance(each.record, Withdrawal)):
             if record.seal != seal_of([each for each in paths if int(each.stem) <= int(record.last)]):
                 raise ConfigError(
@@ -298,7 +298,7 @@ class DeviceStore(Struct, frozen=True):
         return f"device {serial}: left out, from a {kind} bench: {', '.join(others)}"
 
     def withdraw(self, serial: str, name: str, *, reason: str, by: str) -> Entry:
-        """Add an entry by which an earlier one counts no more; that of a withdrawal makes what it took back count.
+        """Add an entry that withdraws an earlier one; withdrawing a withdrawal restores its entry.
 
         Raises:
             ConfigError: there is no such entry, it is withdrawn already, reason or name are empty, or it cannot be
@@ -312,13 +312,13 @@ class DeviceStore(Struct, frozen=True):
         if name in withdrawn(entries):
             raise ConfigError(f"{shown(found.path)}: it is withdrawn already")
         if not reason.strip() or not by.strip():
-            raise ConfigError("withdraw: expected a reason and who withdraws, got an empty text")
+            raise ConfigError("withdraw: expected a reason and the name of the person, got an empty text")
         paths = [path for _, path in numbered(self.root / serial)]
         said = {"withdraws": name, "reason": reason, "by": by, "last": paths[-1].stem, "seal": seal_of(paths)}
         return self.add(Withdrawal(serial=serial, done=utc_now(), **said))
 
     def device(self, serial: str) -> Device:
-        """Return the calibration history of a device; ConfigError: nothing is known of it, or it cannot be read."""
+        """Return the calibration history of a device; ConfigError without entries, or if they cannot be read."""
         entries = self.entries(serial)
         if not entries:
             raise ConfigError(
@@ -344,7 +344,7 @@ class DeviceStore(Struct, frozen=True):
         return next((each for each in reversed(self.standing(serial)) if isinstance(each.record, StaticNoise)), None)
 
     def characteristics(self, serial: str) -> Characteristics | None:
-        """Return the properties on which K_Vc depends, each by its last characterisation; None where there is none."""
+        """Return the properties on which K_Vc depends, each from its last characterisation, or None."""
         records = (each.record for each in self.standing(serial))
         seen = [each.characteristics for each in records if isinstance(each, Characterisation)]
         return together(seen) if seen else None
@@ -369,7 +369,7 @@ class DeviceStore(Struct, frozen=True):
         text = msgspec.json.format(msgspec.json.encode({"format": FORMAT, **msgspec.to_builtins(record)}), indent=2)
         source = f"the {type(record).__struct_config__.tag} of {record.serial}".replace("static-noise", "static noise")
         if _record(text.decode() + "\n", source) != record:  # as with a NaN
-            raise ConfigError(f"{source}: it cannot be written so that it comes back as it is")
+            raise ConfigError(f"{source}: the entry changes when it is written and read again")
         directory = self.root / record.serial
         self._require_own(record.serial)
         with failing_as(ConfigError, f"{shown(directory)}: no entry can be kept there"):
@@ -393,7 +393,7 @@ class DeviceStore(Struct, frozen=True):
 
 
 def together(found: Iterable[Characteristics]) -> Characteristics:
-    """Return each value as it was found last, and the changes of K_Vc that two of them give.
+    """Return the last value of each characteristic, and the changes of K_Vc from pairs of them.
 
     Where the frequency was found last at a temperature that nobody told, that of all is not known.
     """
@@ -424,7 +424,7 @@ def withdrawn(entries: Sequence[Entry]) -> dict[str, Withdrawal]:
 
 
 def standing(entries: Sequence[Entry], *, simulated: bool | None = None) -> tuple[Entry, ...]:
-    """Return those of a device's entries that count: of one kind of bench, real before simulated where nobody asks."""
+    """Return the entries of a device that count: of one kind of bench, by default the real one."""
     gone = withdrawn(entries)
     kept = [each for each in entries if each.name not in gone and not isinstance(each.record, Withdrawal)]
     kind = all(each.simulated for each in kept) if simulated is None else simulated
@@ -432,19 +432,19 @@ def standing(entries: Sequence[Entry], *, simulated: bool | None = None) -> tupl
 
 
 def last_certificate(entries: Sequence[Entry]) -> Entry | None:
-    """Return the last certificate among the entries of a device that stand, None where there is none."""
+    """Return the last valid certificate among the entries of a device, or None."""
     return next((each for each in reversed(entries) if isinstance(each.record, Certificate)), None)
 
 
 def since_certificate(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return the self-calibrations by the last certificate; without one, those by a K_Vc from elsewhere."""
+    """Return the self-calibrations by the last certificate; without one, those by a given K_Vc."""
     certificate, own = last_certificate(entries), [each for each in entries if isinstance(each.record, SelfCalibration)]
     name = None if certificate is None else certificate.name
     return tuple(each for each in own if cast("SelfCalibration", each.record).certificate == name)
 
 
 def failed_drifts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return those of them whose drift failed, but for one that a second look right after it did not find."""
+    """Return the entries with a failed drift, except one that the next self-calibration did not confirm."""
     own = since_certificate(entries)
     failed = [getattr(each.record, "drift_verdict", None) == "fail" for each in own]
     near = zip([False, *failed], [*failed[1:], True], strict=False)  # the last waits for its second look

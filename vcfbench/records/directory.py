@@ -41,7 +41,7 @@ class RunDirectory(Struct, frozen=True):
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Keep others from resuming this run meanwhile, where the file system has locks.
+        """Lock this run against a second resume, if the file system has locks.
 
         Raises:
             ConfigError: another program does so already.
@@ -60,7 +60,7 @@ class RunDirectory(Struct, frozen=True):
                 os.close(descriptor)
 
     def discard(self) -> None:
-        """Take the directory away again, if nothing was recorded."""
+        """Remove the directory, if nothing was recorded."""
         with suppress(OSError):  # something is in it, or it cannot be taken away: it does no harm
             self.path.rmdir()
 
@@ -88,7 +88,7 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
             raise
         trial.unlink()
     except OSError as error:
-        raise ConfigError(f"{path}: no record can be kept there: {error.strerror}", hint="choose --runs") from error
+        raise ConfigError(f"{path}: no record can be written there: {error.strerror}", hint="choose --runs") from error
     return RunDirectory(path)
 
 
@@ -132,7 +132,7 @@ def began(run: RunDirectory, utc: object) -> datetime:
 
 
 def find_run(runs: Path, name: str) -> RunDirectory:
-    """Return the one run whose name begins or ends with `name`, or `last`, the one that began last.
+    """Return the one run whose name begins or ends with `name`, or for `last` the run that began last.
 
     Raises:
         ConfigError: there is none, or more than one, or which is the last cannot be known: the newest lies in the

@@ -33,7 +33,7 @@ def result_text(values: Mapping[str, Any]) -> str:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a derived file, newlines as they are: all of it or nothing, for half a table looks like a short one.
+    """Write a derived file, complete or not at all, without changing newlines.
 
     That holds for a power cut too: its bytes are on the disk before its name is.
 
@@ -50,5 +50,5 @@ def write_text(path: Path, text: str) -> None:
         with suppress(OSError):
             draft.unlink()
         raise BenchError(
-            f"{path} cannot be written: {error.strerror}", hint="the journal beside it is whole"
+            f"{path} cannot be written: {error.strerror}", hint="the journal is complete: free space, then export again"
         ) from error

@@ -60,7 +60,7 @@ class Journal:
         self._see_names_to_disk()
 
     def write(self, kind: LineKind, values: Mapping[str, Any]) -> None:
-        """Write a line of a `kind` that stands between header and footer: `step`, `readings`, `error`, ..."""
+        """Write a line of a `kind` between header and footer: `step`, `readings`, `error`, ..."""
         self._append({"type": kind, "utc": _stamp(), **values})
 
     def footer(self, values: Mapping[str, Any]) -> None:
@@ -140,7 +140,7 @@ class SimulatedJournal(Journal):
 
 
 class MemoryJournal(Journal):
-    """The journal of a run that leaves no record: it has no file, and is gone with the run."""
+    """The journal of a run without a record: it has no file, and ends with the run."""
 
     __slots__ = ("_written",)
 
@@ -176,7 +176,7 @@ def _stamp() -> str:
 
 
 def append_line(path: Path, values: Mapping[str, Any], key: SigningKey | None = None) -> None:
-    """Add a line to a journal that nobody writes any more, in place of one that was torn.
+    """Add a line to a finished journal, in place of a torn last line.
 
     With a `key` a further line signs it.
 

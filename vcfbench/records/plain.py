@@ -1,4 +1,4 @@
-"""Results as plain values ready for JSON, and plain values read back that nobody can change."""
+"""Results as plain values ready for JSON, and read-only plain values read back."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -109,7 +109,7 @@ class ReadOnly(Mapping[str, Any]):
 
 
 def read_only(value: Any) -> Any:
-    """Return plain values such that they cannot be changed: mappings read-only, lists as tuples, all else as it is."""
+    """Return read-only plain values: read-only mappings, tuples instead of lists, the rest unchanged."""
     if isinstance(value, Mapping):
         return value if isinstance(value, ReadOnly) else ReadOnly(value)
     return tuple(map(read_only, value)) if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The seal of a journal: each line ends with the SHA-256 of all that stands before it in the file.
+"""The seal of a journal: each line ends with the SHA-256 of all bytes before it in the file.
 
 So no line can be changed, added, moved or taken away without every later one saying so, and the last line vouches for
 the whole. What a copy makes of line ends changes nothing: they count as LF. Who can write the file can also write
@@ -36,7 +36,7 @@ class Sealer:
         self._kept, self.seal = self._next, self._next_seal
 
     def holds(self, line: bytes) -> bool:
-        """Tell whether the next line, LF as its end, is the one that was written after those before; go on from it."""
+        """Return True if the seal of the next line, LF as its end, follows from the lines before."""
         whole = len(line) > _TAIL and self.sealed(line[:-_TAIL] + b"}") == line
         self.keep()
         return whole

@@ -37,8 +37,8 @@ class SigningKey:
             raise ConfigError(f"{shown(path)}: expected a key of Ed25519", hint="vcfbench runs new-key FILE makes one")
         if os.name == "posix" and (rights := stat.S_IMODE(path.stat().st_mode)) & 0o077:
             raise ConfigError(
-                f"{shown(path)}: others than its owner may use this private key (mode {rights:04o}), it is not used",
-                hint=f"chmod 600 {shown(path)}; if somebody may have read it, make another: vcfbench runs new-key FILE",
+                f"{shown(path)}: expected a private key that only its owner can read, got mode {rights:04o}",
+                hint=f"chmod 600 {shown(path)}; if it was read, make a new one: vcfbench runs new-key FILE",
             )
 
     @property

@@ -20,7 +20,7 @@ class StatesValues(Protocol):
 
 @runtime_checkable
 class LeavesOut(Protocol):
-    """What says of uncertainties what they do not contain: results, or a statement in them."""
+    """The part of results, or of a statement, that lists what uncertainties do not contain."""
 
     not_in_u: Sequence[str]
 
@@ -34,10 +34,10 @@ class HoldsNot(Protocol):
 
 @runtime_checkable
 class Refuses(Protocol):
-    """Results that cannot state what a run was for."""
+    """Results that cannot state the main value of a run."""
 
     def refusal(self) -> str:
-        """Say why; nothing where they can."""
+        """Return the reason, or "" with a value."""
         ...
 
 
