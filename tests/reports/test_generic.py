@@ -87,7 +87,7 @@ def test_lookalike_of_quantity_is_shown_by_names() -> None:
     assert [row[0] for row in table.rows] == ["a.value", "a.unit", "b.value", "b.u", "c"]
 
 
-def test_a_run_without_points_or_results_has_no_tables_of_them() -> None:
+def test_run_without_points_or_results_has_no_tables() -> None:
     assert generic_report(None, (), {}) == Report()
     assert results_table(None) == ()
     assert len(generic_report(None, (), RESULTS).parts) == 1

@@ -36,7 +36,7 @@ def page() -> str:
     return page_of(REPORT, "w", "r")
 
 
-def test_a_page_has_sections_and_figures_and_needs_nothing_beside_itself(page: str) -> None:
+def test_page_has_sections_and_figures_in_one_file(page: str) -> None:
     seen = Elements(page)
     assert (seen.tags.count("section"), seen.tags.count("figure"), seen.tags.count("h1")) == (3, 2, 1)
     assert len(seen.ids) == len(set(seen.ids))
@@ -62,7 +62,7 @@ def test_the_same_report_gives_the_same_bytes(page: str) -> None:
     assert page_of(REPORT, "w", "r") == page
 
 
-def test_a_first_page_is_set_as_one_only_where_there_is_one(page: str) -> None:
+def test_first_page_style_needs_first_page(page: str) -> None:
     assert 'class="front"' not in page
     assert '<section class="front">\n<h1>' in page_of(REPORT, "w", "r", logo="")
     assert '<section class="front">\n<img class="logo"' in page_of(REPORT, "w", "r", logo="data:image/png;base64,AA==")

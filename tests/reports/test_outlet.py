@@ -54,7 +54,7 @@ def test_a_broken_pipe_is_not_told() -> None:
     assert not outlet.isatty()
 
 
-def test_whether_there_is_a_terminal_is_known_even_of_a_closed_stream() -> None:
+def test_closed_stream_is_no_terminal() -> None:
     stream = io.StringIO()
     assert not Outlet(stream).isatty()
     stream.close()

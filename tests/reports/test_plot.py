@@ -33,7 +33,7 @@ def test_a_figure_is_an_element_with_its_words_as_words() -> None:
     assert "Matplotlib" not in svg
 
 
-def test_the_same_figure_gives_the_same_bytes_whatever_a_user_has_set() -> None:
+def test_figure_has_same_bytes_for_any_user_setting() -> None:
     first = svg_of(FIGURE)
     with mpl.rc_context({"font.size": 30.0, "axes.grid": True, "lines.linewidth": 9.0}):
         assert svg_of(FIGURE) == first
@@ -47,7 +47,7 @@ def test_names_of_a_picture_are_its_own() -> None:
     assert ids[0].isdisjoint(ids[1])
 
 
-def test_a_line_has_the_colour_of_the_points_it_goes_through() -> None:
+def test_line_has_colour_of_its_points() -> None:
     line = Series("table, least-squares line", [0.0, 1.0], [0.0, 1.0], kind="line")
     points = [Series(name, [0.0, 1.0], [0.0, 1.0], [0.1, 0.1]) for name in ("table", "virtual")]
     svg = svg_of(Figure("both", RATE, OUTPUT, [points[0], line, points[1]]))
@@ -88,7 +88,7 @@ def test_extremes_of_many_values_are_drawn_and_captioned(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("name", "begins"), few([("f.png", b"\x89PNG"), ("f.svg", b"<?xml"), ("f.pdf", b"%PDF")], ("f.svg", b"<?xml"))
 )
-def test_a_figure_goes_into_a_file_of_the_kind_its_name_says(name: str, begins: bytes, tmp_path: Path) -> None:
+def test_figure_file_has_kind_of_its_suffix(name: str, begins: bytes, tmp_path: Path) -> None:
     save_figure(FIGURE, tmp_path / name)
     written = (tmp_path / name).read_bytes()
     assert written.startswith(begins)

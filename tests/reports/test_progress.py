@@ -36,7 +36,7 @@ def follow(bench: FakeBench, kind: type[LineProgress | LiveProgress]) -> str:
     return stream.getvalue()
 
 
-def test_one_plain_line_a_step_with_bench_time_and_time_left() -> None:
+def test_plain_display_has_one_line_per_step() -> None:
     lines = follow(FakeBench(), LineProgress).splitlines()
     assert lines[0] == "     0.0 s     245 s left  * Start-up"
     averaged = next(line for line in lines if "+200 deg/s, V_Vc" in line)
@@ -95,7 +95,7 @@ def test_a_part_ends_with_the_line_through_its_points() -> None:
 
 
 @pytest.mark.usefixtures("xterm")
-def test_below_them_stands_how_far_it_is_and_when_it_ends() -> None:
+def test_percent_and_end_are_below_points() -> None:
     lines = shown(follow(FakeBench(), LiveProgress))
     status = [line for line in lines if re.match(r" *\d+ %  \d+:\d\d left, ends \d\d:\d\d  [#.━─]{40,}$", line)]
     assert status[0].startswith("  0 %  4:05 left")
@@ -104,7 +104,7 @@ def test_below_them_stands_how_far_it_is_and_when_it_ends() -> None:
 
 
 @pytest.mark.usefixtures("xterm")
-def test_below_them_stand_the_step_and_the_state_of_the_bench() -> None:
+def test_step_and_bench_state_are_below_points() -> None:
     seen: list[list[str]] = []
 
     class Look(LiveProgress):
@@ -164,7 +164,7 @@ def test_without_colour_there_is_none(xterm: Callable[[int], None], monkeypatch:
     assert not re.search(r"\x1b\[[0-9;]*3[0-7]m", follow(FakeBench(), LiveProgress))
 
 
-def test_what_was_measured_before_a_break_is_in_the_running_fit() -> None:
+def test_running_fit_contains_points_before_break() -> None:
     stream = Terminal()
     before = [Point(1, rate, 0.0, -0.0125 * rate - 0.042, 0.0, 10) for rate in (300.0, 150.0)]
     with LiveProgress(stream, 233.0, before) as progress:

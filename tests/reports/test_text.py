@@ -21,7 +21,7 @@ def test_text_columns_are_left_aligned_without_trailing_blanks() -> None:
     assert left_table(("a", "bb"), [("333", "4")]) == "a     bb\n--------\n333   4"
 
 
-def test_numbers_have_the_digits_and_heads_the_units_that_their_columns_say() -> None:
+def test_numbers_and_heads_follow_their_columns() -> None:
     columns = (Column("rate", "deg/s", "g"), Column("output", "V", ".3f"), Column("n"), Column("what", align="left"))
     rows = [(10.0, -0.12345, 3, "up"), (None, Cell(0.5, ".1e", "mV"), 12, "down")]
     assert table_text(Table(columns, rows, "title")).splitlines() == [
@@ -33,13 +33,13 @@ def test_numbers_have_the_digits_and_heads_the_units_that_their_columns_say() ->
     ]
 
 
-def test_parts_have_an_empty_line_between_and_figures_are_left_out() -> None:
+def test_parts_are_separated_and_figures_omitted() -> None:
     report = Report([Heading("Head"), Text("one\n  two"), FIGURE, Heading("Next", 2), Heading("Third", 3), FIGURE])
     assert text_of(report) == "Head\n====\n\none\n  two\n\nNext\n----\n\nThird"
     assert text_of(Report()) == ""
 
 
-def test_a_notice_is_its_words_and_names_beside_values_have_no_heads() -> None:
+def test_notice_is_text_and_name_table_has_no_heads() -> None:
     pairs = Table([Column("", align="left"), Column("", align="left")], [("run", "1"), ("bench", "paper")], "whose")
     assert text_of(Report([Notice("not real"), pairs])) == "not real\n\nwhose\nrun     1\nbench   paper"
 

@@ -1,4 +1,4 @@
-"""The state of the bench, as the steps of a run tell it: table, rails, V_Vc."""
+"""The state of the bench, from the steps of a run: table, rails, V_Vc."""
 
 from collections.abc import Callable
 from typing import Any, Final, Self
@@ -10,7 +10,7 @@ from vcfbench import steps
 
 
 class BenchState(Struct, frozen=True):
-    """Last settings and read-backs of a bench; None where a run has not come to it.
+    """Last settings and read-backs of a bench; None before the first.
 
     `demand_deg_s` is the rate that the table was told, `table_deg_s` its read-back since, deg/s; `servo` whether its
     servo is closed. `supply` tells whether the outputs are on, `rails` are their read-backs. `v_vc` is the generator's
@@ -26,7 +26,7 @@ class BenchState(Struct, frozen=True):
     generator: bool | None = None
 
     def after(self, step: object, result: object) -> Self:
-        """Return the state when `step` is done, with `result`; steps that are not known change nothing."""
+        """Return the state after `step` with its `result`; unknown steps change nothing."""
         stated: dict[str, Any] = {}
         for each in (step, result):
             kind = next((kind for kind in type(each).__mro__ if kind in _STATED), None)
@@ -34,7 +34,7 @@ class BenchState(Struct, frozen=True):
         return replace(self, **stated)
 
     def begun(self, step: object) -> Self:
-        """Return the state when `step` begins: a table that is told a rate is on its way."""
+        """Return the state when `step` begins: a table that gets a rate is moving."""
         return (
             replace(self, demand_deg_s=step.rate_deg_s, table_deg_s=None) if isinstance(step, steps.SetRate) else self
         )
@@ -49,7 +49,7 @@ class BenchState(Struct, frozen=True):
         return f"table {self.demand_deg_s:+g}{read} deg/s"
 
     def supplied(self) -> str:
-        """Say in words the read-backs of the rails; nothing while no supply has been heard of."""
+        """Return the read-backs of the rails in words; "" before the first."""
         if not self.rails:
             return "" if self.supply is None else "rails -" if self.supply else "rails off"
         return f"rails {' '.join(f'{rail.voltage_v:+.3f}' for rail in self.rails)} V"

@@ -94,7 +94,7 @@ class Column(Struct, frozen=True):
 
     @property
     def head(self) -> str:
-        """The head as it is printed: ``rate / (deg/s)``."""
+        """The printed head: ``rate / (deg/s)``."""
         if not self.unit:
             return self.name
         return f"{self.name} / ({self.unit})" if "/" in self.unit else f"{self.name} / {self.unit}"
@@ -165,7 +165,7 @@ class Table(Struct, frozen=True, tag_field="part", tag=str.lower):
 
     @property
     def has_heads(self) -> bool:
-        """Return True if any column has a head; names beside values need none."""
+        """Return True if any column has a head; a table of names and values has none."""
         return any(column.head for column in self.columns)
 
     def printed(self) -> tuple[tuple[str, ...], ...]:
@@ -181,7 +181,7 @@ def texts(*heads: str, verbatim: bool = False) -> list[Column]:
 
 
 def facts(rows: Sequence[tuple[str, str]]) -> Table:
-    """Lay out names beside values, whose characters stay as they are."""
+    """Return names and values in two columns, with their characters unchanged."""
     return Table([*texts(""), *texts("", verbatim=True)], rows)
 
 
@@ -208,7 +208,7 @@ class Axis(Struct, frozen=True):
 
     @property
     def title(self) -> str:
-        """Title beside the axis: ``rate / (deg/s)``."""
+        """Title of the axis: ``rate / (deg/s)``."""
         return Column(self.label, self.unit).head
 
 

@@ -22,7 +22,7 @@ def generic_report(_settings: object, points: Sequence[Point], results: object) 
 
 
 def points_table(points: Sequence[Point]) -> Table:
-    """Return every point in a row; V_Vc as it was set, and as it was measured where it was."""
+    """Return a row of each point, with set and measured V_Vc."""
     columns = heads("step | rate [deg/s]:.6g | V_Vc [V]:.6g | output [V]:.5f | s [V]:.1e | n")
     rows = [(p.step, p.rate_deg_s, p.v_vc_v, p.output_v, p.std_v, p.n) for p in points]
     if all(point.v_vc_measured_v is None for point in points):
@@ -35,7 +35,7 @@ def points_table(points: Sequence[Point]) -> Table:
 def results_table(
     results: object, title: str = "", head: str = "result", shown: int | None = _SHOWN
 ) -> tuple[Table, ...]:
-    """Return a table of whatever `results` hold: nested names with dots between; none where they hold nothing.
+    """Return a table of all `results`, nested names joined by dots; empty without results.
 
     `shown` numbers of a list are printed; None for all.
     """

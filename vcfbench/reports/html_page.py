@@ -1,4 +1,4 @@
-"""A report as HTML: a piece for notebooks, or one page that needs nothing beside itself, the source of the PDF."""
+"""A report as HTML: a part for notebooks, or one self-contained page, the source of the PDF."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ def html_of(report: Report, draw: Callable[[Figure], str] | None = None) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return `text` as it can stand in HTML, in quotes too: its markup is shown, and unprintable characters."""
+    """Return `text` escaped for HTML, quotes and unprintable characters included."""
     return escape(printable_lines(text))
 
 
@@ -114,7 +114,7 @@ def page_of(report: Report, title: str, name: str, *, printed: bool = False, log
 
 
 def piece_of(report: Report, name: str) -> str:
-    """Return the report as a piece of HTML with its figures, for a notebook: on white, whatever is around it.
+    """Return the report as a part of HTML with its figures, on white, for a notebook.
 
     `name` keeps the ids of its drawings apart from those of other pieces.
     """

@@ -1,4 +1,4 @@
-"""A report as Markdown, as GitHub and most others read it; its figures are files beside it."""
+"""A report as Markdown of GitHub; its figures are separate files."""
 
 import re
 from collections.abc import Callable
@@ -16,7 +16,7 @@ _SPECIAL: Final = re.compile(
 
 
 def markdown_of(report: Report, place: Callable[[Figure, int], str]) -> str:
-    """Return the report as Markdown, every word of it as a word.
+    """Return the report as Markdown, with all special characters escaped.
 
     Args:
         report: what is shown.

@@ -10,7 +10,7 @@ _PARTING_S: Final = 0.5  # Longest time of a stream for one text when all else i
 
 
 class Outlet:
-    """A stream whose texts a thread of its own writes to a terminal or pipe.
+    """A stream whose texts a separate thread writes to a terminal or pipe.
 
     A terminal may stand still (Ctrl-S, a pager that waits for its reader) or go away (closed window, broken pipe). The
     table turns meanwhile, so nobody may wait for it: what cannot be written is lost, and nothing is raised.
@@ -39,7 +39,7 @@ class Outlet:
         return len(text)
 
     def flush(self) -> None:
-        """Do nothing: whatever is written is on its way."""
+        """Do nothing: a thread writes the texts."""
 
     def isatty(self) -> bool:
         """Return True if there is a terminal behind it."""

@@ -95,7 +95,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def line_of(points: Sequence[Point], step: int) -> tuple[list[int], LineFit | None]:
-    """Return the places of the points of a step, and the line through them; None while they have less than three rates.
+    """Return the places of the points of a step, and the line through them; None with less than three rates.
 
     Args:
         points: those of a run so far, each step of which is a calibration with a line of its own.

@@ -1,4 +1,4 @@
-"""A display that can harm nobody, and one that shows nothing."""
+"""A display whose errors do not end the run, and one that shows nothing."""
 
 import sys
 from collections.abc import Callable
@@ -11,7 +11,7 @@ from vcfbench.steps.events import Event, Observer
 
 
 class NoProgress:
-    """Says nothing."""
+    """A display that shows nothing."""
 
     def __enter__(self) -> Self:
         return self

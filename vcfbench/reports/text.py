@@ -93,7 +93,7 @@ def left_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """Return `text` with its lines as they are, those escaped that hold characters that cannot be printed."""
+    """Return `text` with its lines, escaping lines with unprintable characters."""
     return "\n".join(map(printable, text.split("\n")))
 
 
