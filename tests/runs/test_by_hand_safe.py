@@ -12,7 +12,7 @@ from vcfbench.testing import open_simulated
 
 
 @pytest.mark.parametrize("broken", ["rate_table", "rate_source", "power"])
-def test_safe_switches_off_all_but_what_does_not_answer_and_names_that(broken: str) -> None:
+def test_safe_switches_off_answering_and_names_silent_instruments(broken: str) -> None:
     with open_simulated(seed=1) as lab:
         by_hand = ByHand(lab.bench, StopSignals(), lambda _words: None)
         lab.bench.power.configure_output("P25V", 10.0, 0.1)

@@ -22,7 +22,7 @@ NUMBER = {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.01}
 @pytest.mark.parametrize(
     ("procedure", "settings"), few([("turntable", {}), ("self-calibration", NUMBER)], ("turntable", {}))
 )
-def test_the_u95_that_is_stated_is_that_expected_within_20_percent(procedure: str, settings: dict[str, Any]) -> None:
+def test_stated_u95_is_expected_u95_within_20_percent(procedure: str, settings: dict[str, Any]) -> None:
     expected = vcfbench.dry_run(procedure, "lab", settings=settings).expected
     stated = values_of(vcfbench.run(procedure, "lab", seed=7, settings=settings, runs=None).results)
     assert {each.name for each in expected.values} >= {"scale_factor", "bias"}
@@ -37,7 +37,7 @@ def test_the_u95_that_is_stated_is_that_expected_within_20_percent(procedure: st
 
 
 @pytest.mark.parametrize(("bench", "told"), [("paper", False), ("lab", True)])
-def test_levels_beside_a_match_that_nobody_measures_are_not_known_before_the_run(bench: str, *, told: bool) -> None:
+def test_unmeasured_levels_have_no_expected_u95(bench: str, *, told: bool) -> None:
     """By a curve, V_Vc as it is set: 10.4 times what the run stated was expected."""
     expected = vcfbench.dry_run("virtual-coriolis", bench, settings={"k_vc_by": "curve"}).expected
     assert ("virtual.scale_factor" in {each.name for each in expected.values}) is told
@@ -46,7 +46,7 @@ def test_levels_beside_a_match_that_nobody_measures_are_not_known_before_the_run
 
 
 @pytest.mark.exhaustive
-def test_a_field_bench_without_an_oscilloscope_has_its_u95_before_the_run(tmp_path: Path) -> None:
+def test_field_bench_without_oscilloscope_has_expected_u95(tmp_path: Path) -> None:
     """Split and Q are then found by sines through the multimeter, which the dry run has to answer as the modes do."""
     bench = ROOT / "examples" / "field-bench.toml"
     settings = {"dut": "G-018", "devices": str(tmp_path)}
@@ -69,7 +69,7 @@ def test_noise_that_the_bench_file_tells_is_taken_and_said() -> None:
     assert told.values[0].u95 > 2.0 * assumed.values[0].u95
 
 
-def test_the_command_says_it_and_says_why_it_does_not_know() -> None:
+def test_command_prints_expected_u95_or_reason() -> None:
     text = CliRunner().invoke(app, ["run", "turntable", "--bench", "lab", "--dry-run"]).stdout
     assert "\n  scale_factor: U95 5." in text
     answer = json.loads(CliRunner().invoke(app, ["run", "phase", "--bench", "lab", "--dry-run", "--json"]).stdout)

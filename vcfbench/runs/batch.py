@@ -88,14 +88,14 @@ class Batch(Struct, frozen=True):
         return self.store or Path(next((each.devices for each in settings if hasattr(each, "devices")), "devices"))
 
     def request(self, run: BatchRun, serial: str, runs: Path, speed: str | None = None) -> Request:
-        """Return one run of a device. On a simulated bench the serial number stands for a specimen: it is the seed."""
+        """Return one run of a device; on a simulated bench the serial number is the seed."""
         metadata = RunMetadata(dut=serial, operator=self.operator, tags={TAG: self.name})
         seeded = self.description.simulation is not None and self.description.served is None
         seed = crc32(serial.encode()) if seeded else None
         return Request(run.procedure, self.bench, seed, self._layer(run, serial), runs, speed, metadata=metadata)
 
     def check(self, serial: str, runs: Path) -> None:
-        """Walk the plans of all runs of a device against the limits of the bench; nothing is opened.
+        """Check the plans of all runs of a device against the limits of the bench, without opening it.
 
         What a device has passed is not walked where it cannot be any more: its certificate may be out of date by now.
 
@@ -122,7 +122,7 @@ class Batch(Struct, frozen=True):
         return Layer(merged({"k_vc": f"{settings.expected_gyro().k_vc!r}"}, asked.values), asked.naming)
 
     def left(self, serial: str, runs: Path) -> tuple[BatchRun, ...]:
-        """Return the runs of a device that have no complete record yet that fits the plan."""
+        """Return the runs of a device without a complete record that fits the plan."""
         last = last_runs([each for each, other in self._found(runs, serial) if not other])
         return tuple(each for each in self.runs if not _passed(last.get((serial, each.procedure.name))))
 
@@ -212,7 +212,7 @@ def _stated(header: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def read_batch(file: Path | str, operator: str | None = None, store: Path | None = None) -> Batch:
-    """Return the batch that a TOML file describes; files that it names are looked for beside it.
+    """Return the batch of a TOML file; the files that it names are next to it.
 
     `operator` is another one than it names, `store` another directory of the devices than the settings have.
 
@@ -246,4 +246,4 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
 def _require_once(names: tuple[str, ...] | list[str], where: str) -> None:
     """Refuse a name that stands there twice."""
     if twice := next((each for each in names if names.count(each) > 1), None):
-        raise ConfigError(f"{where}: {twice} stands there twice")
+        raise ConfigError(f"{where}: {twice} is listed twice")

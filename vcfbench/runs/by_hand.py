@@ -1,4 +1,4 @@
-"""The whole bench by hand: a line of words each, carried out by the steps that procedures are made of.
+"""The whole bench by typed commands, performed by the steps of procedures.
 
 So the PCB is powered in the right order, every level and rate is held against the limits of the bench, and every answer
 comes as a run would get it. What follows the name of a role goes to that instrument as it is: a question, or, where raw
@@ -126,13 +126,13 @@ class ByHand:
         return sorted({*self.words, *self.consoles, *short})
 
     def raw(self, name: str, message: str) -> ConsoleReply:
-        """Send `message` to the instrument called `name` as it is."""
+        """Send `message` unchanged to the instrument called `name`."""
         role = ALIASES.get(name, name)
         self._ready.discard(role)  # what it is set to is not known any more
         return self.consoles[role].say(message)
 
     def perform(self, name: str, values: list[str]) -> str:
-        """Do a word and return its answer; empty where it has none.
+        """Perform a command and return its output; empty without one.
 
         Raises:
             ConfigError: it takes other values.
@@ -209,7 +209,7 @@ class ByHand:
     def _require_power(self) -> None:
         """Refuse to drive the input of a PCB that has no power: its protection would carry the current."""
         if "power" in self.bench.instruments and not self.bench.power.outputs_enabled():
-            raise InterlockError("the PCB has no power, nothing was sent", hint="power.on comes first")
+            raise InterlockError("the PCB has no power, nothing was sent", hint="type power.on first")
 
     # Generators
 

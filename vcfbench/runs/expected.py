@@ -40,7 +40,7 @@ _DIGITS = 1e-9  # Relative uncertainty below which only rounding remains
 
 
 class ExpectedValue(Struct, frozen=True):
-    """A result and its U95 before the run, with its largest causes and the u of each, as far as results tell them.
+    """A result and its expected U95, with its largest causes and the u of each.
 
     It will be incomplete without what is `missing`.
     """
@@ -139,7 +139,7 @@ def _mode(f_hz: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def expectation(procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]) -> Expectation:
-    """Return the expected statement of a run of `steps`, which `procedure` plans by `settings`; nothing is opened."""
+    """Return the expected statement of a run of `steps` of `procedure`, without opening the bench."""
     words = _noise_words(settings)
     try:
         values, unknown = _stated(procedure, settings, steps)

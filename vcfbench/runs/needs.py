@@ -34,7 +34,7 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
         tables = ", ".join(f"[{role}]" for role in missing)
         coming = ': it measures how the device comes on, which a person may switch (by = "hand")'
         raise ConfigError(
-            f"{procedure.name} needs {_listed(missing)}, which bench {description.name} has not",
+            f"{procedure.name} needs {_listed(missing)}, which bench {description.name} does not have",
             hint=f"its bench file needs {'a table' if len(missing) == 1 else 'the tables'} {tables}"
             + (coming if "power" in missing else ""),
         )
@@ -110,7 +110,7 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
 
 
 def roles_of(procedure: AnyProcedure, description: BenchDescription) -> tuple[str, ...]:
-    """Return the roles that a run of `procedure` opens on this bench, beside those that drive something."""
+    """Return the roles that a run of `procedure` opens on this bench, in addition to actuators."""
     there = (role for role in (*procedure.either, *procedure.uses) if getattr(description, role, None) is not None)
     return (*procedure.needs, *there)
 
@@ -120,7 +120,7 @@ def _listed(names: list[str] | tuple[str, ...]) -> str:
 
 
 def require_ambient(metadata: RunMetadata, description: BenchDescription) -> None:
-    """Raise ConfigError when the bench lacks the instrument that shall tell the temperature of the room."""
+    """Raise ConfigError if the bench lacks the instrument that reads the room's temperature."""
     if metadata.ambient_from is not None and getattr(description, metadata.ambient_from) is None:
         raise ConfigError(
             f"ambient_from: the {metadata.ambient_from} should read the temperature of the room, but bench "
@@ -130,7 +130,7 @@ def require_ambient(metadata: RunMetadata, description: BenchDescription) -> Non
 
 
 def with_ambient(metadata: RunMetadata, bench: Bench) -> RunMetadata:
-    """Return the metadata of the run, with the temperature of the room where an instrument shall tell it.
+    """Return the metadata of the run, with the room's temperature if an instrument reads it.
 
     Raises:
         MeasurementError: air flows, so that its temperature is not that of the room.

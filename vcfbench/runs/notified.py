@@ -39,7 +39,7 @@ def outcome_of(run: Run) -> dict[str, Any]:
 
 
 def outcome_word(error: BaseException | None) -> str:
-    """Return the outcome of a run that `error` ended, None: nothing did."""
+    """Return the outcome of a run that ended by `error`, or without one."""
     match error:
         case None:
             return "complete"
@@ -78,7 +78,7 @@ def notify(notice: Notify, outcome: Mapping[str, Any]) -> str | None:
 
 
 def notify_in_place_of(directory: Path | None, bench: Mapping[str, Any], error: str, code: int | None) -> None:
-    """Notify of the end of a run that can tell nothing itself any more; `bench` is as its header has it.
+    """Notify of the end of a run whose program has died; `bench` is from its header.
 
     `directory` is that of the record, `code` that of NotSafe where the bench is not safe.
     """

@@ -58,11 +58,11 @@ class Pausing(Struct, frozen=True):
 
     @property
     def by(self) -> str:
-        """Name of the person asking for a pause; empty: nobody."""
+        """Source of the request for a pause, or ""."""
         return self.control.pause_by
 
     def wait(self) -> tuple[str, float]:
-        """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
+        """Wait until the run is to go on; return the source of that and the time waited, s of wall time."""
         waited = WallClock()
         by = self.control.wait()
         waited_s = waited.now()

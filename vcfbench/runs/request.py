@@ -90,7 +90,7 @@ class OneDevice(Struct, frozen=True):
 
 
 class Prepared:
-    """A run made ready by its request, as far as it is: bench, seed and device are told also where the rest cannot be.
+    """A run prepared from its request; bench, seed and device are set even if the rest fails.
 
     `name` is that of the procedure; until that is found, what was asked for. `began_s` is the bench time at which its
     plan began, None as long as it has not; `directory` that of its record. There is no `description` of the bench, no
@@ -113,7 +113,7 @@ class Prepared:
         self._planned: DryRun | None = None
 
     def make_ready(self) -> None:
-        """Read the bench file and check the request against it; nothing is opened."""
+        """Read the bench file and check the request against it, without opening the bench."""
         request = self.request
         self.description = description = bench_file.described(request.bench)
         self.procedure = chosen = catalogue.procedure(request.procedure)
@@ -145,7 +145,7 @@ class Prepared:
             settings = settings_of(chosen, description, of_device(chosen, request.settings, metadata.dut), source)
         if None not in (metadata.dut, settings.named_device) and metadata.dut != settings.named_device:
             raise ConfigError(
-                f"dut: the device is {metadata.dut}, and {settings.named_device} in the settings: which is it?"
+                f"dut: expected one device, got {metadata.dut}, and {settings.named_device} in the settings"
             )
         operator = metadata.operator or description.laboratory.operator
         metadata = replace(metadata, dut=metadata.dut or settings.named_device, operator=operator)
@@ -206,7 +206,7 @@ class Prepared:
         return DryRun(self.procedure.name, tuple(steps), (self.procedure, self.settings))
 
     def require_operator(self) -> None:
-        """Walk the plan, and raise PlanError when nobody is there for its manual steps, before anything is opened."""
+        """Check the plan; PlanError if it has manual steps and no operator is there."""
         by_hand = [f"set and read the {role.replace('_', ' ')} by hand" for role in self.description.by_hand]
         by_hand += [each.step.words for each in self.planned().steps if isinstance(each.step, AskOperator)]
         somebody = self.description.simulated or self.request.operator is not None or self.request.person is not None
@@ -222,7 +222,7 @@ class Prepared:
         return None
 
     def take_bench(self, bench: Bench) -> None:
-        """Take note of the open bench: its seed, and its instruments told apart.
+        """Note the seed and the identities of the open bench.
 
         Real ones are by the serial numbers that they answered. Simulated ones answer one and the same, whichever
         specimen the seed has drawn: there the seed tells. What a server draws of its bench it does not say, so all of
@@ -245,7 +245,7 @@ class Prepared:
         return replace(of, station=replace(station, instruments=placed))
 
     def take_metadata(self, metadata: RunMetadata) -> None:
-        """Take note of what the bench said of the run's conditions; it is the same for all devices."""
+        """Note the conditions that the bench reads; they are common to all devices."""
         self.metadata = metadata
         self.devices = tuple(replace(each, metadata=replace(metadata, dut=each.metadata.dut)) for each in self.devices)
 
@@ -254,13 +254,13 @@ class Prepared:
         return ()
 
     def header_entries(self) -> dict[str, Any]:
-        """Return the additional entries of the header: the file of a procedure of one's own, the several devices."""
+        """Return the additional entries of the header: the file of a custom procedure, the several devices."""
         own = {} if self.name in catalogue.PROCEDURES else {"procedure_file": file_of(self.procedure)}
         devices = [{"name": each.name, "settings": to_builtins(each.settings)} for each in self.devices]
         return {**own, **({"devices": devices} if devices else {})}
 
     def perform(self, executor: Executor) -> Execution:
-        """Let `executor` carry out the plan, on the open bench."""
+        """Execute the plan on the open bench."""
         return executor.execute(self.plan())
 
 
@@ -268,7 +268,7 @@ Preparing = Callable[[Request], Prepared]  # Makes the run of a request, which i
 
 
 def prepare(request: Request) -> Prepared:
-    """Return the run made ready by its request; nothing is opened."""
+    """Prepare the run of a request, without opening the bench."""
     prepared = Prepared(request)
     prepared.make_ready()
     return prepared

@@ -1,4 +1,4 @@
-"""Runs that were broken off and are taken up again: the same procedure and settings, the same bench, a record anew."""
+"""Resumed runs: the same procedure, settings and bench, and a new record."""
 
 from collections.abc import Iterator, Sequence
 from datetime import datetime
@@ -109,7 +109,7 @@ def resume(
 
 
 def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
-    """Return the run that is meant, as :func:`resume` takes it; ConfigError: there is none, or it cannot be resumed."""
+    """Return the run named as for :func:`resume`; ConfigError without one, or if it cannot be resumed."""
     path = run if isinstance(run, str | Path) else run.directory
     if path is None:
         raise ConfigError("the run has no record, so it cannot be resumed")
@@ -164,18 +164,18 @@ class BrokenOff(Struct, frozen=True):
         return path
 
     def require_trust(self, trust: Trust) -> None:
-        """Raise ConfigError where the record names a procedure's file and nobody says that it may run."""
+        """Raise ConfigError if the record names a procedure's file that is not confirmed to run."""
         if isinstance(self.procedure, Path):
             what = f"{self.directory.run} is of a procedure of its own, the program"
             require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
     def bench(self, asked: BenchDescription | Path | str | None, settings: ProcedureSettings) -> BenchDescription:
-        """Return the bench of the record, or that which was `asked` for, if nothing that matters differs."""
+        """Return the bench of the record, or the `asked` one if they differ only in addresses and time-outs."""
         header = self.record.header
         try:
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
-            raise ConfigError(f"its bench does not fit this version: {error}") from None
+            raise ConfigError(f"this version cannot read the bench of the record: {error}") from None
         if asked is None and not description.simulated:  # its limits count, whatever the record says of them
             asked = self._file_of_station()
         if asked is not None:
@@ -203,7 +203,7 @@ class BrokenOff(Struct, frozen=True):
         return Path(given)
 
     def require_readable(self) -> None:
-        """Raise ConfigError if the header, which anybody may have written, cannot be resumed."""
+        """Raise ConfigError if the header, which is not trusted, cannot be resumed."""
         journal, header = shown(self.directory.journal), self.record.header
         identities, before = header.get("identities", {}), header.get("resumed_from") or {}
         earlier = before.get("before", []) if isinstance(before, dict) else None
@@ -234,7 +234,7 @@ class Resumed(Prepared):
         self.earlier = earlier
 
     def make_ready(self) -> None:
-        """Check the request against the record; nothing is opened."""
+        """Check the request against the record, without opening the bench."""
         header, run, asked = self.earlier.record.header, self.earlier.directory.run, self.request.procedure
         self.earlier.require_readable()
         self.name = str(header.get("procedure"))
@@ -292,7 +292,7 @@ class Resumed(Prepared):
         return tuple(point for point in found if point is not None)
 
     def now_s(self) -> float | None:
-        """Return the bench time at this moment: the break counts, but not on a simulated bench.
+        """Return the bench time now: the break counts, but not on a simulated bench.
 
         Raises:
             ConfigError: the clock was set back since the record ended.
@@ -342,7 +342,7 @@ class Resumed(Prepared):
         return {**super().header_entries(), "resumed_from": resumed_from}
 
     def perform(self, executor: Executor) -> Execution:
-        """Take over the steps done, restore the bench as it was, and go on; no more than that if nothing is left."""
+        """Copy the recorded steps, restore the state of the bench, and measure the rest."""
         executor.take_over(self.taken)
         if not self._is_left():
             return executor.execute(_nothing_left())
@@ -356,7 +356,7 @@ class Resumed(Prepared):
                 return is_left(rest, self.gyro())
         except BenchError as error:
             raise ConfigError(
-                f"{self.earlier.directory.run} cannot be resumed, it would end again as it did: {error}",
+                f"{self.earlier.directory.run} cannot be resumed, it would end with the same error: {error}",
                 hint="run it anew",
             ) from error
 

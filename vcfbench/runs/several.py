@@ -1,4 +1,4 @@
-"""Several gyroscopes in one run: the record of each is made of that of the run."""
+"""Several gyroscopes in one run: makes the record of each from the record of the run."""
 
 from __future__ import annotations
 

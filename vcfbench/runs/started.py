@@ -54,7 +54,7 @@ class StartedRun(RunControl):
         """
         self._thread.join(timeout_s)
         if self._thread.is_alive():
-            raise TimeoutError(f"the run goes on: it is {self.state}")
+            raise TimeoutError(f"the run is not over: it is {self.state}")
         if self._error is not None:
             raise self._error
         assert self._run is not None  # noqa: S101  # else there is an error

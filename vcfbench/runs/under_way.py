@@ -139,7 +139,7 @@ class UnderWay(Struct):
         )
 
     def notify(self) -> None:
-        """Tell the program that the bench file names; a failure of it does not change the outcome of the run."""
+        """Start the program that the bench file names; its failure does not change the outcome of the run."""
         request, description = self.prepared.request, getattr(self.prepared, "description", None)
         if description is None or description.notify is None or (request.runs is None and self.error is None):
             return
@@ -346,7 +346,7 @@ class UnderWay(Struct):
 
 
 def profile_of(description: BenchDescription) -> dict[str, str]:
-    """Return the text of the table's profile, if it is a file of one's own: its path alone says little later on."""
+    """Return the text of a custom table profile, because its path may lead elsewhere later."""
     dialect = "" if description.rate_table is None else description.rate_table.dialect
     if not dialect.endswith(".toml"):
         return {}
