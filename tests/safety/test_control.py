@@ -57,7 +57,7 @@ def test_a_run_begins_pauses_goes_on_and_is_over(control: RunControl, told: list
     assert told == [("running", ""), ("pausing", "Ann"), ("paused", "Ann"), ("running", "Eve"), ("over", "")]
 
 
-def test_who_no_longer_wants_it_to_pause_is_not_waited_for(control: RunControl, told: list[tuple[str, str]]) -> None:
+def test_withdrawn_pause_is_not_waited_for(control: RunControl, told: list[tuple[str, str]]) -> None:
     with control.of_run(StopSignals()):
         control.pause("Ann")
         control.go_on("Ann")
@@ -76,7 +76,7 @@ def test_run_not_begun_is_paused_and_continues_to_begin(control: RunControl) -> 
     assert control.pause_by == ""
 
 
-def test_a_run_that_has_not_begun_is_stopped_as_it_begins(control: RunControl, told: list[tuple[str, str]]) -> None:
+def test_stop_before_begin_acts_at_begin(control: RunControl, told: list[tuple[str, str]]) -> None:
     control.stop("Ann")
     control.stop("Bob")
     control.pause("Eve")

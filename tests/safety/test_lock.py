@@ -61,7 +61,7 @@ def holder() -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def test_a_second_process_is_told_who_has_the_instrument_under_whatever_name(holder: subprocess.Popen[str]) -> None:
+def test_second_process_gets_owner_under_any_name(holder: subprocess.Popen[str]) -> None:
     words = rf"multimeter at gpib::22: in use by process {holder.pid} of \S+ on \S+ for station lab-1 since 20\d\d-"
     with pytest.raises(InUse, match=words) as caught, instrument_locks("other", {"multimeter": "gpib::22"}):
         pytest.fail("two have it")
@@ -80,7 +80,7 @@ def test_all_are_taken_or_none(holder: subprocess.Popen[str]) -> None:
     assert (owner["pid"], owner["station"], owner["resource"]) == (os.getpid(), "other", "GPIB0::10::INSTR")
 
 
-def test_a_lock_that_cannot_be_used_hides_nobody_who_has_another(folder: Path) -> None:
+def test_unusable_lock_does_not_hide_other_owner(folder: Path) -> None:
     (lock_path("GPIB0::10::INSTR")).mkdir(parents=True)
     both = {"rate_source": "GPIB0::10::INSTR", "power": SUPPLY}
     with pytest.raises(LockUnusable, match="Is a directory"), instrument_locks("other", both):
@@ -90,7 +90,7 @@ def test_a_lock_that_cannot_be_used_hides_nobody_who_has_another(folder: Path) -
     assert folder.is_dir()
 
 
-def test_of_several_locks_that_cannot_be_used_the_first_is_named() -> None:
+def test_first_of_several_unusable_locks_is_named() -> None:
     first, last = sorted((METER, SUPPLY))
     for each in (first, last):
         lock_path(each).mkdir(parents=True)
@@ -109,7 +109,7 @@ def test_a_killed_process_leaves_its_instruments_free(holder: subprocess.Popen[s
         assert left_by == {}
 
 
-def test_the_owners_of_resources_are_told_by_number_while_they_live(holder: subprocess.Popen[str]) -> None:
+def test_live_owners_of_resources_are_listed_by_number(holder: subprocess.Popen[str]) -> None:
     owners = owners_of(["GPIB::22", SUPPLY, "GPIB0::10::INSTR"])
     assert {pid: owner.station for pid, owner in owners.items()} == {holder.pid: "lab-1"}
     holder.kill()
@@ -160,9 +160,7 @@ def test_end_of_local_owner_is_awaited_and_remote_one_unknown(
 
 
 @pytest.mark.skipif(not OPEN_FILES.is_dir(), reason="open files are counted there")
-def test_a_lock_that_is_given_back_or_refused_leaves_no_file_open(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_released_or_refused_lock_leaves_no_open_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_locks(_file: int) -> bool:
         raise OSError(errno.ENOLCK, "No locks available")
 
@@ -260,7 +258,7 @@ def test_a_file_system_that_cannot_unlock_ends_nothing(folder: Path, monkeypatch
 
 
 @posix
-def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_descriptor_kept_by_library_does_not_hold_lock(monkeypatch: pytest.MonkeyPatch) -> None:
     kept: list[int] = []
 
     def lock(file: int) -> bool:
@@ -281,7 +279,7 @@ def test_what_a_library_has_kept_of_a_lock_keeps_nobody_out(monkeypatch: pytest.
 
 
 @posix
-def test_what_may_be_read_and_not_written_is_locked_and_not_signed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_read_only_lock_file_is_locked_unsigned(monkeypatch: pytest.MonkeyPatch) -> None:
     def guarded(path: Path, flags: int, mode: int = 0o777) -> int:
         if flags & os.O_RDWR and not flags & os.O_CREAT:
             raise PermissionError
@@ -311,7 +309,7 @@ def test_a_user_without_a_name_signs_with_the_number(error: type[Exception], mon
 
 @posix
 @pytest.mark.parametrize("gone_first", [False, True])
-def test_what_dead_programs_have_left_of_dead_servers_is_taken_away(
+def test_leftovers_of_dead_servers_are_removed(
     folder: Path, monkeypatch: pytest.MonkeyPatch, *, gone_first: bool
 ) -> None:
     """A socket at which somebody listens is another matter: its next owner is told who died with it."""
@@ -469,7 +467,7 @@ def test_station_locks_by_instrument_and_console_its_own() -> None:
         pytest.fail("two have it")
 
 
-def test_what_stood_in_a_lock_file_is_gone_when_it_is_signed(folder: Path) -> None:
+def test_signing_replaces_content_of_lock_file(folder: Path) -> None:
     folder.mkdir()
     lock_path(METER).write_bytes(b"rubbish " * 200)
     with (
@@ -516,7 +514,7 @@ def test_a_forked_process_keeps_no_lock_and_gives_none_back() -> None:
 
 
 @posix
-def test_a_process_that_a_dead_one_has_forked_keeps_nobody_out(folder: Path) -> None:
+def test_forked_child_of_dead_process_does_not_hold_lock(folder: Path) -> None:
     fork = """    import os, time
     if os.fork() == 0:
         print("forked", flush=True)

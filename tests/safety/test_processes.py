@@ -71,13 +71,13 @@ def test_only_the_process_that_is_meant_is_ended(other: subprocess.Popen[bytes])
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no process tells when it started")
-def test_one_that_has_ended_and_was_never_marked_is_sent_nothing(other: subprocess.Popen[bytes]) -> None:
+def test_ended_unmarked_process_gets_no_signal(other: subprocess.Popen[bytes]) -> None:
     other.kill()
     os.waitid(os.P_PID, other.pid, os.WEXITED | os.WNOWAIT)
     assert end(other.pid, None, signal.SIGTERM) is False
 
 
-def test_one_that_ends_just_before_the_signal_was_not_ended_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_process_that_ends_before_signal_was_not_ended_by_it(monkeypatch: pytest.MonkeyPatch) -> None:
     def gone(_pid: int, _number: int) -> None:
         raise ProcessLookupError
 

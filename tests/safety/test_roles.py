@@ -21,7 +21,7 @@ def names(*needs: str) -> list[str]:
     return [role.name for role in needed_roles(PAPER, needs)]
 
 
-def test_what_drives_something_is_opened_whether_it_is_needed_or_not() -> None:
+def test_actuators_are_opened_even_if_unneeded() -> None:
     assert names() == ["power", "rate_source", "rate_table"]
     assert names("multimeter", "power") == ["power", "rate_source", "multimeter", "rate_table"]
     everything = ["power", "rate_source", "multimeter", "oscilloscope", "rate_table"]
@@ -79,11 +79,11 @@ def test_each_is_proved_by_what_it_reads_back(role: str, read: str, on: tuple[An
     assert fault(off) is None
 
 
-def test_a_table_that_turns_before_anything_was_asked_of_it_is_named() -> None:
+def test_table_turning_before_first_command_is_named() -> None:
     def table(rate_deg_s: float) -> Any:
         return SimpleNamespace(rate_deg_s=lambda: rate_deg_s, name="rate_table", resource="COM1")
 
     require_still(table(0.05))
-    words = "^rate_table at COM1: it turns at 12 deg/s before any command was sent; it is being stopped; find out"
+    words = "^rate_table at COM1: it turns at 12 deg/s before any command was sent; vcfbench stops it; find"
     with pytest.raises(InterlockError, match=words):
         require_still(table(12.0))

@@ -85,7 +85,7 @@ def test_wait_checks_for_its_end_ten_times_a_second(pace: float | None, instants
     assert waited == instants_s
 
 
-def test_what_is_undivided_is_done_before_the_second_signal_stops_the_bench() -> None:
+def test_undivided_work_ends_before_second_signal_acts() -> None:
     done: list[str] = []
 
     def write(signals: StopSignals) -> None:
@@ -193,7 +193,7 @@ def test_when_all_is_over_signals_change_nothing() -> None:
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
-def test_the_handlers_are_given_back_and_what_is_ignored_stays_ignored() -> None:
+def test_handlers_are_restored_and_ignored_signals_stay_ignored() -> None:
     """``nohup vcfbench run ...`` goes on when its terminal is closed."""
     watched, hangup = (signal.SIGINT, signal.SIGTERM), signal.signal(signal.SIGHUP, signal.SIG_IGN)
     before = [signal.getsignal(each) for each in watched]
@@ -209,7 +209,7 @@ def test_the_handlers_are_given_back_and_what_is_ignored_stays_ignored() -> None
         signals.safe_point()
 
 
-def test_a_stop_where_no_signal_is_watched_is_the_first_one() -> None:
+def test_stop_without_watched_signals_counts_as_first() -> None:
     signals = StopSignals()
     with signals.undivided():
         signals.stop("the page")
@@ -243,14 +243,14 @@ def test_a_stop_that_came_out_as_something_else_is_found() -> None:
     assert Aborted.behind(round_about) is None
 
 
-def test_a_stop_that_was_dealt_with_before_is_none_of_an_error() -> None:
+def test_handled_stop_is_not_counted_again() -> None:
     """Whoever resumes a stopped run where he catches its error learns what went wrong then."""
     later = BenchError("the wire broke")
     later.__context__ = Aborted("stopped by SIGINT")
     assert Aborted.behind(later) is None
 
 
-def test_a_stop_does_not_come_amid_what_a_simulated_device_does() -> None:
+def test_stop_does_not_interrupt_simulated_device() -> None:
     """It left a world that was half worked out, and a bench that could not be proved safe."""
     done = []
 
@@ -280,7 +280,7 @@ def test_after_a_signal_no_wait_begins(*, simulated: bool) -> None:
     assert clock.now() == 0.0
 
 
-def test_a_wait_of_somebody_else_leaves_a_longer_one_a_safe_point() -> None:
+def test_shorter_wait_leaves_longer_wait_interruptible() -> None:
     signals = StopSignals()
 
     def wait_of_a_device() -> bool:
@@ -310,7 +310,7 @@ def test_wait_of_simulated_instrument_is_not_interrupted() -> None:
             signals.safe_point()
 
 
-def test_the_clock_of_what_goes_on_is_ahead_by_what_went_before() -> None:
+def test_clock_of_resumed_run_includes_earlier_time() -> None:
     clock = VirtualClock()
     control = ControlClock(clock, StopSignals(), 100.0)
     control.sleep_until(102.5)

@@ -66,7 +66,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Watched]]:
             os.close(number)
 
 
-def test_a_full_pipe_keeps_nobody_waiting_and_the_silence_is_said_once(quick: list[Watched]) -> None:
+def test_full_pipe_does_not_block_and_is_reported_once(quick: list[Watched]) -> None:
     quick.append(program := Watched(Calls()))
     program.dog.require_ready()
     done = threading.Event()
@@ -97,7 +97,7 @@ def test_a_watchdog_that_answers_each_beat_is_not_silent(quick: list[Watched]) -
     assert (program.dog.lost, program.said) == (False, [])
 
 
-def test_a_bench_that_a_silent_watchdog_would_get_is_left_to_another(quick: list[Watched]) -> None:
+def test_bench_of_silent_watchdog_goes_to_another(quick: list[Watched]) -> None:
     quick.append(program := Watched(Calls()))
     program.dog.require_ready()
     eventually(lambda: program.dog.lost)
@@ -115,7 +115,7 @@ def test_a_bench_that_a_silent_watchdog_would_get_is_left_to_another(quick: list
     ("silent_s", "spoken", "word"),
     [(SILENT_S, "", b"beat "), (10.0, "", b"idle "), (10.0, "multimeter", b"idle "), (10.0, "rate_table", b"beat ")],
 )
-def test_a_script_may_be_silent_until_it_has_told_what_drives_something(
+def test_script_may_be_silent_before_first_actuator(
     quick: list[Watched], silent_s: float, spoken: str, word: bytes
 ) -> None:
     calls = Calls()

@@ -52,7 +52,7 @@ def hanging(log: list[str]) -> Iterator[FakeInstrument]:
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(Stage)))
-def test_motion_then_stimulus_then_power_then_the_rest_however_they_were_opened(order: tuple[Stage, ...]) -> None:
+def test_order_is_motion_stimulus_power_rest(order: tuple[Stage, ...]) -> None:
     log: list[str] = []
     stack = stack_of(*(action(FakeInstrument(stage.name, log), stage) for stage in order))
     assert all(report.safe for report in stack.make_safe())
@@ -72,7 +72,7 @@ def test_one_that_fails_keeps_no_other_from_being_made_safe(log: list[str]) -> N
     assert not supply.energised
 
 
-def test_one_that_hangs_is_left_behind_and_the_next_is_made_safe(log: list[str], hanging: FakeInstrument) -> None:
+def test_hanging_instrument_is_skipped(log: list[str], hanging: FakeInstrument) -> None:
     supply = FakeInstrument("power", log)
     reports = stack_of(action(hanging, Stage.MOTION), action(supply, Stage.POWER)).make_safe()
     assert [report.safe for report in reports] == [False, True]
@@ -80,7 +80,7 @@ def test_one_that_hangs_is_left_behind_and_the_next_is_made_safe(log: list[str],
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a signal in the middle of a wait")
-def test_a_third_signal_names_what_stays_energised_and_not_what_only_listens(log: list[str]) -> None:
+def test_third_signal_names_energised_instruments_only(log: list[str]) -> None:
     """Sent while the table slows down: the supply stays on, the meter is no danger."""
 
     class Interrupted(FakeInstrument):
@@ -123,7 +123,7 @@ def test_one_that_says_itself_that_it_is_on_is_believed(log: list[str]) -> None:
     assert [(report.safe, report.detail) for report in reports] == [(False, "with 0 s left")]
 
 
-def test_the_longest_that_making_safe_takes_is_all_deadlines_patience_and_grace(log: list[str]) -> None:
+def test_longest_making_safe_is_sum_of_deadlines(log: list[str]) -> None:
     plain, patient = SafetyStack(VirtualClock()), SafetyStack(VirtualClock(), patience=3.0, grace_s=0.5)
     for each in (plain, patient):
         each.register(action(FakeInstrument("power", log), deadline_s=7.0))
@@ -132,7 +132,7 @@ def test_the_longest_that_making_safe_takes_is_all_deadlines_patience_and_grace(
     assert patient.longest_s == 5.0 + (21.0 + 0.5) + (3.0 + 0.5)
 
 
-def test_one_that_only_listens_is_no_danger_when_it_does_not_answer(log: list[str]) -> None:
+def test_silent_measuring_instrument_is_not_unsafe(log: list[str]) -> None:
     broken, good = FakeInstrument("multimeter", log, "fails"), FakeInstrument("oscilloscope", log)
     said, report = stack_of(action(broken, Stage.REST), action(good, Stage.REST)).make_safe()
     assert (said.safe, said.detail) == (True, "with 0 s left")
@@ -196,7 +196,7 @@ def test_every_instrument_is_tried_once_and_reported_as_it_is(crowd: list[tuple[
     assert {report.instrument: report.safe for report in reports} == truly_safe
 
 
-def test_closing_goes_on_past_one_that_fails_and_one_that_hangs(log: list[str], hanging: FakeInstrument) -> None:
+def test_closing_continues_after_failure_and_hang(log: list[str], hanging: FakeInstrument) -> None:
     broken, good = FakeInstrument("broken", log, "fails"), FakeInstrument("good", log)
     stack_of(action(good), action(hanging), action(broken)).close()
     assert log == ["broken closed", "hanging closed", "good closed"]
@@ -213,7 +213,7 @@ def test_not_safe_names_everything_that_is_not_and_nothing_else(log: list[str]) 
     assert not_safe([]) is None
 
 
-def test_not_safe_names_an_instrument_once_though_its_error_names_it_too() -> None:
+def test_not_safe_names_instrument_once() -> None:
     error = not_safe([SafeReport("power", "COM1", safe=False, detail="power at COM1: nobody answers")])
     assert str(error) == "NOT SAFE: power at COM1: nobody answers; make it safe by hand before anything else"
 
@@ -361,7 +361,7 @@ def test_without_threads_each_is_told_once(log: list[str], monkeypatch: pytest.M
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a signal in the middle of a wait")
-def test_a_third_signal_in_the_last_words_keeps_nobody_from_hearing_them(log: list[str]) -> None:
+def test_third_signal_does_not_cut_last_message(log: list[str]) -> None:
     class Interrupted(FakeInstrument):
         def command_safe(self) -> UnprovedCommand:
             if self.commands == 1 and not self.released.is_set():
@@ -402,7 +402,7 @@ def test_signals_behind_the_last_proof_leave_none_untold(log: list[str], monkeyp
     monkeypatch.setattr(SafetyStack, "make_safe", late)
     with StopSignals() as signals:
         signals.unwind()
-        with pytest.raises(NotSafe, match="by a third signal; look at every instrument"):
+        with pytest.raises(NotSafe, match="by a third signal; go and look at every instrument"):
             stack_of(action(supply)).make_safe_until_ended(signals)
         assert (supply.energised, supply.commands) == (False, 1)
         signal.raise_signal(signal.SIGINT)

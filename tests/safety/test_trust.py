@@ -1,4 +1,4 @@
-"""A VISA library that a bench file names by its file is a program: it runs only where somebody says so."""
+"""A VISA library that a bench file names by its file is a program: it runs only after confirmation."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_library_that_nobody_trusts_is_not_loaded(
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError) as refused:
         use(bench)
-    assert f"the VISA library {bench.visa_library} (SHA-256 {SHA_256}): it is run only where" in str(refused.value)
+    assert f"the VISA library {bench.visa_library} (SHA-256 {SHA_256}): it runs only after" in str(refused.value)
     assert f"trust=True from Python, or VCFBENCH_TRUST={SHA_256}" in (refused.value.hint or "")
     assert not (tmp_path / "not-made").exists()
 
@@ -82,10 +82,10 @@ def test_a_simulated_bench_loads_no_library_that_it_names() -> None:
 
 
 @pytest.mark.parametrize("trust", [False, lambda _: False])
-def test_what_has_no_file_is_refused_without_a_sum_to_trust(trust: Trust, tmp_path: Path) -> None:
+def test_library_without_file_is_refused(trust: Trust, tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         require_trust("the procedure", tmp_path / "none.py", trust, "add ")
-    assert "none.py (SHA-256 unknown: the system looks for it): it is run only where" in str(refused.value)
+    assert "none.py (SHA-256 unknown: the system looks for it): it runs only after" in str(refused.value)
     assert refused.value.hint == "add --yes, trust=True from Python"
 
 
@@ -95,7 +95,7 @@ def test_commands_without_a_terminal_refuse_it(command: str, bench: BenchDescrip
     path.write_text(bench_text(bench), encoding="utf-8")
     done = CliRunner().invoke(app, [*command.split(), "--bench", str(path)])
     assert done.exit_code == ConfigError.exit_code
-    assert f"SHA-256 {SHA_256}): it is run only where somebody says so" in done.stderr
+    assert f"SHA-256 {SHA_256}): it runs only after you confirm it" in done.stderr
 
 
 def test_making_safe_asks_nobody(bench: BenchDescription) -> None:

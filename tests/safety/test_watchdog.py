@@ -272,7 +272,7 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callab
         dog._alone.close()  # else the next file with this number would be kept from forks
 
 
-def test_it_is_told_bench_journal_and_steps_and_is_let_go(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
+def test_watchdog_gets_bench_journal_steps_and_end(listener: Callable[..., tuple[Watchdog, Process]]) -> None:
     dog, process = listener()
     assert [each.daemon for each in threading.enumerate() if each.name == "watchdog beat"][-1:] == [True]  # Python ends
     dog.require_ready()
@@ -336,7 +336,7 @@ def test_a_call_that_does_not_return_is_late_then_overdue(listener: Callable[...
     assert after == "beat "
 
 
-def test_a_call_that_never_returned_from_the_first_is_overdue_as_late(
+def test_call_that_never_returned_is_overdue(
     listener: Callable[..., tuple[Watchdog, Process]],
 ) -> None:
     listener(0.001, OverdueCalls("!!!!!!!!"))

@@ -1,4 +1,4 @@
-"""Control of a run: stopped, paused and let go on by terminal, page and scripts alike, in any thread."""
+"""Control of a run: stopped, paused and continued by terminal, page and scripts, in any thread."""
 
 from __future__ import annotations
 
@@ -74,21 +74,21 @@ class RunControl:
                 self._signals.stop(by)
 
     def pause(self, by: str = "the program") -> None:
-        """Have the run pause when the step under way is done: table at rest, V_Vc 0, rails on, until it goes on."""
+        """Pause the run after the present step: table at rest, V_Vc 0, rails on."""
         with self._changed:
             if self._state in {RunState.BEGINNING, RunState.RUNNING}:
                 self.pause_by = by
                 self._set(RunState.PAUSING, by)
 
     def go_on(self, by: str = "the program") -> None:
-        """Let a run that pauses, or is about to, go on."""
+        """Continue a run that pauses, or is about to."""
         with self._changed:
             if self._state in {RunState.PAUSING, RunState.PAUSED}:
                 self.pause_by, self._on_by = "", by
                 self._set(RunState.BEGINNING if self._signals is None else RunState.RUNNING, by)
 
     def tell(self, listener: Callable[[RunState, str], None]) -> None:
-        """Have `listener` told each new state and its author, in whatever thread that is."""
+        """Call `listener` at each new state with its source, in any thread."""
         self._listeners.append(listener)
 
     @contextmanager

@@ -43,7 +43,7 @@ _FLAGS: Final = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLO
 
 
 class Owner(Struct, frozen=True):
-    """Process that has signed the file of a lock; `mark` tells it from a later one of its number."""
+    """Process that has signed the file of a lock; `mark` distinguishes it from a later one of its number."""
 
     pid: int
     user: str
@@ -58,7 +58,7 @@ class Owner(Struct, frozen=True):
         return f"{who} for station {self.station} since {self.start}"
 
     def alive(self) -> bool:
-        """Return True if it has not ended, as far as can be told from here."""
+        """Return True unless the process is known to have ended."""
         return self.host != socket.gethostname() or (self.mark is not None and mark_of(self.pid) == self.mark)
 
     def ended_within(self, wall_s: float) -> bool:
@@ -134,7 +134,7 @@ def _is_served(port: int) -> bool:
 
 
 def owners_of(resources: Iterable[str]) -> dict[int, Owner]:
-    """Return by number the processes that hold the locks of any of `resources`, asked of the system; none is taken.
+    """Return by number the processes that hold the locks of any of `resources`, without taking a lock.
 
     What a file says is believed of the process alone that holds its lock, and is the file's user.
 

@@ -18,7 +18,7 @@ _EXITING: Final = 0x4
 
 
 def mark_of(pid: int) -> str | None:
-    """Return a mark that tells process `pid` from a later one of its number; None when it has ended.
+    """Return a mark that distinguishes process `pid` from a later one of its number; None after its end.
 
     Where the system does not tell when a process started (no ``/proc``) all have the same mark.
     """
@@ -36,7 +36,7 @@ def mark_of(pid: int) -> str | None:
 
 
 def dying(pid: int) -> bool:
-    """Return True if process `pid` is being shut down, and the system still closes what it had open.
+    """Return True if process `pid` is ending, and the system still closes its files.
 
     Where the system does not tell, one that lives may be.
     """

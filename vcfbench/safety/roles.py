@@ -39,7 +39,7 @@ def driving_roles(description: BenchDescription) -> tuple[Role, ...]:
 
 
 def needed_roles(description: BenchDescription, needs: Collection[str] | None) -> list[Role]:
-    """Return the roles to be opened, in that order, where the instruments of `needs` are needed; None is all.
+    """Return the roles to be opened, in order, for instruments of `needs`; None stands for all.
 
     What drives something is opened whether it is needed or not: it may be on, and must be made safe.
 
@@ -77,13 +77,13 @@ def safe_action(role: Role, instrument: Instrument, description: BenchDescriptio
 
 
 def require_still(table: RateTable) -> None:
-    """Raise InterlockError when the table turns before anything was asked of it."""
+    """Raise InterlockError if the table turns before the first command."""
     if wrong := _turns(table):
         raise InterlockError(
             f"{wrong} before any command was sent",
             instrument=table.name,
             resource=table.resource,
-            hint="it is being stopped; find out what turned it",
+            hint="vcfbench stops it; find the program or person that turned it",
         )
 
 

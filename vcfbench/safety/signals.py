@@ -89,7 +89,7 @@ class StopSignals:
             _thread.interrupt_main(number)
 
     def safe_point(self) -> None:
-        """Raise Aborted if a signal has come; called where nothing is half done."""
+        """Raise Aborted if a signal has come; called between two actions."""
         if self._count and not self._unwinding:
             self._delivered = True  # a second one could keep the unwinding from beginning
             raise self._aborted()
@@ -122,7 +122,7 @@ class StopSignals:
 
     @contextmanager
     def undivided(self) -> Iterator[None]:
-        """Do all of this context, or nothing: a signal that comes in it stops the bench after it."""
+        """Do all of this context: a signal within it stops the bench afterwards."""
         before, self._held = self._held, True
         try:
             yield
@@ -149,11 +149,11 @@ class StopSignals:
         self._endable = True
 
     def close(self) -> None:
-        """Say that the making safe is over, or was never needed: signals change nothing any more."""
+        """End the handling of signals, because the bench is safe."""
         self._unwinding, self._endable = True, False
 
     def break_off_from_now(self, *, possible: bool) -> bool:
-        """Let signals break off all from now on, or not; return True if they could before."""
+        """Set whether signals end everything at once; return the state before."""
         before, self._at_safe_point = self._at_safe_point, possible
         if possible:
             self.safe_point()
@@ -211,5 +211,5 @@ class ControlClock:
         self.now = (lambda: clock.now() + ahead_s) if ahead_s else clock.now
 
     def sleep_until(self, instant_s: float) -> None:
-        """Wait until bench time `instant_s`; raises Aborted when a signal comes before or meanwhile."""
+        """Wait until bench time `instant_s`; raises Aborted at a signal."""
         self._signals.wait(self._clock, instant_s - self._ahead_s)

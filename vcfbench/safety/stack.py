@@ -1,4 +1,4 @@
-"""The safety stack: brings everything that was opened to its safe state, whatever else has gone wrong.
+"""The safety stack: brings every opened instrument to its safe state, in spite of errors.
 
 First every instrument is told to stop or to switch off, without waiting for any answer. Then the actions run in
 declared order: motion, stimulus, power, the rest; within a stage the last opened first. Each is isolated from the
@@ -101,7 +101,7 @@ class SafetyStack:
             return _with_last_words(pending, [*reports, *map(_judged, left, unsaved)], self._over)
 
     def make_safe_until_ended(self, signals: StopSignals) -> list[SafeReport]:
-        """Make safe as `make_safe` does; after it `signals` change nothing any more.
+        """Make safe as `make_safe` does, then end the handling of `signals`.
 
         Raises:
             NotSafe: a third signal ended it when some were not judged.
@@ -113,11 +113,11 @@ class SafetyStack:
         except LeaveNow:  # raised once; just before or after: nothing may have been told yet
             self.command_safe()
             said = "NOT SAFE: making safe was ended by a third signal"
-            raise NotSafe(said, hint="look at every instrument") from None
+            raise NotSafe(said, hint="go and look at every instrument") from None
         return reports
 
     def command_safe(self) -> None:
-        """Tell every instrument to stop or to switch off, without waiting for any answer; within half a second."""
+        """Send every instrument its stop or off command, without waiting for an answer; within half a second."""
         _tell(self._in_order(), self._over)
 
     def _in_order(self) -> list[SafeAction]:
@@ -176,7 +176,7 @@ class _Telling:
             self._tell_once()
 
     def wait(self, wall_s: float) -> None:
-        """Wait until it was told once, no longer than `wall_s`."""
+        """Wait until all commands were sent once, no longer than `wall_s`."""
         self._tried.wait(wall_s)
 
     def _tell(self) -> None:

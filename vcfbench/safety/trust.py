@@ -1,4 +1,4 @@
-"""Programs that data files name: a VISA library, the procedure of a record. They run only where somebody says so."""
+"""Programs that data files name: a VISA library, the procedure of a record. They run only after confirmation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VARIABLE: Final = "VCFBENCH_TRUST"
 
 
 def require_trust(what: str, path: str | Path, trust: Trust, hint: str = "") -> None:
-    """Raise ConfigError unless somebody confirms that the program `what`, the file `path`, may run."""
+    """Raise ConfigError unless the program `what`, the file `path`, is confirmed to run."""
     if trust is True:
         return
     digest = _sha256(Path(path))
@@ -32,11 +32,11 @@ def require_trust(what: str, path: str | Path, trust: Trust, hint: str = "") -> 
     if callable(trust) and trust(words):
         return
     ways = "--yes, trust=True from Python" + (f", or {VARIABLE}={digest} in the environment" if digest else "")
-    raise ConfigError(f"{words}: it is run only where somebody says so", hint=f"{hint}{ways}")
+    raise ConfigError(f"{words}: it runs only after you confirm it", hint=f"{hint}{ways}")
 
 
 def require_library(description: BenchDescription, trust: Trust) -> None:
-    """Raise ConfigError where the bench names a VISA library by its file and nobody says that it may run.
+    """Raise ConfigError if the bench names a VISA library by its file that is not confirmed to run.
 
     What PyVISA finds by itself ("@py", "@ivi", "@vcfbench") is installed here, whatever a bench file says.
     """

@@ -1,4 +1,4 @@
-"""The watchdog process, seen from the program that it watches: started before an output goes on, told that this lives.
+"""The program's side of the watchdog process: started before an output goes on, and fed with signs of life.
 
 The process itself is `vcfbench.cli.watchdog`. It knows the bench's description and has no connection to an instrument.
 When the pipe from the program breaks without a word, when its beats stop, or a step takes longer than it may, it ends
@@ -130,7 +130,7 @@ class Watchdog:
         self._tell("journal", str(journal.absolute()))
 
     def step(self, words: str, longest_s: float | None) -> None:
-        """Tell the step under way and the longest that it may take, wall time; None is any time."""
+        """Send the present step and its longest duration, wall time; None is unlimited."""
         self._tell(f"step {math.inf if longest_s is None else longest_s}", words[:_LONGEST_WORDS])
 
     def making_safe(self, longest_s: float) -> None:
@@ -144,7 +144,7 @@ class Watchdog:
         return self._process.pid
 
     def leave(self, *, safe: bool) -> None:
-        """Let it go; a bench that is not proved safe is left to it, which can do no worse; if lost, to another."""
+        """End the watchdog; an unproved bench is left to it, or to another if it was lost."""
         self._over.set()
         if self.lost and not safe:
             self._process.kill()
