@@ -76,7 +76,7 @@ def test_any_program_opens_the_bench_by_its_file(tmp_path: Path) -> None:
     manager.close()
 
 
-def test_a_clock_that_runs_by_itself_stands_still_while_an_instrument_computes() -> None:
+def test_free_clock_stops_while_instrument_computes() -> None:
     """An acquisition begins at the instant at which it was asked for, however fast time goes meanwhile."""
     bench = SimulatedBench.build(load_bench(None), 0, ScaledClock(10_000.0))
     with bench.registered() as handle:
@@ -150,7 +150,7 @@ def test_a_share_that_cannot_be_is_refused(share: str) -> None:
         part_drawn("multimeter", f"{{ drawn = {share} }}")
 
 
-def test_a_generator_that_is_known_better_than_by_its_data_sheet() -> None:
+def test_stated_generator_error_overrides_data_sheet() -> None:
     text = PAPER.replace("[uncertainty]", "[uncertainty]\ngenerator_error = 0.005\ngenerator_offset_v = 1e-3")
     known, sheet = (settings_of(VIRTUAL_CORIOLIS, parse_bench(each, "paper")).station.sources for each in (text, PAPER))
     assert (known.generator_gain, known.generator_offset_v) == (0.005, 1e-3)
@@ -197,7 +197,7 @@ def test_a_parameter_that_is_none_is_refused(more: str, said: str) -> None:
         ("drive_mode.quality_coefficient_per_k = -4.0", "drive_mode.quality above 0.5 at every temperature from"),
     ],
 )
-def test_parameters_that_contradict_each_other_are_a_mistake_of_the_bench_file(more: str, said: str) -> None:
+def test_contradictory_parameters_are_refused_in_bench_file(more: str, said: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse_bench(f"{PAPER}\n[simulation.override]\n{more}\n", "lab.toml")
     assert str(caught.value).startswith(f"lab.toml: simulation.override: expected {said}")

@@ -92,7 +92,7 @@ ON_A_PORT = embedded_text("paper").replace(URL, "/dev/ttyS0")
 
 
 @pytest.mark.parametrize(("resource", "character_s"), [("/dev/ttyS0", 10 / 9600), ("COM3", 10 / 9600), (URL, 0.0)])
-def test_the_table_takes_the_time_of_its_characters_on_a_port(resource: str, character_s: float) -> None:
+def test_table_on_port_takes_time_of_characters(resource: str, character_s: float) -> None:
     """`*IDN?` and its end at 9600 Bd, 2 ms, and the identity behind eight bytes of header."""
     text = embedded_text("paper").replace(URL, resource)
     with open_bench(parse_bench(text, "serial")) as bench:

@@ -50,7 +50,7 @@ def test_an_input_reads_the_node_that_its_lead_goes_to(leads: Leads) -> None:
     assert (leads.value_v("a"), leads.value_v("b")) == (-9.0, 10.0)
 
 
-def test_a_reversed_lead_reads_the_other_sign_and_a_free_one_nothing(clock: VirtualClock, leads: Leads) -> None:
+def test_reversed_lead_changes_sign_and_free_lead_reads_zero(clock: VirtualClock, leads: Leads) -> None:
     leads.turn("a", reversed_=True)
     leads.connect("b", None)
     window, free, capture = leads.window("a", 0.0, 1.0), leads.window("b", 0.0, 1.0), leads.capture(0.0, 1.0)
@@ -64,7 +64,7 @@ def test_a_reversed_lead_reads_the_other_sign_and_a_free_one_nothing(clock: Virt
     assert leads.lead("a") == Lead("rail_positive", reversed=True)
 
 
-def test_what_is_being_measured_goes_on_through_the_lead_as_it_was(clock: VirtualClock, leads: Leads) -> None:
+def test_running_measurement_keeps_its_lead(clock: VirtualClock, leads: Leads) -> None:
     window, capture = leads.window("a", 0.0, 1.0), leads.capture(0.0, 1.0)
     leads.connect("a", "rail_negative")
     clock.sleep_until(1.0)

@@ -31,7 +31,7 @@ def test_an_output_divides_with_its_own_resistance(node: str, source_ohm: float)
     assert world.value_v(node) == pytest.approx(open_v, rel=1e-12)
 
 
-def test_windows_and_captures_see_the_load_from_when_it_is_there() -> None:
+def test_windows_and_captures_see_load_from_its_start() -> None:
     clock, world = powered(UNEVEN)
     world.table.demand_rate(50.0, 100.0)
     clock.sleep_until(12.0)
@@ -55,7 +55,7 @@ def test_two_loads_on_one_node_are_parallel() -> None:
     assert world.value_v("drive") == pytest.approx(open_v / 3.0, rel=1e-12)
 
 
-def test_a_load_on_v_vc_takes_the_drive_from_the_gyroscope_too() -> None:
+def test_load_on_v_vc_reduces_drive_of_gyroscope() -> None:
     clock, world = powered(IDEAL)
     world.drive("v_vc", Drive(1.0, overtones=(Sine(0.5, 10.0, 0.0),)))
     world.load_node("scope", "v_vc", 50.0)

@@ -31,7 +31,7 @@ def leads_of(bench: BenchParameters, seed: int = 0) -> tuple[VirtualClock, Leads
     return clock, Leads(world, "multimeter", {"input": "output"}, world.mains.in_meter_leads)
 
 
-def test_a_short_aperture_sees_the_mains_and_whole_periods_do_not() -> None:
+def test_mains_is_visible_in_short_aperture_only() -> None:
     """10 mV rms in the leads: readings of 0.4 ms scatter by it, those of 20 ms by nothing."""
     clock, leads = leads_of(CAUGHT)
     short = []
@@ -93,7 +93,7 @@ def test_the_meters_ways_of_looking_agree() -> None:
         assert np.ptp(volts) > 10e-3
 
 
-def test_the_lead_to_v_vc_brings_the_mains_to_the_gyroscope() -> None:
+def test_v_vc_lead_brings_mains_to_gyroscope() -> None:
     """5 mV rms of 50 Hz go through the modes to the output; means of whole periods have nothing of them."""
     shown = {}
     for name, bench in (("clean", IDEAL), ("caught", CAUGHT)):

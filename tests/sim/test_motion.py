@@ -66,7 +66,7 @@ def test_mean_rate_error_scales_the_rate() -> None:
     assert motion.rate_deg_s() == pytest.approx(50.05, rel=1e-12)
 
 
-def test_ripple_is_locked_to_the_angle_and_averages_out_over_a_turn() -> None:
+def test_ripple_follows_angle_and_averages_out() -> None:
     """An angle error A sin(k angle + phase) makes the rate ripple by k A, 24 ppm for 5 arcsec once a turn."""
     mechanics = replace(PERFECT, ripple_arcsec=(5.0,), ripple_harmonic=(1,), ripple_phase_rad=(0.4,))
     clock, motion = table(mechanics)
@@ -131,7 +131,7 @@ def jerked(t: np.ndarray, change: float, most: float, jerk: float) -> np.ndarray
     ("change", "most", "jerk"),
     few([(100.0, 100.0, 100.0), (100.0, 50.0, 100.0), (30.0, 1000.0, 2e4)], (30.0, 1000.0, 2e4)),
 )
-def test_a_ramp_within_a_jerk_is_the_loops_answer_to_it(change: float, most: float, jerk: float) -> None:
+def test_ramp_with_jerk_is_response_of_loop(change: float, most: float, jerk: float) -> None:
     """Runge-Kutta of u'' + 2 zeta w u' + w^2 u = w^2 r, r the profile on a grid; 0.72 deg/s at 0.12 s of jerk 100."""
     clock, motion = table()
     motion.demand_rate(change, most, jerk)
@@ -213,7 +213,7 @@ def integral(segment: RateSegment, start_s: float, stop_s: float) -> float:
 
 @settings(max_examples=20, deadline=None)
 @given(demands)
-def test_the_angle_is_the_integral_of_the_rate_and_both_are_continuous(
+def test_angle_is_continuous_integral_of_rate(
     orders: list[tuple[float, float, float, float]],
 ) -> None:
     clock, motion = table(replace(REAL, ripple_arcsec=(), ripple_harmonic=(), ripple_phase_rad=()))
@@ -254,7 +254,7 @@ def swinging(
     return clock, motion
 
 
-def test_an_oscillation_grows_to_its_amplitude_about_where_the_table_stood() -> None:
+def test_oscillation_grows_about_present_angle() -> None:
     clock, motion = swinging()
     centre = motion.angle_deg()
     natural, damping, s = 2 * math.pi * REAL.loop_hz, REAL.loop_damping, 2j * math.pi * 2.0
@@ -300,7 +300,7 @@ def test_an_oscillation_is_the_loop_equation_integrated() -> None:
             assert motion.rate_deg_s() == pytest.approx(y[0], abs=2e-3)
 
 
-def test_the_angle_of_an_oscillation_is_the_integral_of_its_rate() -> None:
+def test_oscillation_angle_is_integral_of_rate() -> None:
     _, motion = swinging()
     for start, stop in ((3.0, 3.4), (3.6, 7.1)):
         segment = motion.segment(start)

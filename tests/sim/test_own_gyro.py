@@ -179,7 +179,7 @@ def test_the_noise_of_a_random_data_sheet_comes_back(number: int, tmp_path: Path
 
 
 @pytest.mark.parametrize("split_hz", [12.0, -40.0])
-def test_the_response_to_a_rate_is_that_of_the_equations_of_motion(split_hz: float) -> None:
+def test_response_to_rate_follows_equations_of_motion(split_hz: float) -> None:
     bench = own_gyro(
         DataSheet(**{**SHEET, "split_hz": split_hz, "bandwidth_hz": None}), imperfections=False, latitude_deg=0.0
     )

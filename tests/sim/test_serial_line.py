@@ -103,7 +103,7 @@ def test_with_the_handshake_nothing_is_lost() -> None:
     assert desk.errors() == []
 
 
-def test_without_it_what_does_not_fit_is_lost_and_said_once() -> None:
+def test_overflow_without_handshake_is_lost_and_reported_once() -> None:
     desk = Desk()
     desk.line.configure(CharacterFrame(), handshake=False)
     desk.line.write(LONG)
@@ -216,7 +216,7 @@ def test_pyserial_heeds_xoff_and_nothing_is_lost(keithley: Desk) -> None:
     assert keithley.errors() == []
 
 
-def test_a_program_that_does_not_heed_it_reads_it_and_loses(keithley: Desk) -> None:
+def test_program_that_ignores_handshake_loses_characters(keithley: Desk) -> None:
     with serial.serial_for_url("sim://keithley", 115_200, stopbits=2, timeout=9.0) as port:
         port.write(LONGER)
         assert port.read_until(b"\n") == b"\x135\r\n"

@@ -40,7 +40,7 @@ def test_the_sines_of_a_piece_are_the_waveform(world: World) -> None:
     assert (piece.start_s, piece.stop_s) == (0.123, 0.456)
 
 
-def test_a_change_of_the_source_begins_another_piece_and_old_ones_go(world: World) -> None:
+def test_change_of_source_starts_new_piece(world: World) -> None:
     trace = world.trace(0.5)
     for volts in (1.0, 2.0, 3.0):
         world.drive("v_vc", Drive(volts, source_ohm=0.0))

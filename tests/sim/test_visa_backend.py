@@ -115,7 +115,7 @@ def test_a_time_out_takes_bench_time(station: Station, timeout_ms: int) -> None:
     assert station.world.clock.now() - before == pytest.approx(timeout_ms / 1000)
 
 
-def test_a_reading_takes_its_time_and_a_short_time_out_loses_it(station: Station) -> None:
+def test_short_time_out_loses_reading(station: Station) -> None:
     meter = station.open(read_termination="\n", timeout=100)
     meter.write("READ?")
     with pytest.raises(pyvisa.VisaIOError, match="TMO"):
@@ -128,9 +128,7 @@ def test_a_reading_takes_its_time_and_a_short_time_out_loses_it(station: Station
     assert meter.query("*OPC?") == "1"
 
 
-def test_who_waits_for_a_reading_looks_in_on_each_device_once(
-    station: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_wait_for_reading_polls_each_device_once(station: Station, monkeypatch: pytest.MonkeyPatch) -> None:
     looked_in = []
     next_event_s = Hp34401ATwin.next_event_s
     monkeypatch.setattr(Hp34401ATwin, "next_event_s", lambda meter: looked_in.append(meter) or next_event_s(meter))

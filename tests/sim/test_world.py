@@ -69,7 +69,7 @@ def test_one_rail_alone_is_no_supply() -> None:
     assert world.value_v("rail_positive") == 10.0
 
 
-def test_a_negative_rail_of_the_wrong_sign_does_not_power_the_board() -> None:
+def test_negative_rail_of_wrong_sign_gives_no_power() -> None:
     clock = VirtualClock()
     world = World(clock, PAPER, 0)
     world.set_rail("positive", 10.0)
@@ -78,7 +78,7 @@ def test_a_negative_rail_of_the_wrong_sign_does_not_power_the_board() -> None:
     assert world.value_v("carrier") == 0.0
 
 
-def test_supply_current_is_resistive_below_brown_out_and_larger_while_starting() -> None:
+def test_supply_current_is_resistive_and_larger_at_start() -> None:
     clock = VirtualClock()
     world, supply = World(clock, PAPER, 0), PAPER.supply
     assert world.rail_current_a("positive", 3.5) == pytest.approx(0.5 * supply.quiescent_a)
@@ -101,7 +101,7 @@ def test_starting_rail_draws_the_start_up_current() -> None:
 
 
 @pytest.mark.parametrize("rate", [200.0, -50.0, 1.0])
-def test_the_table_turns_into_the_scale_factor_on_ideal_within_1e_9(rate: float) -> None:
+def test_ideal_scale_factor_agrees_within_1e_9(rate: float) -> None:
     clock, world = powered(IDEAL)
     world.table.demand_rate(rate, 100.0)
     clock.sleep_until(12.0)
@@ -236,7 +236,7 @@ def test_k_vc_does_not_see_an_error_of_the_agc(rail_v: float) -> None:
     assert np.max(volts) == pytest.approx(2.0 * amplitude, rel=1e-5)
 
 
-def test_a_sine_at_twice_the_drive_frequency_is_a_steady_output() -> None:
+def test_sine_at_twice_drive_frequency_gives_steady_output() -> None:
     """The carrier's image at f_d passes the demodulator: half of V_Vc, one more exponential that does not turn."""
     clock, world = powered(IDEAL)
     world.drive("v_vc", Drive(0.2, 0.3, 2 * 3488.9, 0.2))
@@ -266,7 +266,7 @@ steps = st.lists(st.floats(1e-4, 1.5), min_size=1, max_size=30)
 
 @settings(max_examples=15, deadline=None)
 @given(steps)
-def test_any_partition_of_time_gives_the_same_state_within_1e_12(cuts: list[float]) -> None:
+def test_any_partition_of_time_gives_same_state(cuts: list[float]) -> None:
     """Through start-up, a ramp, a V_Vc sine, warm-up bands: asking in between changes nothing."""
 
     def run(looks: list[float]) -> float:
@@ -331,7 +331,7 @@ def test_a_seed_repeats_itself_and_another_does_not() -> None:
     assert record(5) != record(6)
 
 
-def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
+def test_window_over_transient_is_mean_of_capture() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
     world.table.demand_rate(200.0, 1000.0)
@@ -345,7 +345,7 @@ def test_window_over_a_transient_is_the_mean_of_what_a_capture_shows() -> None:
     assert node.mean_v() == pytest.approx(float(capture.samples("v_vc", fine).mean()), abs=1e-4)
 
 
-def test_a_window_in_which_the_output_clips_is_right_to_a_microvolt() -> None:
+def test_clipping_window_is_right_to_a_microvolt() -> None:
     clock, world = powered(QUIET)
     start = clock.now()
     world.drive("v_vc", Drive(120.0 / k_vc_deg_s_v(PAPER), 80.0 / k_vc_deg_s_v(PAPER), 24.0))
@@ -422,7 +422,7 @@ def test_slow_time_base_shows_the_output_over_events() -> None:
     assert capture.samples("rail_negative", np.array([5.0]))[0] == -10.0
 
 
-def test_a_window_or_capture_that_is_not_over_has_nothing_to_say() -> None:
+def test_unfinished_window_or_capture_has_no_value() -> None:
     clock, world = powered(QUIET)
     window, capture = world.window("output", 5.0, 6.0), world.capture(5.0, 6.0)
     clock.sleep_until(5.5)
@@ -454,7 +454,7 @@ def test_every_node_can_be_seen_all_ways(node: str) -> None:
     assert np.all(np.isfinite(capture.samples(node, np.linspace(4.0, 4.5, 100))))
 
 
-def test_ripple_of_a_supply_is_seen_at_its_pin_and_averages_out() -> None:
+def test_supply_ripple_is_at_pin_and_averages_out() -> None:
     clock = VirtualClock()
     world = World(clock, IDEAL, 0)
     world.set_ripple("positive", Ripple(0.3e-3, 100.0, 0.4))
@@ -501,7 +501,7 @@ def test_several_sines_on_v_vc_are_seen_and_averaged() -> None:
     assert window.mean_v() == pytest.approx(capture.samples("v_vc", fine).mean(), abs=1e-7)
 
 
-def test_a_part_of_the_rails_ripple_comes_through_to_the_output() -> None:
+def test_part_of_rail_ripple_reaches_output() -> None:
     """The difference that the ripple makes is its share of the sum of both rails, in waveforms and in means."""
     bench = replace(IDEAL, supply=replace(IDEAL.supply, ripple_feedthrough=2e-3))
     times = np.linspace(4.0, 4.02, 500, endpoint=False)

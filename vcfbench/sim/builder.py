@@ -201,7 +201,7 @@ def _is_serial(part: Any) -> bool:
 
 
 def _surroundings(role: str, description: BenchDescription, seed: int, number: int = 1) -> dict[str, Any]:
-    """Return the settings that the instrument of `role` may take from the bench that it stands on."""
+    """Return the settings that the instrument of `role` may take from its bench."""
     part, wiring = getattr(description, role), description.wiring
     noise_seed = _integer(_sequence(seed, role, number))
     if role == "rate_table":

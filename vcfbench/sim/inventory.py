@@ -1,4 +1,4 @@
-"""Every number that a simulated bench is made of, with unit, meaning and source."""
+"""Every number of a simulated bench, with unit, meaning and source."""
 
 import ast
 import inspect

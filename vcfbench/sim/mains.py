@@ -14,7 +14,7 @@ _STREAM = 3
 
 
 class Mains(Struct, frozen=True):
-    """Mains in the leads of the multimeters and in that of V_Vc; None where nothing is."""
+    """Mains in the leads of the multimeters and of V_Vc; None without pick-up."""
 
     in_meter_leads: Sine | None
     in_v_vc_lead: Sine | None
@@ -34,7 +34,7 @@ class Mains(Struct, frozen=True):
         return cls(*(sine(rms_v, float(phase)) for rms_v, phase in zip(in_leads, phases, strict=True)))
 
     def through_v_vc_lead(self, source: Drive | Played | None) -> Drive | Played | None:
-        """Return a generator together with the pick-up of its lead; a lead that leads nowhere brings nothing."""
+        """Return a generator with the pick-up of its lead; a free lead has none."""
         caught = self.in_v_vc_lead
         if source is None or caught is None:
             return source

@@ -1,4 +1,4 @@
-"""The bench file of a simulated bench with a gyroscope of one's own, from the figures of its data sheet."""
+"""The bench file of a simulated bench with a custom gyroscope, from the figures of its data sheet."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -26,7 +26,7 @@ from vcfbench.station.file import EMBEDDED, parse_bench
 from vcfbench.station.settings import PAPER_RATES_DEG_S
 from vcfbench.station.writing import table_text, value_text
 
-_HEAD = "# A simulated bench with a gyroscope of one's own, written by `vcfbench sim new` from these figures:"
+_HEAD = "# A simulated bench with a custom gyroscope, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
 _USUAL_RANGE_DEG_S, _USUAL_V, _USUAL_SPLIT_HZ = 200.0, 200.0 / 150.0, 24.8
 """Range, V_Vc for it, and split of the gyroscope for which the settings of procedures have their defaults."""
@@ -120,7 +120,7 @@ def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
     """Return the instruments of the bench `lab`, with limits for range and rails of the gyroscope."""
     return {
         "name": name,
-        "title": f"{name}: a simulated gyroscope of its own",
+        "title": f"{name}: a custom simulated gyroscope",
         "power": {"model": "E3631A", "resource": "GPIB0::5::INSTR"},
         "rate_source": {"model": "33220A", "resource": "USB0::0x0957::0x0407::MY44021876::INSTR"},
         "multimeter": {"model": "34401A", "resource": "GPIB0::22::INSTR"},

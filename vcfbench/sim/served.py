@@ -41,7 +41,7 @@ class LockstepClock:
             raise LinkLost(str(error), instrument=_CONTROL, resource=self._address) from error
 
     def sleep_until(self, instant_s: float) -> None:
-        """Let bench time jump to `instant_s`."""
+        """Advance bench time to `instant_s`."""
         try:
             self._remote.sleep_until(instant_s)
         except ControlError as error:
@@ -49,7 +49,7 @@ class LockstepClock:
 
 
 class Lockstep(Struct, frozen=True):
-    """A served bench whose time this program leads."""
+    """A served bench whose time this program controls."""
 
     clock: LockstepClock
     seed: int | None
@@ -118,7 +118,7 @@ def _led_port(control: Control, clock: LockstepClock, role: str, resource: str) 
 
 
 def build_served(description: BenchDescription, seed: int | None, clock: ServedClock) -> ServedBench:
-    """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can build it anew."""
+    """Build the served part of a simulated bench, from `seed` or the bench file's; its clock can reset it."""
     from vcfbench.sim.builder import SimulatedBench, part_of  # noqa: PLC0415  (there may be no simulation)
 
     used = chosen_seed(description, seed)
@@ -156,7 +156,7 @@ def served_places(control: str) -> tuple[str, dict[str, str]]:
 
 
 def on_wires(description: BenchDescription, resources: Mapping[str, str], control: str) -> BenchDescription:
-    """Return the bench of `description` as it is seen from outside the process that serves it.
+    """Return the bench of `description` with the resources of its wires, for other processes.
 
     Args:
         description: the simulated bench.

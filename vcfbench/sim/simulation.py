@@ -15,7 +15,7 @@ from vcfbench.station.overrides import overridden
 
 
 def chosen_seed(description: BenchDescription, seed: int | None) -> int:
-    """Return `seed`, or the bench file's when there is none; raises ConfigError for a value that is no seed."""
+    """Return `seed`, or the bench file's without one; raises ConfigError for an invalid seed."""
     return simulation_of(description).seed if seed is None else whole_seed(seed)
 
 

@@ -99,7 +99,7 @@ class World(Loaded):
         return replace(stretch, shares=shares) if shares else stretch
 
     def move_rail(self, rail: str, approach: Approach) -> None:
-        """Let the voltage on a supply pin go its way from now on, signed.
+        """Change the voltage on a supply pin along a given course from now on, signed.
 
         A pin of the wrong polarity counts as 0 V: the PCB's protection diodes block it.
         """
@@ -136,7 +136,7 @@ class World(Loaded):
         return self._gyro.drawing()
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
-        """Hang a resistance on `node`, as :class:`simrack.loads.Loaded` does.
+        """Add a resistance from `node` to ground, as :class:`simrack.loads.Loaded` does.
 
         The PCB's outputs divide with their own resistance, V_Vc with the generator's; a rail has to supply it.
         """
@@ -219,7 +219,7 @@ class World(Loaded):
         return float(look.at(node, np.array([now]))[0])
 
     def glance_v(self, node: str) -> float:
-        """Return the voltage that a node may have now, for looks from outside the bench; it leaves no mark.
+        """Return the present voltage of a node for display; the look changes nothing in the simulation.
 
         An instrument that asks takes the world to now, and ends a step of the noise. A glance goes on from the last
         such step with noise of its own, glance after glance, until an instrument asks: what readings see later stays.

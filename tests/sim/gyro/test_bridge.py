@@ -98,7 +98,7 @@ def test_path_keeps_ends_and_mean_of_its_step(duration_s: float) -> None:
 
 
 @pytest.mark.exhaustive
-def test_noise_within_a_step_has_the_covariance_of_noise_that_nobody_cut() -> None:
+def test_noise_within_step_has_covariance_of_uncut_noise() -> None:
     """At five instants of 60 ms against exp(A t) S of the plainly written system; 800 draws know it to 5 %."""
     chain, duration_s = noisy(), 0.06
     instants = duration_s * np.array([0.0, 0.13, 0.5, 0.77, 1.0])
@@ -141,7 +141,7 @@ def test_looking_at_a_waveform_changes_nothing_that_is_drawn_later() -> None:
     assert looked_at(3, often=True) == looked_at(3, often=False)
 
 
-def test_the_same_instant_shows_the_same_volts_in_whatever_order_one_looks() -> None:
+def test_instant_shows_same_volts_in_any_order() -> None:
     def record(order: list[int]) -> NDArray[np.float64]:
         clock, world = powered(PAPER, 8)
         start = clock.now()
@@ -230,7 +230,7 @@ def test_fast_readings_have_the_spectrum_of_the_record() -> None:
     assert np.all(np.abs(ratio - 1) < 4 / np.sqrt(10.0 * np.minimum(widths, 3.0)))
 
 
-def test_the_noise_on_sense_is_the_noise_that_the_demodulator_brings_down() -> None:
+def test_sense_noise_is_demodulated_noise() -> None:
     """A record of V_s, multiplied and filtered by hand, gives the output of the same time.
 
     Of what lies beyond 1 kHz from the carrier, 1e-3 of the power, a part is folded back: some 2 % of the noise.
@@ -306,7 +306,7 @@ def turned(bench: BenchParameters, rate_deg_s: float) -> tuple[VirtualClock, Wor
 
 
 @pytest.mark.exhaustive
-def test_ac_volts_of_the_output_are_those_of_the_closed_form() -> None:
+def test_ac_volts_of_output_follow_closed_form() -> None:
     """20 readings with the 20 Hz filter: the root of the density times the response squared, within five errors."""
     frequencies = np.arange(0.05, 400.0, 0.05)
     response = AcResponse(20.0, MeterErrors.none().ac)

@@ -53,7 +53,7 @@ def test_v_s_meets_the_carrier_level_too(bench: BenchParameters) -> None:
         assert np.max(np.abs(seen - run.sense)) < 1e-8 * np.max(np.abs(run.sense))
 
 
-def test_ripple_at_twice_the_carrier_is_4e_8_of_the_demodulated_signal() -> None:
+def test_ripple_at_twice_carrier_is_4e_8_of_signal() -> None:
     """(f_c/2f_d)^4 = 4.2e-8 behind the 100 Hz low-pass: what the 2 w_d product adds in the steady state."""
     bench = BENCHES[0]
     model, state = CarrierModel(bench), CarrierModel(bench).at_rest()
@@ -66,7 +66,7 @@ def test_ripple_at_twice_the_carrier_is_4e_8_of_the_demodulated_signal() -> None
 
 
 @pytest.mark.exhaustive
-def test_the_carrier_level_meets_an_independent_integrator_on_a_short_span() -> None:
+def test_carrier_level_agrees_with_independent_integrator() -> None:
     bench = paper_bench()
     model = CarrierModel(bench)
     rate, virtual, cycles = 2.0, -1.5, 60

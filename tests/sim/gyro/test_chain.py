@@ -106,7 +106,7 @@ def test_frequency_response_has_its_three_points(bench: BenchParameters, up_hz: 
     assert peak == pytest.approx(24.8, abs=0.1)  # damping and the in-phase mode pull it by some 0.05 Hz
 
 
-def test_peak_of_the_single_mode_is_8_8_at_24_76_hz() -> None:
+def test_single_mode_peaks_8_8_fold_at_24_76_hz() -> None:
     chain = locked_chain(SINGLE)
     grid = np.linspace(24.0, 25.5, 601)
     gains = [response_gain(chain, f) for f in grid]

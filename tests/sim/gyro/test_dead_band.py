@@ -74,7 +74,7 @@ def test_a_sine_is_refused_before_anything_changes(node: str) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_run_that_vibrates_says_so_and_leaves_the_bench_safe() -> None:
+def test_vibration_with_dead_band_is_refused_and_bench_safe() -> None:
     overrides = {"sense_path": {"dead_band_deg_s": 0.5}, "pick_up": {"v_vc_lead_v": 0.0}}
     with pytest.raises(Contradiction, match=r"where v_vc gets more than a level, got 0\.5"):
         vcfbench.run("bandwidth", simulated("lab", overrides=overrides), seed=1, runs=None)

@@ -22,7 +22,7 @@ def test_a_sine_at_twice_the_carrier_is_kept(count: int, step_s: float) -> None:
     assert len(coarse.times_s()) < count / 3 + 4
 
 
-def test_times_that_are_few_wide_or_uneven_are_taken_one_by_one() -> None:
+def test_few_or_uneven_times_are_computed_one_by_one() -> None:
     assert coarser(np.linspace(0.0, 1e-6, 100)) is None
     assert coarser(np.linspace(0.0, 1.0, 5000)) is None
     assert coarser(np.geomspace(1e-6, 1e-3, 5000)) is None

@@ -89,7 +89,7 @@ def started_plainly(steps: int, weaker_v: Callable[[float], float] = lambda _: 1
     return np.array(seen)
 
 
-def test_start_up_follows_the_equation_of_motion_under_the_same_controller() -> None:
+def test_start_up_follows_equation_of_motion() -> None:
     """The first 60 ms, from saturation through lock; the pick-off is 1 V, a phase off by 1 mrad is 1 mV."""
     steps = 240
     clock = VirtualClock()
@@ -103,7 +103,7 @@ def test_start_up_follows_the_equation_of_motion_under_the_same_controller() -> 
 
 
 @pytest.mark.exhaustive
-def test_start_up_on_rails_that_still_rise_follows_the_equation_of_motion() -> None:
+def test_start_up_on_rising_rails_follows_equation_of_motion() -> None:
     """It starts as the rail comes to 8 V on its way to 10 V; constant rails of 8 or 10 V miss this by far."""
     begins, steps = 220 * math.tau / MODE.natural_rad_s, 240  # the VCO runs at rest too: whole turns
     tau = begins / math.log(10.0 / 2.0)
@@ -156,7 +156,7 @@ def test_locked_drive_follows_moving_rail_within_0_005_percent() -> None:
         assert seen == pytest.approx(expected, abs=1.01 * 0.5e-4 + 2e-6)
 
 
-def test_start_up_ends_locked_at_resonance_with_x_as_minus_cosine() -> None:
+def test_start_up_locks_at_resonance_with_minus_cosine() -> None:
     segments = started(Approach(10.0), Approach(-10.0))
     *starting, last = segments
     assert last.locked
@@ -216,7 +216,7 @@ def test_drive_is_continuous_from_one_control_step_to_the_next() -> None:
     assert np.max(np.abs(np.diff(x))) < 1.1 * 2 * math.pi * 3490 * 1e-5
 
 
-def test_brown_out_stops_the_drive_and_the_rails_start_it_again() -> None:
+def test_brown_out_stops_drive_and_rails_restart_it() -> None:
     clock, world = powered(PAPER)
     world.set_rail("negative", -6.9)
     clock.sleep_until(clock.now() + 4.0)
@@ -252,7 +252,7 @@ def test_a_running_drive_goes_on_down_to_brown_out() -> None:
     assert np.max(capture.samples("drive", np.linspace(capture.start_s, capture.stop_s, 500))) > 0.99
 
 
-def test_a_force_too_weak_for_the_set_amplitude_holds_what_it_can() -> None:
+def test_weak_force_holds_smaller_amplitude() -> None:
     """Saturated for ever: F Q / (m w^2), here 40 % of A_x."""
     holding = PAPER.drive_mode.mass_kg * MODE.natural_rad_s**2 * AMPLITUDE / MODE.quality
     weak = replace(PAPER, drive_loop=replace(PAPER.drive_loop, force_limit_n_per_v=0.4 * holding / 10.0))
@@ -276,7 +276,7 @@ def test_segments_are_few_and_as_fine_as_the_envelope_asks() -> None:
 
 
 @pytest.mark.parametrize("terms", [(), ((8.5, 1e-4),)])
-def test_start_up_on_rails_that_go_off_at_once_ends_with_them(terms: tuple[tuple[float, float], ...]) -> None:
+def test_start_up_ends_with_rails(terms: tuple[tuple[float, float], ...]) -> None:
     """A rail that recovers from its current limit while it is switched off is above the threshold for a moment."""
     segments = started(Approach(0.0, terms=terms), Approach(-10.0))
     assert segments[-1].stop_s == math.inf

@@ -33,7 +33,7 @@ QUIET = replace(
 
 @pytest.mark.parametrize("node", ["drive", "carrier", "sense"])
 @pytest.mark.parametrize("aperture_s", [0.4e-3, 3e-3, 0.02, 0.2])
-def test_direct_voltage_of_a_carrier_is_the_mean_over_the_aperture(node: str, aperture_s: float) -> None:
+def test_dc_voltage_of_carrier_is_mean_over_aperture(node: str, aperture_s: float) -> None:
     """Against the mean of points 1 us apart, good to (w h)^2/24 = 2e-5 of it; 1 V leaves up to 0.23 V in 0.4 ms."""
     clock, world = powered(QUIET)
     world.table.demand_rate(150.0, 100.0)
@@ -81,7 +81,7 @@ def test_the_meter_reads_a_carrier_at_its_shortest_aperture() -> None:
 
 
 @pytest.mark.parametrize("duration_s", [0.4e-3, 0.02, 0.2, 2.0])
-def test_variance_within_an_aperture_is_what_its_mean_does_not_have(duration_s: float) -> None:
+def test_variance_within_aperture_complements_its_mean(duration_s: float) -> None:
     """C(0) less 2/T^2 int (T - t) C(t) dt, C = row exp(A t) S of the plainly written system."""
     a, _, s = stationary(white_only())
     points = 4001

@@ -72,7 +72,7 @@ def test_sense_modes_from_rest_follow_corrected_equation_3(mode: Resonance, phi_
     assert np.max(np.abs(seen - wanted)) < 1e-9 * np.max(np.abs(wanted))
 
 
-def test_the_corrected_equations_are_the_solution_of_the_equation_of_motion() -> None:
+def test_corrected_equations_solve_equation_of_motion() -> None:
     w, q, end = DRIVE.natural_rad_s, DRIVE.quality, 0.02
     omega = OMEGA + 60.0
     inside = TIMES[end >= TIMES]
@@ -85,7 +85,7 @@ def test_the_corrected_equations_are_the_solution_of_the_equation_of_motion() ->
 
 
 @pytest.mark.parametrize("mode", [DRIVE, *SENSE])
-def test_ring_down_gives_back_frequency_and_quality_within_0_1_percent(mode: Resonance) -> None:
+def test_ring_down_recovers_frequency_and_q_within_0_1_percent(mode: Resonance) -> None:
     start = mode.parts(1e-6, 0j)
     x = np.array([mode.displacement(mode.step(start, 0j, 0.0, float(t))).real for t in np.arange(0, 0.05, 1e-5)])
     # Linear prediction of a damped oscillation: x[n+1] = 2 e^-a cos(b) x[n] - e^-2a x[n-1].
@@ -129,7 +129,7 @@ def test_parts_and_motion_agree_and_force_reversal_mirrors_them(
 
 
 @pytest.mark.parametrize("order", [1, 2, 4])
-def test_butterworth_is_maximally_flat_with_3_db_at_its_cut_off(order: int) -> None:
+def test_butterworth_is_flat_with_3_db_at_cut_off(order: int) -> None:
     poles = butterworth_poles(2.0, order)
     residues = butterworth_residues(poles)
     for frequency in (0.1, 1.0, 2.0, 7.0):

@@ -47,7 +47,7 @@ def test_the_output_clips_at_the_rail_as_it_moves(rail: str, sign: float) -> Non
         assert window.mean_v() == pytest.approx(expected(fine).mean(), abs=2e-7)
 
 
-def test_a_sudden_fall_of_the_rail_clips_a_mean_as_it_goes() -> None:
+def test_sudden_fall_of_rail_clips_mean() -> None:
     """A rail that is taken down in 50 us, as by a short circuit, in the middle of a reading of 20 ms."""
     clock, world, free_v = clipping(7.5)
     start = clock.now()
@@ -78,7 +78,7 @@ def test_only_ripple_of_a_moving_rail_reaches_the_output() -> None:
     assert np.abs(capture.samples("output", times) - quiet_v - 1e-3 * waving).max() < 2e-7
 
 
-def test_a_reversed_supply_is_blocked_from_where_it_passes_0_volts() -> None:
+def test_reversed_supply_is_blocked_below_0_volts() -> None:
     clock, world = powered(IDEAL)
     start = clock.now()
     world.move_rail("positive", Approach(-5.0, start, ((15.0, TAU_S),)))
@@ -101,7 +101,7 @@ def test_moving_rail_is_no_sine_in_its_history() -> None:
     assert held.at(np.array([middle]))[0] == pytest.approx(9.0 + math.exp(-0.05 / TAU_S), abs=1e-9)
 
 
-def test_nodes_are_dead_up_to_where_the_rising_rail_says_so() -> None:
+def test_nodes_are_dead_below_dead_voltage() -> None:
     clock = VirtualClock()
     bench = replace(IDEAL, output_stage=replace(IDEAL.output_stage, offset_v=0.3))
     world = World(clock, bench, 0)

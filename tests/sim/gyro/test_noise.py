@@ -137,7 +137,7 @@ def test_flicker_stays_stationary_while_the_drive_does_not_run() -> None:
     assert kept == pytest.approx(np.exp(-8.0 / flicker.times_s), abs=5 / math.sqrt(6000))
 
 
-def test_a_bench_begins_with_flicker_that_has_gone_on_for_ever() -> None:
+def test_bench_begins_with_stationary_flicker() -> None:
     """Slow processes alone: 9 of them are 3.1e-3 deg/s of bias when power comes on, which no 4 s could gather."""
     slow = replace(PAPER.noise, angle_random_walk_deg_sqrt_s=0.0, flicker_shortest_s=1e4)
     bench = replace(PAPER, noise=slow)
@@ -146,7 +146,7 @@ def test_a_bench_begins_with_flicker_that_has_gone_on_for_ever() -> None:
     assert 0.37 < np.std(biases, ddof=1) / 3.08e-3 < 1.7
 
 
-def test_a_bench_that_is_never_asked_at_equal_intervals_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unequal_intervals_do_not_grow_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     plain, worked_out = NoisyChain.interval, list[float]()
 
     def counted(chain: NoisyChain, interval_s: float) -> Interval:
@@ -171,7 +171,7 @@ def test_noise_goes_on_where_the_parameters_change(seed: int) -> None:
     assert world.value_v("output") == pytest.approx(before, abs=2e-6)
 
 
-def test_long_step_and_short_steps_give_the_same_spread_of_the_mean() -> None:
+def test_long_and_short_steps_give_same_spread_of_mean() -> None:
     """Statistical: 1 s averages drawn in one step or in ten agree in variance, F-test at five sigma."""
     noise = noisy()
 
@@ -235,7 +235,7 @@ def test_white_part_is_0_21_deg_per_root_hour(record_deg_h: np.ndarray) -> None:
     assert math.sqrt(found) / 60 == pytest.approx(0.21, rel=0.03)
 
 
-def test_flicker_alone_has_its_floor_at_3_7_deg_per_hour() -> None:
+def test_flicker_has_floor_at_3_7_deg_per_hour() -> None:
     """Sum of each process' Allan variance, 2 s^2 T/tau (1 - T/2tau (3 - 4 e^(-tau/T) + e^(-2tau/T)))."""
     noise = PAPER.noise
     variance = noise.bias_instability_deg_s**2 * math.log(4) / math.pi

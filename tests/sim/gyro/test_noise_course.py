@@ -33,7 +33,7 @@ def readings_v() -> list[float]:
     return means
 
 
-def test_readings_are_those_of_noise_that_is_drawn_at_each_change(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readings_equal_noise_drawn_at_each_change(monkeypatch: pytest.MonkeyPatch) -> None:
     noted = readings_v()
     monkeypatch.setattr(noise_course, "MOST_NOTED", 0)
     assert readings_v() == noted

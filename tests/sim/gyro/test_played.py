@@ -111,7 +111,7 @@ CASES: dict[str, tuple[tuple[str, ...], Volts]] = {
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("case", few(CASES, "FM of a tone"))
-def test_the_chain_answers_what_is_played_as_the_equations_of_motion_do(case: str) -> None:
+def test_chain_response_to_source_follows_equations_of_motion(case: str) -> None:
     messages, wanted = CASES[case]
     clock, world = playing(*messages)
     start = clock.now()
@@ -130,7 +130,7 @@ def test_the_chain_answers_what_is_played_as_the_equations_of_motion_do(case: st
 
 
 @pytest.mark.parametrize("messages", [("FREQ 1E6;:FM:DEV 1E5;:FM:STAT ON",), ("FREQ 1E6;:FUNC SQU",)])
-def test_of_a_fast_carrier_the_mean_through_the_curvature_is_left(messages: tuple[str, ...]) -> None:
+def test_fast_carrier_leaves_mean_through_curvature(messages: tuple[str, ...]) -> None:
     clock, world = playing(*messages)
     clock.sleep_until(clock.now() + 8.0)
     path = BENT.virtual_path
@@ -187,7 +187,7 @@ def test_noise_on_v_vc_shakes_the_output_by_its_density() -> None:
     assert math.sqrt(ratios.mean()) == pytest.approx(1.0, abs=0.1)
 
 
-def test_pictures_and_means_of_v_vc_are_those_of_what_is_played() -> None:
+def test_pictures_and_means_of_v_vc_follow_source() -> None:
     clock, world = playing("FREQ 40;:FM:DEV 30;INT:FREQ 12;:FM:STAT ON")
     wanted, start = CASES["FM of a tone"][1], clock.now()
     capture, window = world.capture(start, start + 0.3), world.window("v_vc", start + 0.01, start + 0.0345)

@@ -72,7 +72,7 @@ def test_any_queries_are_answered_in_order_in_one_message(role: str, data: st.Da
 @pytest.mark.parametrize("role", UNITS)
 @settings(max_examples=25)
 @given(data=st.data())
-def test_an_error_anywhere_ends_the_message_and_takes_no_answer_back(role: str, data: st.DataObject) -> None:
+def test_error_ends_message_and_keeps_earlier_answers(role: str, data: st.DataObject) -> None:
     _hold(role, data.draw(wrong_messages(role)))
 
 

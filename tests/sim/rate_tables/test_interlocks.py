@@ -130,7 +130,7 @@ def first_beyond_s(trip_deg_s: float, goal_deg_s: float) -> float:
 
 @pytest.mark.parametrize("goal_deg_s", [200.0, -122.0])
 @pytest.mark.parametrize("name", TWINS)
-def test_a_table_turned_by_hand_trips_at_its_instant_though_nobody_asks(name: str, goal_deg_s: float) -> None:
+def test_table_turned_by_hand_trips_unasked(name: str, goal_deg_s: float) -> None:
     """Within the 2 ms at which a controller looks at its rate."""
     bench = Bench(name, **{} if name == "acl" else {"over_rate_trip_deg_s": 120.0})
     bench.start()
@@ -212,7 +212,7 @@ def test_an_esp_names_what_shut_it_down(cause: str, number: int) -> None:
     assert int(bench.ask(b"TB?\r").split(b",")[0]) == number
 
 
-def test_a_zaber_driver_that_fails_shows_another_flag_than_an_emergency_stop() -> None:
+def test_zaber_drive_fault_has_own_flag() -> None:
     bench = Bench("zaber")
     bench.table.set_interlock("drive_fault", faulty=True)
     assert bench.ask(b"/1 1\n") == b"@01 1 OK IDLE FV 0"
@@ -284,7 +284,7 @@ def test_the_steps_of_the_motor_are_in_the_true_rate(arcsec: float) -> None:
 # --- ends of travel ---------------------------------------------------------------------------------------------------
 
 
-def test_a_table_of_limited_travel_stops_at_its_end_and_turns_back() -> None:
+def test_limited_travel_stops_at_end_and_turns_back() -> None:
     bench = Bench("aaaa")
     bench.start()
     bench.world.table.demand_rate(100.0, 100.0)  # by another hand, past the end

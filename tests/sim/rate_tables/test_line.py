@@ -51,7 +51,7 @@ def turning(request: pytest.FixtureRequest) -> tuple[RealWorld, Any, list[float]
     return world, table, worked_out
 
 
-def test_a_table_that_is_left_alone_is_not_worked_out_again(turning: tuple[RealWorld, Any, list[float]]) -> None:
+def test_idle_table_is_not_recomputed(turning: tuple[RealWorld, Any, list[float]]) -> None:
     world, table, worked_out = turning
     assert abs(world.table.rate_deg_s()) > 1.0
     before = table.wake_at()

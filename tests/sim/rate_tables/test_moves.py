@@ -94,7 +94,7 @@ def test_an_atl_table_moves_by_all_its_words() -> None:
         assert exchange(table, world.clock, b"MCO5\r") == b"1\r\n>\r\n"
 
 
-def test_a_ruya_table_runs_a_sine_and_says_when_it_is_steady() -> None:
+def test_ruya_runs_sine_and_reports_steady() -> None:
     world, table = sine_table(lambda world: RuyaTable(world, TableErrors.none()))
     states = set()
 

@@ -201,7 +201,7 @@ def test_the_interlock_drops_a_turning_table(lab: ServedLab, wired: Wired) -> No
     assert rates[2] < 50.0 / 2
 
 
-def test_a_supply_that_was_switched_off_takes_the_rails_with_it(lab: ServedLab, wired: Wired) -> None:
+def test_supply_without_mains_drops_rails(lab: ServedLab, wired: Wired) -> None:
     wired.switch_on()
     lab.ask("set", name="multimeter.input.node", value="rail_positive")
     assert wired.reading() == pytest.approx(10.0, abs=0.01)

@@ -201,7 +201,7 @@ def test_an_opaque_longer_than_its_call_is_garbage(served: Served) -> None:
     require_well(served)
 
 
-def test_a_flood_of_calls_behind_one_that_waits_is_not_taken(served: Served) -> None:
+def test_flood_of_calls_behind_waiting_call_is_refused(served: Served) -> None:
     with caller(served, "vxi11") as connection:
         number = created(connection)
         connection.sendall(call(2, 12, struct.pack(">iIIIii", number, 100, 600_000, 0, 0, 0)))
@@ -288,7 +288,7 @@ def test_a_thousand_connections_leave_nothing_open(served: Served, kind: str) ->
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit of descriptors is this process's")
-def test_without_descriptors_nobody_is_let_in_until_there_are_some_again(served: Served) -> None:
+def test_connections_wait_for_free_descriptors(served: Served) -> None:
     import resource  # noqa: PLC0415
 
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -125,7 +125,7 @@ def test_what_cannot_be_done_is_refused_with_words(control: Control) -> None:
         ({"do": "get"}, "argument"),
         ({"do": "fault", "instrument": "toaster", "kind": "silent"}, "no 'toaster'"),
         ({"do": "fault", "instrument": "lamp", "kind": "fire"}, "a fault is one of"),
-        ({"do": "fault", "instrument": "lamp", "kind": "interlock"}, "lamp knows no 'interlock'"),
+        ({"do": "fault", "instrument": "lamp", "kind": "interlock"}, "lamp does not have the fault 'interlock'"),
         ({"do": "fault", "instrument": "lamp", "kind": "late", "late_s": 2}, "late_s"),
     ]
     for request, words in refused:
@@ -378,7 +378,7 @@ def test_who_asks_without_end_is_left(served: Served, control: Control) -> None:
 def test_a_port_that_is_no_control_port_is_told(served: Served) -> None:
     with Control(served.port("tcp"), timeout_s=5.0) as control:
         control._socket.sendall(b"*IDN?\n")
-        with pytest.raises(ControlError, match="no control port"):
+        with pytest.raises(ControlError, match="not as the control port"):
             control.request("now")
 
 

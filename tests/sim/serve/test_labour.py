@@ -122,7 +122,7 @@ def test_time_that_is_led_waits_for_what_is_worked_out() -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_waveform_in_slices_has_the_bytes_of_one_at_once() -> None:
+def test_sliced_waveform_has_bytes_of_whole() -> None:
     """Of the oscilloscope: the answer at once, and the one that is worked out slice by slice."""
     said = []
     for sliced in (False, True):

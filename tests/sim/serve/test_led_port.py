@@ -112,7 +112,7 @@ def test_nobody_guesses_when_the_leader_tells(talking: tuple[Served, Control]) -
     assert control.request("now") == before
 
 
-def test_a_wire_that_is_none_and_one_that_has_gone_are_refused(talking: tuple[Served, Control]) -> None:
+def test_unknown_and_lost_wires_are_refused(talking: tuple[Served, Control]) -> None:
     served, control = talking
     port = port_of(served, control, "tcp")
     with pytest.raises(ControlError, match="no 'toaster'"):

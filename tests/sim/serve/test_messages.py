@@ -49,7 +49,7 @@ class Wire:
         data = b""
         while not data.endswith(b"\n"):
             part = self.connection.recv(1)
-            assert part, "the server has gone"
+            assert part, "the server closed the connection"
             data += part
         return data.decode().rstrip("\r\n")
 

@@ -102,7 +102,7 @@ def test_every_instrument_answers_everywhere(described: tuple[Any, dict[str, Any
     manager.close()
 
 
-def test_a_reading_over_the_wires_sees_the_world_that_another_wire_sets(described: tuple[Any, dict[str, Any]]) -> None:
+def test_reading_sees_world_set_over_another_wire(described: tuple[Any, dict[str, Any]]) -> None:
     instruments = described[1]["instruments"]
     manager = pyvisa.ResourceManager("@py")
     supply: Any = manager.open_resource(instruments["power"]["tcp"], read_termination="\n", write_termination="\n")
@@ -125,7 +125,7 @@ def test_ctl_talks_to_it(described: tuple[Any, dict[str, Any]]) -> None:
     assert turned.exit_code == 0, turned.output
 
 
-def test_every_field_of_a_fault_can_be_said_on_the_command_line(described: tuple[Any, dict[str, Any]]) -> None:
+def test_fault_fields_are_command_line_arguments(described: tuple[Any, dict[str, Any]]) -> None:
     port = str(described[1]["control"]["port"])
 
     def ctl(*words: str) -> Any:
@@ -266,7 +266,7 @@ def test_resource_strings_name_an_address_that_clients_can_use(host: str) -> Non
         socket.create_connection((named, int(port)), timeout=5.0).close()
 
 
-def test_what_is_taken_is_given_back_when_a_port_is_not_free() -> None:
+def test_busy_port_releases_opened_ports() -> None:
     with served_lamp() as served:
         clock = ServedClock()
         bench = ServedBench(None, {"lamp": Lamp(clock)}, {"lamp": "lamp"})  # type: ignore[arg-type]  # not looked at

@@ -62,7 +62,7 @@ def test_a_long_read_after_another_question(wire: str) -> None:
 
 
 @pytest.mark.parametrize("wire", ["vxi11", "hislip"])
-def test_the_message_available_bit_is_set_while_an_endless_read_streams(wire: str) -> None:
+def test_message_available_is_set_during_endless_read(wire: str) -> None:
     with (
         served_meter(MAX_SPEED) as served,
         talking(served, wire) as meter,

@@ -80,7 +80,7 @@ def statuses() -> Iterator[Served]:
         yield served
 
 
-def test_a_frame_is_cut_by_its_length_whatever_bytes_it_has() -> None:
+def test_frame_ends_by_length() -> None:
     table = Dd16Table(StillWorld(ServedClock()), TableErrors.none())
     noise, damaged = b"\r\n", CONNECT[:15] + b"\0"
     received = (b"", CONNECT[:15], CONNECT, CONNECT + noise, noise + CONNECT, noise, damaged + CONNECT)

@@ -1,4 +1,4 @@
-"""The path of the noise within a stretch, drawn when somebody looks, given how the stretch began and how it ended.
+"""The path of the noise within a stretch, drawn at a reading, given its start and its end.
 
 What a step of :mod:`.noise` draws, the state at its end and the integral over it, is all that readings need. A picture
 needs the path in between. It is drawn afterwards, from random numbers of its own, so that looking changes nothing that

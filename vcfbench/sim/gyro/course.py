@@ -31,7 +31,7 @@ FORGOTTEN_NEPERS = 36.0
 
 
 class SwitchOn(Struct, frozen=True):
-    """Bias and gain that one switch-on has beside those of the device; both sense columns have the same gain."""
+    """Additional bias and gain of one switch-on; both sense columns have the same gain."""
 
     bias_deg_s: float = 0.0
     gain: float = 1.0
@@ -65,7 +65,7 @@ class Acting(Struct, frozen=True):
 
     @property
     def alive(self) -> bool:
-        """Return True if the PCB has enough power to show anything."""
+        """Return True if the PCB has enough power for any output."""
         positive, negative = self.pins
         return weaker_v((positive.approach, negative.approach), self.since_s) >= self.bench.supply.dead_v
 
@@ -152,7 +152,7 @@ class Course:
             forcing = _past_dead_band(acting.forcing(), chain, acting.bench.sense_path.dead_band_deg_s)
             self._followed = acting, chain.respond(modal, forcing, turn)
         if self._followed is None:
-            raise RuntimeError("nothing acts on the chain yet")
+            raise RuntimeError("the simulated signal chain has no level yet")
         return self._followed[1]
 
     def _forget(self, instant_s: float) -> None:
@@ -164,7 +164,7 @@ class Course:
 
 
 class Answer(Struct):
-    """The chain's response to the last noted forcing, worked out when asked for; nobody looks before `_from_s`.
+    """The chain's response to the last noted forcing, computed on request from `_from_s` on.
 
     A meter on a rail, or a picture of the drive, never asks.
     """

@@ -1,4 +1,4 @@
-"""A gyroscope of one's own: the parameters that give back the values of a data sheet.
+"""A gyroscope from a data sheet: the parameters that give its values.
 
 What a data sheet does not say is chosen as for the shipped sets and scaled: forces and loops with frequency and quality
 factor, the in-phase mode with the drive frequency, but never near the mode that measures.
@@ -43,7 +43,7 @@ _EITHER_SIGN = "either sign"
 
 
 class DataSheet(Struct, frozen=True, kw_only=True):
-    """Data sheet of a gyroscope; each figure is annotated with the least and the largest size that it may have.
+    """Data sheet of a gyroscope; each figure is annotated with its least and largest size.
 
     Args:
         scale_factor_v_per_deg_s: of the output, signed. bias_deg_s: at rest, as a rate. range_deg_s: either way.

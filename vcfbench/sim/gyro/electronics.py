@@ -53,7 +53,7 @@ class Pin(Struct, frozen=True):
         return Oscillation(smooth.constant_v, [*smooth.terms, *rippling, *noisy])
 
     def rippling(self, now_s: float) -> list[tuple[complex, complex]]:
-        """Return the ripple from `now_s` on, alone; without a voltage there is none."""
+        """Return the ripple alone, from `now_s` on; none without a voltage."""
         ripple = self.ripple
         if ripple is None or not self.smooth_v(now_s):
             return []
@@ -62,7 +62,7 @@ class Pin(Struct, frozen=True):
 
 
 class PlayedVoltage(Struct, frozen=True):
-    """V_Vc of a source that plays, from `start_s` on: pictures as it is, means from its pieces."""
+    """V_Vc of a playing source from `start_s` on: its exact course in pictures, its pieces in means."""
 
     source: Played
     share: float

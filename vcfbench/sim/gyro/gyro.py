@@ -88,7 +88,7 @@ class Gyro:
         self._noise = NoiseCourse(self._design, bench, seed, now_s)
 
     def imagined(self) -> "Gyro":
-        """Return a gyro that goes on from here by itself, with random numbers of its own: this one learns nothing."""
+        """Return an independent copy of the gyro that goes on from here, with its own random numbers."""
         other = copy.copy(self)
         other.part()
         return other
@@ -211,7 +211,7 @@ class Gyro:
         return self._stretch(acting, stop_s, self._noise.path_now(self._key), 0.0)
 
     def go(self, rate: RateSegment, stop_s: float) -> None:
-        """Go to `stop_s`, not beyond the next event, with nobody looking."""
+        """Advance to `stop_s`, not beyond the next event, without a reading in between."""
         self._act(rate)
         self._arrive(stop_s)
 

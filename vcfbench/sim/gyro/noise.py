@@ -40,13 +40,13 @@ class FlickerNoise(Struct, frozen=True):
         return cls(times, deviation)
 
     def drawn(self, random: np.random.Generator) -> NDArray[np.float64]:
-        """Return rates of processes that have gone on for ever, rad/s."""
+        """Return rates of stationary processes, rad/s."""
         return np.asarray(self.deviation_rad_s * random.standard_normal(len(self.times_s)))
 
     def later(
         self, rates_rad_s: NDArray[np.float64], duration_s: float, random: np.random.Generator
     ) -> NDArray[np.float64]:
-        """Return the flicker rates after `duration_s`, nobody having looked at the chain."""
+        """Return the flicker rates after `duration_s` without a reading."""
         kept = np.exp(-duration_s / self.times_s)
         return np.asarray(rates_rad_s * kept + np.sqrt(-np.expm1(-2 * duration_s / self.times_s)) * self.drawn(random))
 

@@ -1,4 +1,4 @@
-"""The noise of the chain as it goes on, brought up to where somebody looks.
+"""The noise of the chain over time, advanced to the instant of each reading.
 
 What changes it (the chain that it passes, the table's motion) is only noted. The steps in between are drawn when
 somebody looks, the same numbers as if they had been drawn at once. A way down to rest that nobody watches costs none.
@@ -73,11 +73,11 @@ class NoiseCourse:
         self._random = np.random.default_rng([*key, 0])
 
     def shake(self, now_s: float, rate: RateSegment) -> None:
-        """Let the gyroscope's axis move so from now on: the table's flutter goes by the rate."""
+        """Change the motion of the gyroscope's axis from now on, because flutter depends on the rate."""
         self._note(_Noted(now_s, self._latest.passing, self._latest.bench, rate))
 
     def go_through(self, now_s: float, bench: BenchParameters, temperature_c: float, drive: DriveSegment) -> None:
-        """Let the noise pass the chain that fits temperature and drive from now on."""
+        """Change the chain of the noise to that of the present temperature and drive."""
         passing = None
         if drive.locked and self._noisy:
             passing = round(temperature_c / NOISE_STEP_K), drive.displacement_m
@@ -91,7 +91,7 @@ class NoiseCourse:
             self.bring_up(noted.since_s)
 
     def bring_up(self, now_s: float) -> None:
-        """Bring the noise up to now, one step from change to change, nobody having looked meanwhile."""
+        """Advance the noise to now, one step from change to change, without a reading in between."""
         while self._noted:
             noted = self._noted.popleft()
             self._go(noted.since_s)
@@ -112,7 +112,7 @@ class NoiseCourse:
             self._now_s = now_s
 
     def path_now(self, key: tuple[int, ...]) -> NoisePath | None:
-        """Return the noise as it is, None while there is none; a picture's random numbers come from `key`."""
+        """Return the present noise, or None; a picture's random numbers come from `key`."""
         if self._chain is None:
             return None
         return NoisePath(self._chain, self._state, None, integral_v_s=0.0, duration_s=0.0, key=key)

@@ -58,7 +58,7 @@ class Stretch(Struct, frozen=True):
         return source.finest_s() if isinstance(source, Oscillation) else 0.0
 
     def closed_form(self, node: str) -> Oscillation | None:
-        """Return the voltage of a node as sines, its origin at the start of the stretch; None where only `at` tells."""
+        """Return the voltage of a node as sines, its origin at the start of the stretch; None without a closed form."""
         source = self._source(node)
         if source is None:
             return None if self.acting.alive else Oscillation(0.0, [])
@@ -71,7 +71,7 @@ class Stretch(Struct, frozen=True):
         return self._source(node) is not None
 
     def source(self, node: str) -> tuple[Played, float] | None:
-        """Return the source that plays on a node, and the part of it that is there; None where nothing plays."""
+        """Return the source that plays on a node, and its share there; None without one."""
         source = self._source(node)
         if not isinstance(source, PlayedVoltage):
             return None

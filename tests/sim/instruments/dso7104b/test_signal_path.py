@@ -87,7 +87,7 @@ def test_a_step_before_the_record_is_still_charging_the_capacitor() -> None:
 
 
 @pytest.mark.parametrize("setup", ["COUP AC", "BWL ON", "COUP AC;BWL ON"])
-def test_a_lead_that_hangs_free_is_at_0_v_behind_every_filter(setup: str) -> None:
+def test_free_lead_is_at_0_v_behind_filters(setup: str) -> None:
     clock = VirtualClock()
     leads = Leads(World(clock, ideal_bench(), 0), "oscilloscope", {"CHAN1": "drive"})
     scope = Dso7104BTwin(leads, {1: "CHAN1"}, ScopeErrors.none())
@@ -155,7 +155,7 @@ def test_skew_shows_a_channel_later(skew_s: float) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("form", FORMS)
-def test_hf_reject_leaves_5_mv_of_1_v_at_10_mhz(form: str) -> None:
+def test_hf_reject_attenuates_10_mhz_to_5_mv(form: str) -> None:
     bench = bench_with(form, 0.0, Sine(1.0, 10e6, 0.0))
     for level, triggers in (("0.5", "+0"), ("0.006", "+0"), ("0.004", "+1")):
         bench.send(f":TIM:RANG 1E-3;:TRIG:SWE NORM;HFR ON;LEV {level};:TER?")
@@ -270,7 +270,7 @@ def test_the_counter_counts_the_signal(frequency_hz: float, form: str, read_hz: 
     assert bench.clock.now() - began_s == pytest.approx(0.1)
 
 
-def test_the_counter_has_the_error_of_the_time_base_and_five_digits() -> None:
+def test_counter_has_time_base_error_and_five_digits() -> None:
     bench = Bench(ScopeErrors((0.0,) * 4, (0.0,) * 4, (0.0,) * 4, 1e-3, 0.0, 0))
     bench.put("drive", 0.0, Sine(1.0, 123456.0, 0.0))
     assert bench.number(":MEAS:COUN?") == 123330.0

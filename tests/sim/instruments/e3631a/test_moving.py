@@ -50,7 +50,7 @@ def rail(world: FakeWorld, start_s: float, stop_s: float) -> tuple[np.ndarray, n
     return times, np.array([world.rail_v("positive", each) for each in times])
 
 
-def test_a_level_that_is_given_up_at_its_start_is_no_movement() -> None:
+def test_level_replaced_at_its_start_is_no_movement() -> None:
     """Set and reset in one message, so at one instant: from nothing to nothing there is no logarithm to take."""
     world, _, talk = bench()
     talk.write("OUTP ON;:CURR MIN;:VOLT 0")
@@ -77,7 +77,7 @@ def test_up_and_off_are_one_exponential_each() -> None:
     assert (np.diff(volts) <= 0.0).all()
 
 
-def test_a_level_changed_on_the_way_turns_where_the_voltage_is() -> None:
+def test_level_changed_on_the_way_turns_at_present_voltage() -> None:
     world, _, talk = bench()
     talk.write("APPL P25V,10,1;:OUTP ON")
     talk.settle()
@@ -98,7 +98,7 @@ def test_a_level_changed_on_the_way_turns_where_the_voltage_is() -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_current_limit_is_met_on_the_way_without_a_jump() -> None:
+def test_current_limit_is_reached_without_jump() -> None:
     """10 V into 5 ohm with 0.5 A: the exponential until 2.5 V, then nothing but 2.5 V."""
     world, _, talk = bench()
     world.load_ohm["positive"] = 5.0

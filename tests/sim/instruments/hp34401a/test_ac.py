@@ -158,7 +158,7 @@ def _pulses(height_v: float, times_s: NDArray[np.float64]) -> NDArray[np.float64
     return np.where((times_s * 1e3) % 1.0 < 0.02, height_v, 0.0)
 
 
-def test_a_sine_has_no_crest_factor_error_and_other_waveforms_their_class() -> None:
+def test_crest_factor_error_follows_waveform_class() -> None:
     for factor, limit in ((1.0, 5e-4), (2.0, 5e-4), (3.0, 1.5e-3), (4.0, 3e-3), (5.0, 4e-3), (9.0, 4e-3)):
         assert crest_limit(factor) == pytest.approx(limit)
     errors = MeterErrors(ac=AcErrors(crest_share=1.0))

@@ -38,7 +38,7 @@ def resistor(
 
 @pytest.mark.parametrize("ohm", [0.0, 47.0, 100.0, 999.0, 1201.0, 33e3, 0.99e6, 4.7e6, 22e6, 110e6])
 @pytest.mark.parametrize("function", ["RES", "FRES"])
-def test_a_resistor_reads_its_value_on_the_range_that_autorange_finds(ohm: float, function: str) -> None:
+def test_autorange_reads_value_of_resistor(ohm: float, function: str) -> None:
     made = resistor(ohm, sense="output")
     assert made.value(f"MEAS:{function}?") == pytest.approx(ohm, rel=1e-8, abs=1e-9)
     assert ohm <= 1.2 * made.value(f"{function}:RANG?")

@@ -293,7 +293,7 @@ def test_a_second_of_it_is_counted(source: Played, expected_hz: float) -> None:
     assert meter(source, "CONF:FREQ;:FREQ:APER 1").value() == pytest.approx(expected_hz, rel=2e-6)
 
 
-def test_amplitude_modulation_of_100_percent_loses_the_cycles_below_the_threshold() -> None:
+def test_full_amplitude_modulation_loses_cycles_below_threshold() -> None:
     """Where (1 + sin x)/2 of 1 V is less than the threshold."""
     source = Playing(0.0, 1.0, TONE, phases.Steady(1e5), Envelope(1.0, phases.Rhythm(TONE, 100.0), 10.0))
     x = np.linspace(0.0, math.tau, 1_000_001)

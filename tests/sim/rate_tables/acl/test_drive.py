@@ -16,7 +16,7 @@ def test_closing_the_interlock_executes_the_stale_demand(host: Host) -> None:
     assert host.ask(":Read:Rate? 1") == "30.00000"
 
 
-def test_interlock_open_stops_by_the_abort_profile_then_opens_the_servo(host: Host) -> None:
+def test_open_interlock_aborts_then_opens_servo(host: Host) -> None:
     host.servo()
     host.ask(":Limit:Acceleration Abort,1,200;:Demand:Rate 1,100")
     host.wait(2.0)
@@ -37,7 +37,7 @@ def test_the_servo_closes_though_nobody_asks(attended: AttendedHost) -> None:
     assert attended.world.table.servo_closed
 
 
-def test_an_orderly_shutdown_opens_the_servo_at_rest_though_nobody_asks(attended: AttendedHost) -> None:
+def test_orderly_shutdown_opens_servo_at_rest_unasked(attended: AttendedHost) -> None:
     attended.servo("Rate")
     attended.ask(":Demand:Rate 1,50;:Limit:Acceleration Abort,1,100")
     attended.wait(2.0)

@@ -83,7 +83,7 @@ def test_it_keeps_turning_when_the_host_is_silent(host: Host) -> None:
 
 
 @given(st.binary(max_size=80))
-def test_noise_on_the_line_never_moves_a_table_that_is_not_servoed(noise: bytes) -> None:
+def test_line_noise_does_not_move_unservoed_table(noise: bytes) -> None:
     host = Host()
     host.table.write(noise + b"\n")
     host.wait(1.0)

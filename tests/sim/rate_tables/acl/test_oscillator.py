@@ -36,7 +36,7 @@ def test_synthesis_oscillates_about_the_demanded_position(attended: AttendedHost
     assert attended.world.table.rate_deg_s() == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_amplitude_slews_and_the_phase_goes_on_where_a_demand_changes(attended: AttendedHost) -> None:
+def test_changed_demand_slews_amplitude_and_keeps_phase(attended: AttendedHost) -> None:
     attended.servo("Position")
     attended.ask(":Limit:Acceleration S,1,1000")
     attended.ask(":Configure:Oscillator 1,Disable,5,0.1,Pos,Lin;:Demand:Oscillator 1,10,1,0;:Mode:Synthesis 1")
@@ -103,7 +103,7 @@ def test_a_sinusoid_of_frequency_nought_stands_still(attended: AttendedHost, pha
     assert attended.world.table.rate_deg_s() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_an_axis_shut_down_on_its_way_to_synthesis_does_not_oscillate(attended: AttendedHost) -> None:
+def test_axis_shut_down_before_synthesis_does_not_oscillate(attended: AttendedHost) -> None:
     attended.servo("Rate")
     attended.wait(1.0)
     attended.ask(":Limit:Acceleration Abort,1,4000;:Limit:Acceleration Synthesis,1,10")

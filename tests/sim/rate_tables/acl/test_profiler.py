@@ -123,7 +123,7 @@ def test_a_run_obeys_the_jerk_limit(attended: AttendedHost) -> None:
     assert attended.ask(":Status:CSR? A1DYN,9") == "1"
 
 
-def test_a_jerk_within_a_frame_of_the_controller_is_a_step(attended: AttendedHost) -> None:
+def test_jerk_within_controller_frame_is_step(attended: AttendedHost) -> None:
     """As at power-on: 100 deg/s2 are there after 0.1 ms of 1e6 deg/s3, one frame of 10 kHz; 4200 deg/s2 are not."""
     attended.servo("Rate")
     over = ended_s(attended, ":Demand:Rate 1,50")
@@ -168,7 +168,7 @@ def test_a_position_move_obeys_the_jerk_limit(attended: AttendedHost, jerk: floa
     assert attended.ask(":Status:CSR? A1DYN,8") == "1"
 
 
-def test_a_run_within_a_jerk_stops_at_the_end_of_travel(attended: AttendedHost) -> None:
+def test_run_with_jerk_limit_stops_at_end_of_travel(attended: AttendedHost) -> None:
     attended.ask(":Limit:HighPosition P,1,90")
     attended.servo("Rate")
     attended.ask(":Limit:Acceleration R,1,50;Jerk R,1,100;:Demand:Rate 1,30")

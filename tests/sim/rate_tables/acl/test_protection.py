@@ -29,7 +29,7 @@ def test_over_rate_trips_on_the_measured_rate_and_latches(host: Host) -> None:
     assert host.ask(":Interlock? 1;:Status:CSR? A1SWFLT") == "Open;0"
 
 
-def test_a_broken_interlock_drops_the_drive_at_once_and_the_table_coasts(host: Host) -> None:
+def test_broken_interlock_drops_drive_and_table_coasts(host: Host) -> None:
     host.servo()
     host.ask(":Demand:Rate 1,100")
     host.wait(2.0)
@@ -52,7 +52,7 @@ def test_an_interlock_is_tested_only_while_servoed(host: Host) -> None:
     assert host.ask(":Interlock? 1") == "Open"
 
 
-def test_the_over_rate_trip_acts_at_the_crossing_though_nobody_asks(attended: AttendedHost) -> None:
+def test_over_rate_trip_acts_at_crossing_unasked(attended: AttendedHost) -> None:
     attended.servo("Rate")
     attended.ask(":Limit:Acceleration R,1,50;Acceleration Abort,1,500;Vtrip R,1,60")
     start = attended.world.clock.now()
