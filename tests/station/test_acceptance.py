@@ -74,7 +74,7 @@ def test_one_limit_that_fails_fails_the_run() -> None:
     assert verdicts(TURNTABLE, *limits) == ["fail", "pass", "fail"]
 
 
-def test_what_the_procedure_does_not_measure_is_said_and_not_judged() -> None:
+def test_unmeasured_limit_is_listed_and_not_judged() -> None:
     limits = Limit("bias_v", -0.05, 0.05), Limit("k_vc_deg_s_per_v", 1.0, 2.0)
     assert verdicts(TURNTABLE, *limits) == ["pass", "pass", "not measured"]
     assert judged(limits[1:], TURNTABLE, POINTS) is None

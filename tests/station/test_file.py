@@ -214,7 +214,7 @@ def test_the_seventeen_rates_are_the_papers() -> None:
     assert sum(rate * rate for rate in rates) == 106_060
 
 
-def test_a_file_on_disk_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
+def test_bench_file_may_begin_with_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(template(), encoding="utf-8-sig")
     assert load_bench(path).name == "lab-1"
@@ -282,7 +282,7 @@ def numeric_leaves() -> list[tuple[str, ...]]:
 
 
 @given(st.sampled_from(numeric_leaves()), st.sampled_from([1e30, -1e30, float("inf"), float("nan"), 10**40, 10**400]))
-def test_a_number_out_of_range_is_one_line_with_its_path(path: tuple[str, ...], value: float) -> None:
+def test_number_out_of_range_is_one_line_with_path(path: tuple[str, ...], value: float) -> None:
     said = refusal(changed(FULL, path, value))
     assert said.startswith(f"lab.toml: {'.'.join(path)}: expected ")
     assert ", got " in said
@@ -437,7 +437,7 @@ def test_a_served_bench_is_on_this_host(address: str) -> None:
 @pytest.mark.parametrize(
     "address", ["8.8.8.8:1", "example.org:20220", "[2001:db8::1]:20220", "0.0.0.0:20220", "127.1:80"]
 )
-def test_a_bench_file_does_not_point_the_program_at_another_host(address: str) -> None:
+def test_bench_file_cannot_name_another_host(address: str) -> None:
     with pytest.raises(ConfigError, match=r"served\.control: expected this host"):
         parse_bench(SERVED.format(address), "lab.toml")
 
@@ -448,7 +448,7 @@ def with_table(directory: Path, dialect: str) -> Path:
     return directory / "lab.toml"
 
 
-def test_the_profile_of_a_table_is_read_with_the_bench_file(tmp_path: Path) -> None:
+def test_table_profile_is_read_with_bench_file(tmp_path: Path) -> None:
     path = with_table(tmp_path, "own.toml")
     with pytest.raises(ConfigError, match=r"own\.toml: expected a profile of a rate table, there is no such file"):
         load_bench(path)
@@ -471,7 +471,7 @@ def test_physical_parameters_are_numbers_whose_squares_are_numbers(value: str) -
         parse_bench(text, "lab.toml")
 
 
-def test_an_unknown_key_is_answered_in_one_line_that_a_person_reads() -> None:
+def test_unknown_key_is_one_readable_line() -> None:
     for known in (*BenchDescription.__struct_fields__, *Knowledge.__struct_fields__):
         for name in (f"{known}x", "bananas", known.partition("_")[0] + "_of_mine"):
             said = one_of(name, BenchDescription.__struct_fields__, "key")

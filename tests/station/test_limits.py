@@ -39,7 +39,7 @@ ANY = st.floats() | st.sampled_from([300.0, 200.0, -300.0, 0.0, 0.5, -5.0])
 
 
 @given(ANY, ANY)
-def test_the_table_gets_what_is_within_the_limits_and_nothing_else(rate: float, acceleration: float) -> None:
+def test_table_gets_only_commands_within_limits(rate: float, acceleration: float) -> None:
     table = driver("rate_table")
     allowed = abs(rate) <= 300.0 and 0.0 < acceleration <= 200.0
     try:
@@ -60,7 +60,7 @@ def test_a_refusal_says_instrument_limit_and_unit() -> None:
 
 
 @given(ANY)
-def test_the_table_is_not_stopped_with_an_acceleration_that_cannot_stop_it(acceleration: float) -> None:
+def test_stop_needs_acceleration_that_can_stop_table(acceleration: float) -> None:
     table = driver("rate_table")
     try:
         LimitedRateTable(table, CHECKS).stop(acceleration)
@@ -157,7 +157,7 @@ def test_the_chamber_stays_within_its_temperatures_and_its_ramp(
         checks.temperature(temperature_c, ramp_k_min)
 
 
-def test_the_chamber_gets_what_is_within_and_says_where_it_goes() -> None:
+def test_chamber_gets_only_setpoints_within_limits() -> None:
     chamber = driver("chamber")
     limits = Limits(min_temperature_c=-40.0, max_temperature_c=85.0, max_ramp_k_min=2.0)
     limited = LimitedChamber(chamber, LimitChecks(limits, RailWiring()))

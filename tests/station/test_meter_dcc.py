@@ -51,7 +51,7 @@ def points(text: str, directory: Path) -> list[tuple[float, ...]]:
     ]
 
 
-def test_a_bench_file_takes_table_number_and_day_from_the_example(tmp_path: Path) -> None:
+def test_bench_file_reads_table_number_and_day_of_example(tmp_path: Path) -> None:
     meter = load_bench(bench(tmp_path, TEXT, 'inventory_number = "DMM 7"')).multimeter
     assert meter is not None
     assert (meter.certificate, meter.calibrated, meter.calibration_dcc) == ("EXAMPLE-2026-0815", date(2026, 3, 3), None)
@@ -91,7 +91,7 @@ def test_all_forms_of_a_table_say_the_same(was: str, now: str, tmp_path: Path) -
         (r"\micro\volt", r"\one", r"expected a number or a list of them in \volt, got \one"),
         (STATED, UNIVARIATE.format("<si:coverageIntervalMUXMLList/>"), "si:coverageIntervalMUXMLList is not known"),
         ("2 12 -9 10", "-2 -12 9 -10", "contradicts its reading and reference value"),
-        ("0 1 -1 0 5 10", "0 1 -1 0 5", "a list of 7 values beside one of 8"),
+        ("0 1 -1 0 5 10", "0 1 -1 0 5", "expected 8 values in each list, got 7"),
         ("1 1 1 10 10", "1 1 1 10 1", "5 V is not on a range of 1 V"),
         ("DC voltage", "Voltage", "neither direct (DC) nor alternating voltage"),
         ("DC voltage", "AC voltage", "no table of direct voltage"),

@@ -20,7 +20,7 @@ from vcfbench.station.new_station import Draft, filled_template
 METER = {"model": "34401A", "resource": "GPIB0::22::INSTR"}
 
 
-def test_a_filled_template_says_what_was_put_in_and_nothing_else() -> None:
+def test_filled_template_has_given_values_only() -> None:
     draft = Draft("new.toml")
     draft.add_instrument("multimeter", METER)
     draft.add_instrument("chamber", {"model": "ATS-545", "resource": "GPIB0::18::INSTR"})

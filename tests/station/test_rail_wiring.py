@@ -54,7 +54,7 @@ def test_pages_and_commands_and_the_new_bench_file_say_it(model: str, tmp_path: 
     assert WIRED[model] in row
 
 
-def test_first_pages_say_that_output_3_is_the_other_way_round() -> None:
+def test_first_pages_warn_of_reversed_output_3() -> None:
     for page in ("README.md", "docs/safety.md"):
         text = " ".join((ROOT / page).read_text(encoding="utf-8").replace("**", "").split()).lower()
         assert "output 3" in text

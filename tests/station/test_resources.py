@@ -77,7 +77,7 @@ def test_one_instrument_cannot_have_two_roles_under_two_names(open_: Callable[[B
         open_(_with_one_meter_twice())
 
 
-def test_what_may_be_on_is_looked_after_whatever_the_names_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_actuators_are_kept_safe_under_any_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VCFBENCH_LOCKS", str(tmp_path))
     made = safe_bench(_with_one_meter_twice())
     assert {each.role for each in made.instruments} >= {"power", "rate_source", "rate_table"}

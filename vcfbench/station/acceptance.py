@@ -18,7 +18,7 @@ INCOMPLETE: Final = " with an incomplete U95"
 
 
 class Verdict(Struct, frozen=True):
-    """One limit and its result; `value` is None where only a bound was found, or nothing, which does not pass.
+    """One limit and its result; `value` is None for a bound or a missing value, which does not pass.
 
     `word` was found by `rule`; it is ``not measured`` where the procedure does not measure this at all, as K_Vc in a
     turntable run. `u95` is the value's expanded uncertainty; of what is stated in another `form` `ends` are those of
@@ -53,7 +53,7 @@ class Verdict(Struct, frozen=True):
 
     @property
     def found(self) -> Value | None:
-        """The judged value, None if there was none."""
+        """The judged value, or None."""
         if self.value is None and self.ends is None:
             return None
         low, high = self.ends or (None, None)
@@ -66,7 +66,7 @@ class Verdict(Struct, frozen=True):
 
     @property
     def conditional(self) -> str:
-        """Return ``conditional pass`` or ``conditional fail`` of a marginal value, as ILAC-G8 has it; else nothing."""
+        """Return ``conditional pass`` or ``conditional fail`` of a marginal value (ILAC-G8), else ""."""
         if self.word != "marginal" or self.value is None:
             return ""
         return f"conditional {'pass' if self.low <= self.value <= self.high else 'fail'}"
@@ -93,7 +93,7 @@ class Verdict(Struct, frozen=True):
 
 
 class Acceptance(Struct, frozen=True):
-    """The verdict on a run: it passes when nothing fails and something was judged.
+    """The verdict on a run: it passes if at least one limit was judged and none failed.
 
     >>> run.verdict.passed, run.verdict.word
     (True, 'pass')

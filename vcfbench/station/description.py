@@ -101,7 +101,7 @@ class OutputMeterRole(MultimeterRole, frozen=True, kw_only=True):
 
 
 class OscilloscopeRole(VisaRole, frozen=True, kw_only=True):
-    """The oscilloscope; `probe` is the ratio of its probes, as each used channel must have it set."""
+    """The oscilloscope; `probe` is the ratio of its probes, which every used channel must have."""
 
     probe: Annotated[float, Meta(ge=0.1, le=1000.0)] = 1.0
 
@@ -139,7 +139,7 @@ class Site(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class Laboratory(parts.BenchFileTable, frozen=True, kw_only=True):
-    """Laboratory that owns the bench, for records and reports; `operator` runs it where nobody else is named.
+    """Laboratory that owns the bench, for records and reports; `operator` is the default operator.
 
     `country` is two capital letters (ISO 3166-1), for certificates. `signing_key` is the file of the private key that
     signs records, from where the bench file is.
@@ -154,7 +154,7 @@ class Laboratory(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class Notify(parts.BenchFileTable, frozen=True, kw_only=True):
-    """A program, with its arguments, that is told the outcome of each run; it has `timeout_s` for that."""
+    """A program, with its arguments, that gets the outcome of each run within `timeout_s`."""
 
     command: Annotated[tuple[Annotated[str, Meta(min_length=1, max_length=4096)], ...], Meta(min_length=1)]
     timeout_s: Annotated[float, Meta(ge=0.1, le=60.0)] = 10.0
@@ -350,7 +350,7 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         return tuple(each.name for each in self.devices or ())
 
     def of_device(self, name: str) -> Self:
-        """Return the bench as it is for one of several gyroscopes: one with that alone."""
+        """Return the bench of one of several gyroscopes, without the others."""
         own = next(each for each in self.devices or () if each.name == name)
         kept = {key: getattr(own, key) for key in own.__struct_fields__ if key != "name"}
         return replace(self, **kept, devices=UNSET)
@@ -365,12 +365,12 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
 
     @property
     def each(self) -> tuple[Self, ...]:
-        """The bench as it is for each of its gyroscopes: itself where it has one."""
+        """The benches of the gyroscopes: itself for a single one."""
         return tuple(map(self.of_device, self.several)) or (self,)
 
     @property
     def output_resource(self) -> str:
-        """Resource of the output; empty: nothing reads it."""
+        """Resource of the output, or "" without one."""
         return "" if self.multimeter is None else self.multimeter.resource
 
     @property
@@ -379,7 +379,7 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         return shared_settings(self.procedure_table, self.name)
 
     def owned(self, role: str) -> str:
-        """Return the resource that one program alone may have for `role`: its own, or the GPIB adapter's before it."""
+        """Return the exclusive resource of `role`: its own, or its GPIB adapter's."""
         resource: str = getattr(self, role).resource
         return behind(resource, self.visa_library)[0] or resource
 

@@ -51,7 +51,7 @@ class DiscoveredInstrument(Struct, frozen=True):
 
     @property
     def serial_number(self) -> str | None:
-        """The serial number in the answer; models that answer 0 have none to tell."""
+        """The serial number in the answer; "" of models that answer 0."""
         fields = (self.answer or "").split(",")
         number = fields[2].strip() if len(fields) >= 4 else ""
         return number if number not in {"", "0"} else None
@@ -223,7 +223,7 @@ def _asked(url: str, baud_rate: int, question: bytes, timeout_s: float) -> str:
 
 
 def recognise(answer: str) -> str | None:
-    """Return the model or dialect that a bench file can name for an identity, None when there is none."""
+    """Return the model or dialect for an identity in a bench file, or None."""
     if answer.startswith("@") and " OK " in answer:
         return "zaber"
     if answer.upper().startswith("ESP") and "VERSION" in answer.upper():

@@ -35,7 +35,7 @@ def equipment_on(
 
 
 def overdue_words(equipment: Collection[Equipment]) -> Iterator[str]:
-    """Yield for each instrument whose calibration is overdue a line that says so."""
+    """Yield a warning for each instrument whose calibration is overdue."""
     for each in equipment:
         if each.overdue:
             yield f"{each.role} ({each.model}, {each.resource}): its calibration was due {each.calibration_due}"

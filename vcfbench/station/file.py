@@ -69,7 +69,7 @@ def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:
 def checked_bench(
     values: Mapping[str, Any], source: str, *checks: Check, folder: Path | None = None
 ) -> BenchDescription:
-    """Return the bench that nested tables describe; `source` names it in errors (ConfigError).
+    """Return the checked bench of nested tables; `source` names it in errors (ConfigError).
 
     Certificates that it names are found from `folder`, None: from where the program runs.
     """

@@ -1,10 +1,10 @@
-"""Contributions to uncertainties that nobody tells, and the values that are incomplete without each."""
+"""Contributions to uncertainties that are not stated, and the values that are incomplete without each."""
 
 from msgspec import Struct
 
 
 class Gap(Struct, frozen=True):
-    """Contribution of which nothing is known, nor a figure for its class: values of `kinds` are incomplete."""
+    """Contribution without a statement or a figure for its class: values of `kinds` are incomplete."""
 
     name: str
     words: str

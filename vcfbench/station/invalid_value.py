@@ -16,14 +16,14 @@ class InvalidValue(Struct, frozen=True):
 
 
 def turned_windows(table: Struct, path: str) -> Iterator[InvalidValue]:
-    """Yield every window of `table`, which stands at `path`, whose low is not below its high."""
+    """Yield every window of `table` at `path` whose low is not below its high."""
     for key, window in structs.asdict(table).items():
         if isinstance(window, tuple) and not window[0] < window[1]:
             yield InvalidValue(f"{path}.{key}", "a window [low, high] with low below high", list(window))
 
 
 def lost_digits(value: object, path: str) -> Iterator[InvalidValue]:
-    """Yield every number at or below `value`, which stands at `path`, that is so close to zero that it is a slip.
+    """Yield every number at or below `value`, at `path`, that is too close to zero to be meant.
 
     Uncertainties may be as small as one likes: 10 ppm of 0.3 mV/(deg/s) are 3e-9 V/(deg/s).
     """

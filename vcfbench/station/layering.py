@@ -68,7 +68,7 @@ def named(layers: Sequence[Layer], keys: Keys) -> str:
 
 
 def keys_of(path: str) -> Keys:
-    """Return the keys of a path as invalid_values have it: ``drive.phase_deg``, ``rates_deg_s[2]``."""
+    """Return the keys of a path in the form of invalid values: ``drive.phase_deg``, ``rates_deg_s[2]``."""
     parts = re.findall(r"[^.\[\]]+|\[\d+\]", path)
     return tuple(int(part[1:-1]) if part.startswith("[") else part for part in parts)
 

@@ -39,7 +39,7 @@ class LimitChecks(Struct, frozen=True):
         _at_most("rate", rate_deg_s, self.limits.of("max_rate_deg_s"), "deg/s")
 
     def acceleration(self, acceleration_deg_s2: float) -> None:
-        """Check an acceleration of the table; a table whose acceleration is 0 could no longer be stopped (ACUTROL)."""
+        """Check an acceleration of the table; with 0 the table could no longer be stopped (ACUTROL)."""
         _at_most("acceleration", acceleration_deg_s2, self.limits.of("max_acceleration_deg_s2"), "deg/s^2")
         if acceleration_deg_s2 <= 0.0:
             raise LimitError(f"acceleration {acceleration_deg_s2:g} deg/s^2 is not above 0 deg/s^2")

@@ -6,7 +6,7 @@ from msgspec import Struct
 
 
 class LinearGyro(Struct):
-    """Answers every step as a bench would whose gyro is a straight line and whose K_Vc is as expected.
+    """Predicts every step for a gyroscope with a straight line and the expected K_Vc.
 
     `k_vc` is in (deg/s)/V, `scale_factor` in V/(deg/s), `bias_v` in V. `v_vc_v` and `v_vc_on` are what the plan has set
     so far.
@@ -24,7 +24,7 @@ class LinearGyro(Struct):
         return self.bias_v + self.scale_factor * rate_deg_s
 
     def noise_v(self, after_s: float) -> float:
-        """Return the noise of one reading, V, that begins so long after its step: on this paper there is none."""
+        """Return the noise of one reading, V: zero, because this gyroscope has no noise."""
         return 0.0
 
     def record_noise_v(self, count: int, interval_s: float, aperture_s: float) -> Sequence[float]:

@@ -288,7 +288,7 @@ def _each(table: _Table, values: Sequence[float], count: int) -> Sequence[float]
     if len(values) == 1:
         return list(values) * count
     if len(values) != count:
-        raise _NotUnderstoodError(f"{table.name}: a list of {len(values)} values beside one of {count}")
+        raise _NotUnderstoodError(f"{table.name}: expected {count} values in each list, got {len(values)}")
     return values
 
 

@@ -88,7 +88,7 @@ class Draft:
         self.values: dict[str, Any] = {"name": "lab-1", "title": "calibration bench", "site": {"latitude_deg": 0.0}}
 
     def change(self, changes: Mapping[str, Any]) -> BenchDescription:
-        """Put values at their dotted keys (None takes one away) and check the whole.
+        """Set values at their dotted keys (None removes one) and check the whole.
 
         Raises:
             ConfigError: it would not be a bench file any more; nothing is changed.
@@ -120,7 +120,7 @@ class Draft:
         self.change({key: value for each in follow for key, value in each.items() if key not in given})
 
     def add_instrument(self, role: str, keys: Mapping[str, Any]) -> None:
-        """Put an instrument on the bench, with proposals for the limits that it must have.
+        """Put an instrument on the bench, with proposals for its limits.
 
         Raises:
             ConfigError: it cannot be there.
@@ -134,7 +134,7 @@ class Draft:
         return [role for role in _ROLES if role in self.values]
 
     def value(self, path: str) -> Any:
-        """Return the value at a dotted key, None where there is none."""
+        """Return the value at a dotted key, or None."""
         below: Any = self.values
         for key in path.split("."):
             below = below.get(key) if isinstance(below, dict) else None

@@ -97,10 +97,10 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
     max_ramp_k_min: bounds.TemperatureRamp | None = None
 
     def of(self, key: LimitKey) -> float:
-        """Return the limit called `key`; LimitError where the station has none, for then nothing is allowed."""
+        """Return the limit called `key`; LimitError without one."""
         limit: float | None = getattr(self, key)
         if limit is None:
-            raise LimitError(f"the bench has no limit for this, so nothing is allowed (limits.{key})")
+            raise LimitError(f"the bench has no limit for this, so it is refused (limits.{key})")
         return limit
 
 

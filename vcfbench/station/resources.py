@@ -17,7 +17,7 @@ from vcfbench.errors import ConfigError
 
 
 def require_apart(resources: Mapping[str, str]) -> None:
-    """Check that no two roles have one instrument, under whatever names; `resources` are names by role.
+    """Check that each role has its own instrument under any name; `resources` are names by role.
 
     Raises:
         ConfigError: two have.
@@ -30,7 +30,7 @@ def require_apart(resources: Mapping[str, str]) -> None:
                 f"the same instrument as {other} at {resources[other]}, written otherwise",
                 instrument=role,
                 resource=resource,
-                hint="each role has an instrument of its own",
+                hint="expected a separate instrument for each role",
             )
 
 

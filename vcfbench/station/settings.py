@@ -94,7 +94,7 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class MeterKnown(Struct, frozen=True, forbid_unknown_fields=True):
-    """Certificate and room of a voltmeter, beside its data sheet.
+    """Certificate and room of a voltmeter, in addition to its data sheet.
 
     `outside_k` is how far its room may be outside of where data sheets hold, K; `calibration` are the levels of its
     certificate; `rectangular`: any error within its limits counts as likely, whatever the maker says.
@@ -179,7 +179,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return output_v + self.meter_gain_correction * output_v + self.meter_offset_correction_v
 
     def v_vc_corrected(self, v_vc_v: Any) -> Any:
-        """Return a reading of the meter on V_Vc likewise."""
+        """Return a corrected reading of the meter on V_Vc."""
         return v_vc_v + self.v_vc_gain_correction * v_vc_v + self.v_vc_offset_correction_v
 
     def corrected_point(self, point: "Point") -> "Point":
@@ -243,7 +243,7 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
         return self.stream.output_unit if self.stream else "V"
 
     def sheet_of(self, role: str) -> Any:
-        """Return the data sheet of the instrument of `role`; None where there is none."""
+        """Return the data sheet of the instrument of `role`, or None."""
         placed = self.instruments.get(role)
         return None if placed is None else data_sheet_of(placed.model)
 
@@ -358,7 +358,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def acceptance(self) -> tuple[Limit, ...]:
-        """The limits that the results are judged by."""
+        """The limits of the results."""
         given = structs.asdict(self.station.acceptance)
         guarded = given.pop("guard_band") == "U95"
         return tuple(Limit(key, window[0], window[1], guarded) for key, window in given.items() if window)
@@ -384,7 +384,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     @property
     def fastest_deg_s(self) -> float:
-        """The fastest that the table is asked to turn, deg/s, either way."""
+        """The largest commanded rate of the table, deg/s, either way."""
         return max(map(abs, self.rates_deg_s))
 
     def expected_gyro(self) -> LinearGyro:
@@ -413,7 +413,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return self
 
     def contradictions(self) -> Iterator[InvalidValue]:
-        """Yield the contradictions that ranges cannot tell: between values, or with the limits of the station."""
+        """Yield the contradictions between values, or with the limits of the station."""
         yield from lost_digits(structs.replace(self, station=UNSET), "")
         yield from turned_windows(self.drive, "drive")
         if len(set(self.rates_deg_s)) < 3:
@@ -472,7 +472,7 @@ class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     @classmethod
     def keys_of_device(cls, dut: str, devices: str | None = None) -> dict[str, Any]:
-        """Return the keys of the device, and of the directory of the devices where that is given."""
+        """Return the keys of the device, and of the store's directory if given."""
         return {"dut": dut} | ({} if devices is None else {"devices": devices})
 
     @property
