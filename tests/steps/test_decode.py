@@ -87,9 +87,7 @@ def test_fields_that_are_not_known_are_ignored() -> None:
         ({"result": {"v_vc_v": "1 V"}}, SetVvc(1.0), Recorded),
     ],
 )
-def test_kinds_that_are_not_known_come_back_as_they_were_written(
-    changes: dict[str, Any], step: Step | Recorded, result: type
-) -> None:
+def test_unknown_kinds_are_read_back_unchanged(changes: dict[str, Any], step: Step | Recorded, result: type) -> None:
     assert step_of({**LINE, **changes}) == step
     assert isinstance(result_of({**LINE, **changes}), result)
     assert Recorded("Own", {"times": 3}).describe() == "Own(times=3)"

@@ -14,7 +14,7 @@ from vcfbench.steps.drive_check import _complaint
 
 
 @given(st.floats(-360.0, 360.0), st.floats(-180.0, 180.0), st.floats(1.0, 90.0))
-def test_a_phase_is_told_within_half_a_turn_of_its_window(read_deg: float, middle_deg: float, half_deg: float) -> None:
+def test_phase_is_within_half_a_turn_of_its_window(read_deg: float, middle_deg: float, half_deg: float) -> None:
     window = DriveWindow(phase_deg=(middle_deg - half_deg, middle_deg + half_deg))
     said = _complaint(DriveReading(3489.0, 1.0, read_deg, 1.0), window, 1.0)
     away = math.remainder(read_deg - middle_deg, 360.0)

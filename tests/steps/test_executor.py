@@ -214,7 +214,7 @@ def _lost(bench: FakeBench) -> None:
         (_lost, LinkLost, r"multimeter at FAKE::22: the connection broke, step 2 \(multimeter: DC 10 V range", 0),
     ],
 )
-def test_errors_name_instrument_resource_and_step_and_bring_the_bench_to_rest(
+def test_error_names_instrument_and_step_and_bench_comes_to_rest(
     spoil: Callable[[FakeBench], None], kind: type[BenchError], words: str, points: int
 ) -> None:
     bench = FakeBench()
@@ -297,7 +297,7 @@ def test_stop_keeps_points_and_leaves_rest_to_safety_stack() -> None:
     assert bench.power.enabled  # the safety stack's business from here on
 
 
-def test_an_observer_whose_terminal_is_gone_does_not_stop_the_run() -> None:
+def test_observer_without_terminal_does_not_stop_run() -> None:
     class Gone(Watcher):
         def handle(self, event: Event) -> None:
             super().handle(event)
@@ -457,7 +457,7 @@ def test_moved_output_ends_the_run_in_the_pause() -> None:
         assert lines[-1]["n"] == 2  # the step that was to come
 
 
-def test_no_pause_keeps_a_run_that_failed_from_coming_to_rest() -> None:
+def test_pause_does_not_delay_rest_of_failed_run() -> None:
     def plan() -> Plan:
         try:
             yield WINDOW

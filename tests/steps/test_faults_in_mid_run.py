@@ -78,7 +78,7 @@ CASES = few(FAULTS, ("virtual-coriolis", 200.0, burst), *[fault for fault in FAU
 
 
 @pytest.mark.parametrize(("name", "at_s", "change"), CASES, ids=lambda value: getattr(value, "__name__", str(value)))
-def test_a_fault_in_mid_run_ends_it_with_instrument_step_and_numbers(
+def test_fault_in_run_ends_it_with_instrument_and_step(
     name: str, at_s: float, change: Callable[[SimulatedLab], None]
 ) -> None:
     error = run(name, at_s, change).error
@@ -104,9 +104,7 @@ def test_supply_failure_during_a_burst_ends_the_run() -> None:
         ("zero", 1801.0, {}),
     ),
 )
-def test_a_supply_in_current_limit_is_named_and_not_what_it_does(
-    name: str, at_s: float, settings: dict[str, Any]
-) -> None:
+def test_current_limit_is_named_instead_of_its_effects(name: str, at_s: float, settings: dict[str, Any]) -> None:
     """Without rails there is no sine, another scatter, nothing that decays: another instrument sees that."""
     error = run(name, at_s, short, **settings).error
     assert isinstance(error, MeasurementError)

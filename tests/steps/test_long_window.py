@@ -151,7 +151,7 @@ class Spoil:
             self.made.gyro.zero_v += {0: self.off_v, -1: -self.off_v}.get(self.left, 0.0)
 
 
-def test_a_reading_that_is_off_ends_a_long_window_in_its_chunk() -> None:
+def test_outlier_ends_long_window_in_its_chunk() -> None:
     made, journal = bench(), MemoryJournal()
     execution = run(journal, acquire(36_000, 0.1), on=made, observers=(Spoil(made, 2004, 0.5),))
     assert "reading 204 of 600 is +0.5 V off the others" in str(execution.error)
@@ -174,7 +174,7 @@ def test_a_long_window_may_drift_as_no_short_one_may() -> None:
 
 
 @pytest.mark.parametrize(("kind", "result"), [(Acquire, Window), (VerifyZero, ZeroWindow)])
-def test_a_prediction_has_no_more_readings_than_the_window_will_have(kind: type[Acquire], result: type[Window]) -> None:
+def test_prediction_has_number_of_readings_of_window(kind: type[Acquire], result: type[Window]) -> None:
     predicted = acquire(360_000, 0.1, kind).predict(LinearGyro(40.0))
     assert isinstance(predicted, result)
     assert predicted.readings == ()
@@ -182,7 +182,7 @@ def test_a_prediction_has_no_more_readings_than_the_window_will_have(kind: type[
     assert len(acquire(60, 1.0, kind).predict(LinearGyro(40.0)).readings) == 60
 
 
-def test_a_disk_that_is_full_in_a_long_window_ends_the_run() -> None:
+def test_full_disk_in_long_window_ends_run() -> None:
     class Full(MemoryJournal):
         def write(self, kind: str, values: Any) -> None:
             if kind == "readings" and values["chunk"] == 3:

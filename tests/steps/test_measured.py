@@ -229,7 +229,7 @@ def test_certificates_correct_every_direct_voltage_that_results_are_made_of(
 
 
 @pytest.mark.parametrize(("rho", "grows"), [(0.0, False), (0.7, True)])
-def test_points_whose_readings_remember_each_other_scatter_as_their_means_do(rho: float, *, grows: bool) -> None:
+def test_correlated_readings_give_scatter_of_their_means(rho: float, *, grows: bool) -> None:
     rng, points, lines = np.random.default_rng(2), list[Point](), list[dict[str, Any]]()
     for number in range(40):
         volts = 1e-4 * rng.standard_normal(30)

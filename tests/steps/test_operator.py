@@ -37,7 +37,7 @@ def plan_of(*steps: Step) -> Plan:
 MOVE = move_leads("multimeter", "v_vc")
 
 
-def test_a_person_is_asked_and_the_answer_is_in_the_journal() -> None:
+def test_answer_of_operator_is_in_journal() -> None:
     asked: list[Request] = []
 
     def person(request: Request) -> str:

@@ -238,7 +238,7 @@ def test_another_plan_is_refused_and_the_step_named() -> None:
         rest_of(short(other), configured * 2)
 
 
-def test_steps_that_only_differ_in_what_is_not_shown_are_told_apart() -> None:
+def test_steps_with_equal_descriptions_are_distinguished() -> None:
     had, asked = Settle(1.0, "settled"), Settle(1.0 + 1e-9, "settled")
     assert had.describe() == asked.describe()
     taken = [TakenOver(had, Done(), {"n": 1, "key": had.key})]
@@ -264,7 +264,7 @@ def test_run_that_died_coming_to_rest_leaves_no_remainder() -> None:
         assert is_left(rest, LinearGyro(36.0)) is left
 
 
-def test_a_run_that_refused_what_it_had_measured_would_do_so_again() -> None:
+def test_run_that_refused_its_points_is_not_resumed() -> None:
     asked, plan = settings_of("turntable"), PROCEDURES["turntable"].plan
 
     class Drifting(FakeBench):
@@ -330,7 +330,7 @@ def rails_moved(asked: ProcedureSettings) -> Routine[None]:
     yield from take(asked, 1, rate_deg_s=0.0, v_vc_v=0.0)
 
 
-def test_of_all_that_sets_the_same_the_last_is_done_again() -> None:
+def test_resume_repeats_last_of_equal_settings() -> None:
     asked = make_settings(**QUICK)
 
     def plan() -> Plan:
@@ -458,7 +458,7 @@ def test_first_look_at_the_drive_stands_for_all() -> None:
     assert repeated(find, SUPPLY_ON, find, measure, find, measure) == [SUPPLY_ON, *look]
 
 
-def test_checks_before_power_are_not_repeated_and_those_of_other_rails_neither() -> None:
+def test_resume_skips_checks_before_power_and_of_other_rails() -> None:
     rails = CheckRails((POSITIVE, NEGATIVE), 0.1)
     assert repeated(POSITIVE, NEGATIVE, rails, SUPPLY_ON) == [POSITIVE, NEGATIVE, SUPPLY_ON]
     assert repeated(POSITIVE, NEGATIVE, SUPPLY_ON, rails) == [POSITIVE, NEGATIVE, SUPPLY_ON, rails]

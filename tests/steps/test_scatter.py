@@ -78,7 +78,7 @@ def test_a_step_within_a_window_is_found(since: int) -> None:
     assert first_doubt(windows)
 
 
-def test_a_first_window_with_a_step_is_found_by_the_second() -> None:
+def test_second_window_reveals_step_in_first() -> None:
     windows = honest(3)
     windows[0, 5:] += 0.05
     seen = NoiseSeen(RESOLUTION_V)
@@ -102,7 +102,7 @@ def test_a_first_window_with_a_step_is_found_by_the_second() -> None:
     ],
     ids=["settling", "ringing", "first", "outlier", "last", "step", "contact", "noise"],
 )
-def test_a_window_that_scatters_too_much_is_said_to_look_like(added_v: np.ndarray, looks: str) -> None:
+def test_scattering_window_names_likely_cause(added_v: np.ndarray, looks: str) -> None:
     windows = honest(1)
     windows[20] += added_v
     said = first_doubt(windows)
@@ -116,7 +116,7 @@ def test_readings_that_stand_still_where_others_scatter_are_no_measurement() -> 
     assert first_doubt(windows).endswith("a lead is off, the output is at its end, or the others were disturbed")
 
 
-def test_where_one_window_stands_still_the_others_may_not_have_settled() -> None:
+def test_quiet_window_hints_at_unsettled_others() -> None:
     """A gyroscope without noise behind a filter of 0.5 Hz, 3 s after a change of rate."""
     rings_uv = [-1918, -19, 176, -101, 43, -16, 5, -2, 1, 0]
     seen = NoiseSeen(RESOLUTION_V)
@@ -153,7 +153,7 @@ def test_one_of_three_readings_that_is_far_off_is_seen(disturbed: int) -> None:
     assert "reading" in first_doubt(windows)
 
 
-def test_the_farthest_reading_is_held_against_the_line_through_the_others() -> None:
+def test_farthest_reading_is_compared_with_line_through_others() -> None:
     readings = [0.1 * i for i in range(10)]
     readings[6] += 1.0
     scatter = Scatter.of(readings)

@@ -85,7 +85,7 @@ def test_points_of_a_record_tell_its_fastest_sine(span_s: float, highest_hz: flo
 
 
 @given(drive_hz=st.floats(500.0, 60_000.0))
-def test_a_drive_that_is_not_where_it_is_expected_is_said(drive_hz: float) -> None:
+def test_unexpected_drive_signal_is_reported(drive_hz: float) -> None:
     settings = make_settings()
     low_hz, high_hz = settings.drive.frequency_hz
     if low_hz <= drive_hz <= high_hz:

@@ -87,7 +87,7 @@ def test_custom_class_with_built_in_name_is_refused(base: type[Step | StepResult
     assert base.kinds == before
 
 
-def test_the_names_that_come_along_with_procedures_are_all_of_them() -> None:
+def test_built_in_step_names_are_complete() -> None:
     for procedure in PROCEDURES:
         assert PROCEDURES[procedure]
     kinds = [*Step.kinds.values(), *StepResult.kinds.values()]

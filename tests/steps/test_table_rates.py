@@ -28,7 +28,7 @@ def looking_at(rate_deg_s: float) -> Any:
 
 
 @given(rate=RATES, share=st.floats(-200e-6, 200e-6))
-def test_a_table_200_ppm_off_its_rate_passes_at_every_rate(rate: float, share: float) -> None:
+def test_table_200_ppm_off_passes_at_every_rate(rate: float, share: float) -> None:
     read = rate * (1.0 + share)
     assert AwaitRate(rate, 0.0, 0.05, 1.0).perform(looking_at(read)).rate_deg_s == read
     assert read_rate(looking_at(read), rate, 0.05) == read

@@ -86,7 +86,7 @@ def test_a_plan_that_refuses_its_readings_ends_alone(bad: str) -> None:
     assert steps[3] == DeviceEnded(bad, "MeasurementError", "2 V is too much")
 
 
-def test_where_all_refuse_the_bench_comes_to_rest_and_the_run_fails() -> None:
+def test_bench_rests_and_run_fails_if_all_refuse() -> None:
     outputs_v = {name: [0.1, 2.0, 0.1] for name in "AB"}
     steps = walked({"A": plan, "B": plan}, partial(answer, outputs_v=outputs_v))
     assert kinds(steps)[:4] == ["Note", ["A", "B"], ["A", "B"], "Note"]

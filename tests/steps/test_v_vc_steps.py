@@ -71,7 +71,7 @@ def plan_of(*steps: Step) -> Plan:
         yield step
 
 
-def test_both_columns_are_read_on_one_grid_and_at_the_same_time() -> None:
+def test_output_and_v_vc_are_read_on_one_grid() -> None:
     bench = bench_at(0.5)
     done = window().perform(Context(bench, lambda _: None))
     assert isinstance(done, VvcWindow)
@@ -172,7 +172,7 @@ MEASURED = [
 ]
 
 
-def test_points_with_it_have_two_columns_more_that_analysis_reads_past() -> None:
+def test_points_with_v_vc_have_two_more_columns() -> None:
     text = points_csv([POINT, *MEASURED])
     assert text.splitlines()[0].endswith(",n,v_vc_measured_v,v_vc_std_v")
     assert text.splitlines()[1].endswith(",10,,")
@@ -181,7 +181,7 @@ def test_points_with_it_have_two_columns_more_that_analysis_reads_past() -> None
     assert read["virtual"].rate_deg_s.tolist() == [10.0, 0.0, -10.0]
 
 
-def test_a_line_of_such_a_table_that_is_not_whole_is_refused() -> None:
+def test_incomplete_line_of_table_is_refused() -> None:
     text = points_csv(MEASURED) + "2,0.0,0.5,-0.05,0.0001,10\n"
     with pytest.raises(ConfigError, match=r"points\.csv, line 5"):
         read_table(BytesIO(text.encode()), "points.csv", Layout(), [])

@@ -18,7 +18,7 @@ _T = TypeVar("_T")
 
 
 class Recorded(Struct, frozen=True):
-    """A step or a result of a kind that is not known here, with its fields as they stand in the journal."""
+    """A step or a result of an unknown kind, with its fields of the journal."""
 
     kind: str
     values: Mapping[str, Any]

@@ -177,7 +177,7 @@ def _read(
 
 
 class DeviceEnded(Step, Struct, frozen=True):
-    """A device ended for itself, by an error of this kind; nothing is done, the others go on."""
+    """The error that ended one device; the other devices go on."""
 
     device: str
     kind: str

@@ -108,7 +108,7 @@ class Paused(Struct, frozen=True):
 
 
 class WentOn(Struct, frozen=True):
-    """The run goes on, as `by` wanted; all is as it was before the pause.
+    """The run goes on, requested by `by`; the state before the pause is restored.
 
     `waited_s` is how long somebody had it wait, wall time, `pause_s` what all of the pause took, bench time. `moved` is
     None where nothing had been measured that would show it.

@@ -47,10 +47,10 @@ class Pauses(Protocol):
 
     @property
     def by(self) -> str:
-        """Name of the person asking for a pause after the step under way; empty: nobody."""
+        """Source of the request to pause after the present step, or ""."""
 
     def wait(self) -> tuple[str, float]:
-        """Wait until somebody wants the run to go on; return that name and the time waited, s of wall time."""
+        """Wait until the run is to go on; return the source of that and the time waited, s of wall time."""
 
     def to_rest(self, done: Sequence[Step]) -> Routine[Window | None]:
         """Bring the bench to rest after the steps `done`, and look at the output, where that can be compared."""
@@ -173,7 +173,7 @@ class Executor:
         self._keep_pause(WentOn(said["n"], said["t_s"], said["by"], said["waited_s"], pause_s, moved))
 
     def restore(self, steps: Routine[None]) -> None:
-        """Perform the steps that restore the bench as it was when the run broke off; they are not steps of the run.
+        """Perform the steps that restore the bench after a break; they are not steps of the run.
 
         Raises:
             BenchError: it did not come to that; what brings it to rest is up to the safety stack.
@@ -251,8 +251,8 @@ class Executor:
                 f"{moved.describe()}; at most {moved.allowed_v:.2g} V are noise and drift",
                 instrument="multimeter",
                 step=f"{self._number}, in the pause after it",
-                hint="look at leads and contacts, and at what was done in the pause; expected.zero_drift_v of the "
-                "bench file is what may drift",
+                hint="check leads and contacts, and actions during the pause; expected.zero_drift_v of the "
+                "bench file allows a drift",
             )
         before_v, before_u_v = self._moved or (0.0, 0.0)
         self._moved = before_v + moved.moved_v, math.hypot(before_u_v, moved.u_v)

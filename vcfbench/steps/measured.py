@@ -118,7 +118,7 @@ class Measured(Sequence[Point]):
         return found.growth
 
     def moved(self, output_v: Sequence[float], v_vc_v: Sequence[float]) -> Measured:
-        """Return the run with the output of each point moved, V, (n,), and V_Vc as measured beside it, V, (n,)."""
+        """Return the run with the output of each point moved, V, (n,), and its measured V_Vc, V, (n,)."""
         return _Moved(self, tuple(zip(output_v, v_vc_v, strict=True)))
 
     def set_otherwise(self, share: float) -> Measured:

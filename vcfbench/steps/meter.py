@@ -54,7 +54,7 @@ class Window(StepResult, Struct, frozen=True):
         return replace(self, readings=readings, point=known.corrected_point(self.point))
 
     def as_json(self) -> dict[str, Any]:
-        """Return readings and read-backs; the point too, where it cannot be made from the readings beside it."""
+        """Return readings and read-backs; the point too, if it cannot be computed from the readings."""
         values = StepResult.as_json(self)
         if self.readings and not self.point.moved_u_v:
             del values["point"]
@@ -205,7 +205,7 @@ class Acquire(Step, Struct, frozen=True):
         return window
 
     def read_back(self, context: Context) -> ReadBack:
-        """Read the rails back, and the table's rate where the point stands on one."""
+        """Read the rails back, and the table's rate if the point is on a table."""
         asked = () if "power" in context.bench.by_hand else self.rails  # a person read them when they came on
         rails = tuple(read_rail(context, rail, self.rail_tolerance_v) for rail in asked)
         if self.table_deg_s is None:
@@ -213,7 +213,7 @@ class Acquire(Step, Struct, frozen=True):
         return rails, read_rate(context, self.table_deg_s, self.tolerance_deg_s)
 
     def window(self, tallies: Sequence[Tally], read_back: ReadBack, context: Context) -> Window:
-        """Return the window of the readings that were taken; MeasurementError: they do not scatter as expected."""
+        """Return the window of the readings; MeasurementError if they do not scatter as expected."""
         tally = tallies[0]
         last = context.rest()
         self._add(tallies, last)

@@ -33,7 +33,7 @@ def is_arithmetic(error: BaseException) -> bool:
 
 
 def no_result(error: BaseException, of_what: str) -> MeasurementError:
-    """Return the error of readings that make no result: `of_what` they are, the expression, and its names' values."""
+    """Return the error of readings without a result: their name, the expression, and its values."""
     frame, instruction = next(
         (each for each in reversed(_frames(error.__traceback__)) if each[0].f_globals["__name__"].startswith(_OURS)),
         (None, 0),

@@ -1,4 +1,4 @@
-"""Manual steps: a person is asked, and the run waits until it is done."""
+"""Manual steps: a request to a person, for whom the run waits."""
 
 from typing import ClassVar
 
@@ -44,7 +44,7 @@ class AskOperator(Step, Struct, frozen=True):
         return f"by hand: {self.words}"
 
     def perform(self, context: Context) -> OperatorAnswer:
-        """Ask, and wait; PlanError where nobody is there."""
+        """Ask, and wait; PlanError without an operator."""
         return OperatorAnswer(context.operator(Request(self.words, self.takes_s, dict(self.adjustments))))
 
     def predict(self, gyro: LinearGyro) -> OperatorAnswer:

@@ -1,4 +1,4 @@
-"""A run taken up where it was broken off: its plan is started anew, and answered from the record while that lasts.
+"""A resumed run: its plan is started again, and recorded steps are answered from the record.
 
 A step whose key is that of the record gets the result that stands there; nothing of it is done or measured again. Then
 the bench, which was made safe meanwhile, is brought to where it was (:func:`start_up_again`), and the plan goes on.
@@ -61,7 +61,7 @@ class TakenOver(Struct, frozen=True):
     pauses: tuple[tuple[Mapping[str, Any], ...], ...] = ()
 
     def recall(self, context: Context) -> None:
-        """Have the steps take notice of the readings of their windows."""
+        """Give the steps the recorded readings of their windows."""
         if isinstance(self.step, EachOf) and isinstance(self.result, EachResult):
             for name, step in self.step.steps.items():
                 own = (each for each in self.chunks if each.get("device") == name)

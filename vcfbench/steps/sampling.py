@@ -57,7 +57,7 @@ class SampleSine(Step, Struct, frozen=True):
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> SineResponse:
-        """Let the meter take them, and fetch them; ConfigError: the meter cannot take readings by itself."""
+        """Start the meter's own sampling, and fetch the readings; ConfigError if the meter cannot."""
         meter, clock = context.bench.multimeter, context.bench.clock
         if not isinstance(meter, SamplesVoltage):
             raise _takes_none("multimeter")
@@ -137,7 +137,7 @@ class SampleModulated(Step, Struct, frozen=True):
         return self.samples * self.interval_s
 
     def perform(self, context: Context) -> ModulatedRecord:
-        """Let the meters take them, and fetch them.
+        """Start the meters' own sampling, and fetch the readings.
 
         Raises:
             ConfigError: a meter cannot take readings by itself.

@@ -82,9 +82,9 @@ def interval_of(record: Waveform, highest_hz: float) -> float:
     interval_s = float(record.time_s[1] - record.time_s[0])
     if _A_PERIOD * highest_hz * interval_s > 1.0:
         raise MeasurementError(
-            f"points every {interval_s:.3g} s do not tell a sine of {highest_hz:.6g} Hz from a slower one",
+            f"points every {interval_s:.3g} s are too few for a sine of {highest_hz:.6g} Hz",
             instrument="oscilloscope",
-            hint="is its memory as deep as its model's, and is it shared with segments or other channels?",
+            hint="check the memory of the oscilloscope: its depth, segments, other channels",
         )
     return interval_s
 
@@ -355,7 +355,7 @@ class CaptureSines(Step, Struct, frozen=True):
         )
 
     def acquire(self, scope: Oscilloscope) -> None:
-        """Have one record taken."""
+        """Take one record."""
         scope.acquire(*self.channels)
 
     def predict(self, gyro: LinearGyro) -> SineRecords:
@@ -368,7 +368,7 @@ class CaptureMeanSines(CaptureSines, frozen=True):
     averages: int = 4096
 
     def acquire(self, scope: Oscilloscope) -> None:
-        """Have one mean taken."""
+        """Take one mean."""
         if isinstance(scope, AveragesWaveforms):
             scope.acquire_mean(self.averages, *self.channels)
         else:
@@ -485,7 +485,7 @@ class CaptureRotations(Step, Struct, frozen=True):
         return taken, interval_of(taken[0], self.drive_hz + max(0.0, self.difference_hz))
 
     def acquire(self, scope: Oscilloscope) -> None:
-        """Have one record taken."""
+        """Take one record."""
         scope.acquire(*self.seen)
 
     def _record(self, scope: Oscilloscope, screen: Screen) -> RotationRecord:

@@ -37,14 +37,14 @@ class SetVvc(Step, Struct, frozen=True):
         return VvcSetting(context.believable(lambda: source.set_dc(self.v_vc_v)))
 
     def predict(self, gyro: LinearGyro) -> VvcSetting:
-        """Predict that the level is taken as it is."""
+        """Predict that the level is accepted."""
         gyro.v_vc_v = self.v_vc_v
         return VvcSetting(self.v_vc_v)
 
 
 @does(Effect.SETS, "V_Vc", overhead_s=0.1, also=("generator",))
 class ConfigureGenerator(SetVvc, frozen=True):
-    """Select DC at `v_vc_v` into the high impedance of the PCB; the output switch stays as it is."""
+    """Select DC at `v_vc_v` into the high impedance of the PCB; the output switch is unchanged."""
 
     def describe(self) -> str:
         return f"generator: DC {self.v_vc_v:g} V into high impedance"
@@ -56,7 +56,7 @@ class ConfigureGenerator(SetVvc, frozen=True):
 
 @does(Effect.SETS, "V_Vc", overhead_s=0.1)
 class SetSine(Step, Struct, frozen=True):
-    """Let V_Vc be a sine about 0 V, which the generator reads back; its output switch stays as it is.
+    """Set V_Vc to a sine about 0 V, which the generator reads back; its output switch is unchanged.
 
     `amplitude_v` is its peak.
     """
@@ -79,7 +79,7 @@ class SetSine(Step, Struct, frozen=True):
 
 
 class SetVibration(SetSine, frozen=True):
-    """Let the second generator, which is added to V_Vc, put out a sine about 0 V; its output switch stays as it is."""
+    """Set the second generator, which is added to V_Vc, to a sine about 0 V; its output switch is unchanged."""
 
     subject: ClassVar[str] = "virtual vibration"
 

@@ -2,7 +2,7 @@
 
 A procedure is a generator that yields steps and is sent their results (:data:`Plan`). Since a step is a value, a plan
 can be walked without a bench: dry run, estimate of the time and limits read the same steps that the executor performs.
-A step of one's own is a subclass in one's own file; nothing else has to know of it.
+A custom step is a subclass in the file of its procedure, without any registration.
 """
 
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -167,7 +167,7 @@ _OF_PROCEDURES: Final = frozenset(
 
 
 def _make_known(kinds: dict[str, type[_T]], kind: type[_T]) -> None:
-    """Keep `kind` by its name, by which records know it; one's own, defined once more, replaces the earlier one."""
+    """Register `kind` by its name in records; a custom one that is defined again replaces the earlier one."""
     name = kind.__name__
     if not kind.__module__.startswith(_OURS):
         import_module("vcfbench.steps")  # by name, for they import this; all that come along are known then
@@ -217,7 +217,7 @@ class StepResult:
         return self
 
     def moved(self, output_v: float, v_vc_v: float) -> Self:
-        """Return the same with the output of its point moved, V, and V_Vc as measured beside it, V."""
+        """Return the result with the output of its point moved, V, and its measured V_Vc, V."""
         return self
 
     def counted_from(self, moved_v: float, u_v: float) -> Self:
@@ -378,7 +378,7 @@ class _Abandoned(BenchError):
 
 
 def abandon(plan: Routine[object]) -> None:
-    """Let a plan that was left in the middle run out: its last steps are asked for but not performed."""
+    """Run an abandoned plan to its end, without performing its last steps."""
     with suppress(StopIteration, BenchError):
         while True:
             plan.throw(_Abandoned("the run was left"))

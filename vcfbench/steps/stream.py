@@ -1,4 +1,4 @@
-"""Everything about a stream that is the output."""
+"""Steps of a stream that replaces the multimeter."""
 
 from msgspec import Struct
 

@@ -132,7 +132,7 @@ def cause_behind(error: BenchError, context: Context) -> BenchError:
                     return problem(power, f"{_limited(reading)}; it was found because of: {error}")
     if not isinstance(error, ConfigError):
         return error
-    failed = MeasurementError(f"nothing answers: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
+    failed = MeasurementError(f"no response: {error.what}", step=error.step, hint=error.hint or LOOK_AT_SIGNALS)
     failed.__cause__ = error.__cause__
     return failed
 

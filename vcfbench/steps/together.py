@@ -55,7 +55,7 @@ class _Part(Struct):
         self.asked = None
 
     def refusal(self) -> BenchError | None:
-        """Return the error for which it comes to rest, None where it has none; found by the same plan anew."""
+        """Return the error for which the bench comes to rest, or None; found by the same plan again."""
         if self.looked_at == len(self.done):  # and it had none
             return None
         self.looked_at = len(self.done)

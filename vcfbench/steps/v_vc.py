@@ -1,4 +1,4 @@
-"""V_Vc measured, not only set: beside the output by a second multimeter, or alone by whichever has its leads there."""
+"""Measurement of V_Vc: together with the output by a second multimeter, or alone by a meter with its leads there."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Literal, Self
