@@ -145,7 +145,7 @@ def test_a_plan_that_leaves_a_limit_names_the_case() -> None:
     assert "case 1 (expected.k_vc_deg_s_per_v = [15.0, 17.0])" in str(caught.value)
 
 
-def test_the_last_words_of_a_drawn_mistake_are_seed_and_case() -> None:
+def test_message_of_drawn_mistake_ends_with_seed_and_case() -> None:
     words = refused(vary={Q: {"normal": [1000.0, 5000.0]}}, seeds={"count": 20})
     assert "drawn for seed" in words or "case 0" in words
 

@@ -243,7 +243,7 @@ def test_a_run_that_kills_its_process_ends_the_study_last(tmp_path: Path, monkey
 
 @pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="no SIGKILL")
-def test_a_study_that_is_killed_goes_on_and_leaves_no_process(whole: Path, tmp_path: Path) -> None:
+def test_killed_study_continues_and_leaves_no_process(whole: Path, tmp_path: Path) -> None:
     text = STUDY.replace("count = 3", "count = 300")
     (tmp_path / "study.toml").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "vcfbench", "study", "study.toml", "-o", "t.csv", "--workers", "2", "--quiet"]
@@ -317,7 +317,7 @@ def test_a_study_without_any_result_is_an_error(tmp_path: Path) -> None:
     ("how", "words"),
     [
         ({"output": "t.xlsx"}, "expected a name that ends in .csv"),
-        ({"output": "nowhere/t.csv"}, "there is no directory nowhere"),
+        ({"output": "nowhere/t.csv"}, "the directory nowhere does not exist"),
         ({"workers": 0}, "--workers 0: expected 1 to 1024"),
     ],
 )

@@ -22,7 +22,7 @@ from vcfbench.studies.workers import in_processes, processors
 
 
 class Progress:
-    """Display that is told the progress of a study; this one shows nothing."""
+    """Display of the progress of a study; this one shows nothing."""
 
     def checked(self, done: int, total: int) -> None:
         """Take note that so many cases of all have been checked."""

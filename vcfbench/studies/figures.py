@@ -15,7 +15,7 @@ _WIDTH = 0.5  # Width of the band over which the runs of a case are spread, in c
 
 
 def picture(title: str, rows: Sequence[RunRow], cases: Sequence[CaseSummary]) -> str:
-    """Return a picture as SVG: a panel a metric, runs as points, mean and standard deviation of each case beside them.
+    """Return a picture as SVG: a panel per metric, with runs as points, and mean and deviation of each case.
 
     The same rows give the same bytes.
     """

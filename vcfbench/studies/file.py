@@ -96,7 +96,7 @@ class Study(Struct, frozen=True, kw_only=True):
         return {each.path: drawn.get(each.path, case.values.get(each.path)) for each in self.varied}
 
     def described(self, case: Case, seed: int) -> tuple[BenchDescription, dict[str, Any]]:
-        """Return the bench of one run, and the settings that it is asked for.
+        """Return the bench of one run, and its settings.
 
         Raises:
             ConfigError: a value cannot be, or its path is unknown; the words name the key of the study file.
@@ -138,7 +138,9 @@ class Study(Struct, frozen=True, kw_only=True):
         inputs = {
             "version": installed_version(),
             "procedure": self.procedure,
-            "code": read_text(self.procedure, "a procedure") if is_file(self.procedure) else "",  # of one's own
+            "code": read_text(self.procedure, "a procedure")
+            if is_file(self.procedure)
+            else "",  # of a custom procedure
             "bench": self.bench_table,
             "settings": self.settings,
             "vary": self.varied,
@@ -209,7 +211,7 @@ def _study(said: _File, source: str, folder: Path) -> Study:
     study = Study(
         source=source,
         title=said.title,
-        # the file of one's own as it is found from anywhere
+        # the absolute path of a custom procedure's file
         procedure=str((folder / said.procedure).resolve()) if is_file(said.procedure) else said.procedure,
         bench=bench,
         bench_table=changed,
@@ -248,7 +250,7 @@ def _bench_table(bench: str, folder: Path) -> tuple[str, dict[str, Any]]:
     return shown(file), table
 
 
-@cache  # a file of one's own is read and run once
+@cache  # the file of a custom procedure is read and run once
 def _loaded(name: str) -> AnyProcedure:
     """Return the procedure of a name or a file; errors as :func:`vcfbench.procedures.catalogue.procedure`."""
     return catalogue.procedure(Path(name) if is_file(name) else name)

@@ -110,6 +110,6 @@ def rows_of(path: Path, expected: Begun | None = None) -> tuple[Begun | None, di
         raise ConfigError(
             f"{shown(path)}: this is the journal of another study: procedure, bench, "
             "settings, varied values, metrics or version differ",
-            hint="--restart begins anew; or another -o keeps both",
+            hint="--restart replaces it; another -o keeps both",
         )
     return begun, rows, whole

@@ -1,4 +1,4 @@
-"""One run of a study, in whatever process it is done: from case and seed to a row of its table."""
+"""One run of a study, in any process: from case and seed to a row of its table."""
 
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ class RunRow(Struct, frozen=True):
 
 
 def perform(work: PlannedRun) -> RunRow:
-    """Do one run; whatever goes wrong in it is in the row; Aborted: a signal came."""
+    """Do one run; an error is in its row; Aborted: a signal came."""
     case, study = work.study.cases[0], work.study
     try:
         request = study.request(case, work.seed)

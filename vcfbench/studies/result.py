@@ -78,7 +78,7 @@ class StudyResult(Struct, frozen=True):
         return {**members, "cases": msgspec.to_builtins(self.summary)}
 
     def write(self, path: Path) -> tuple[Path, ...]:
-        """Write the table to `path` (``.csv``), summary and picture beside it; return all of them.
+        """Write the table to `path` (``.csv``), and summary and picture next to it; return all of them.
 
         Raises:
             BenchError: the disk does not take them.
@@ -101,7 +101,7 @@ class StudyResult(Struct, frozen=True):
 
 
 def beside(path: Path, ending: str) -> Path:
-    """Return the file of that ending beside the table at `path`."""
+    """Return the file of that ending next to the table at `path`."""
     return path.with_name(f"{path.stem}{ending}")
 
 
@@ -117,7 +117,7 @@ def of_rows(begun: Begun, rows: Iterable[RunRow], path: Path | None) -> StudyRes
 
 
 def load_study(path: str | Path) -> StudyResult:
-    """Return the result of a study until now, by the path of its table or its journal, which lies beside it.
+    """Return the result of a study until now, by the path of its table, or of the journal next to it.
 
     Raises:
         ConfigError: there is no journal of a study.

@@ -55,7 +55,7 @@ def require_writable(path: Path) -> None:
     if path.suffix != ".csv":
         raise ConfigError(f"-o {shown(path)}: expected a name that ends in .csv")
     if not path.parent.is_dir():
-        raise ConfigError(f"-o {shown(path)}: there is no directory {shown(path.parent)}")
+        raise ConfigError(f"-o {shown(path)}: the directory {shown(path.parent)} does not exist")
 
 
 def write_table(path: Path, columns: Columns) -> None:

@@ -187,7 +187,7 @@ def placed(table: Mapping[str, Any], path: str, value: Any, where: str) -> dict[
     """Return a copy of the nested `table` with `value` at `path`; tables on the way that are missing are made.
 
     Raises:
-        ConfigError: what stands on the way is no table, or a list without such an entry; `where` begins its words.
+        ConfigError: a part of the path is no table, or a list without such an entry; `where` begins its words.
     """
     copy: Any = _put(dict(table), keys_of(path), value, where)
     return dict(copy)

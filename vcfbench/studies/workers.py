@@ -51,7 +51,7 @@ def in_processes(works: Iterable[PlannedRun], workers: int) -> Iterator[RunRow]:
             (case, seed), others = left[0].key, f" (and {len(left) - 1} more)" if len(left) > 1 else ""
             raise BenchError(
                 f"the processes of the study die before they have done case {case}, seed {seed}{others}",
-                hint="a script needs `if __name__ == '__main__':` around the call; where memory is short, --workers 1",
+                hint="a script needs `if __name__ == '__main__':` around the call; with little memory use --workers 1",
             )
 
 
