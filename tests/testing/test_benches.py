@@ -42,7 +42,7 @@ def energised(lab: SimulatedLab) -> None:
     sleep(bench.clock, 3.0)
 
 
-def test_a_bench_without_faults_is_the_bench_that_it_always_is() -> None:
+def test_bench_without_faults_is_unchanged() -> None:
     with open_simulated(seed=3) as lab:
         energised(lab)
         here = lab.bench.multimeter.read_voltage_v(), lab.bench.clock.now()
@@ -66,7 +66,7 @@ def test_a_bench_without_faults_is_the_bench_that_it_always_is() -> None:
         ("multimeter", "error", {"number": -330}, InstrumentError),
     ],
 )
-def test_every_fault_of_the_multimeter_is_the_error_of_its_kind(
+def test_multimeter_fault_gives_error_of_its_kind(
     role: str, kind: str, settings: dict[str, float], error: type[BenchError] | tuple[type[BenchError], ...]
 ) -> None:
     with open_simulated("ideal") as lab:
@@ -105,7 +105,7 @@ def test_a_supply_in_its_limit_says_so() -> None:
         assert abs(lab.world.value_v("rail_positive")) < 0.2
 
 
-def test_faults_happen_at_their_own_instant_in_the_middle_of_a_wait() -> None:
+def test_faults_act_at_their_instant_within_wait() -> None:
     with open_simulated("ideal") as lab:
         energised(lab)
         begun = lab.bench.clock.now()

@@ -96,7 +96,7 @@ def test_a_safe_action_that_only_says_so_is_noticed() -> None:
     assert any("silent, make_safe()" in problem for problem in problems_of(make_safe=make_safe))
 
 
-def test_one_that_cannot_be_told_blind_to_switch_off_is_noticed() -> None:
+def test_driver_without_blind_off_command_is_noticed() -> None:
     def asking(self: Any) -> UnprovedCommand:
         """Ask instead of telling."""
         with suppress(BenchError):

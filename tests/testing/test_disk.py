@@ -59,7 +59,7 @@ def states_after_each(folder: Path, act: Callable[[list[int]], None]) -> Iterato
         yield known, laid
 
 
-def test_a_journal_keeps_every_line_that_was_written_and_forges_none(tmp_path: Path) -> None:
+def test_journal_keeps_every_written_line(tmp_path: Path) -> None:
     def write(said: list[int]) -> None:
         (tmp_path / "disk" / "run").mkdir()
         journal = Journal(tmp_path / "disk" / "run" / "journal.jsonl")
@@ -87,7 +87,7 @@ def test_a_journal_keeps_every_line_that_was_written_and_forges_none(tmp_path: P
     assert count > 20
 
 
-def test_the_watchdogs_line_is_there_or_not_and_harms_no_other(tmp_path: Path) -> None:
+def test_watchdogs_line_harms_no_other_line(tmp_path: Path) -> None:
     def write(said: list[int]) -> None:
         path = tmp_path / "disk" / "journal.jsonl"
         journal = Journal(path)
@@ -164,7 +164,7 @@ def test_a_lock_file_in_any_state_locks_nobody_out(tmp_path: Path, monkeypatch: 
             assert all(json.dumps(each) for each in left.values())
 
 
-def test_a_disk_that_cannot_synchronise_is_an_error_of_the_bench(tmp_path: Path) -> None:
+def test_failed_synchronisation_is_bench_error(tmp_path: Path) -> None:
     for failing in range(1, 12):
 
         def before(number: int, what: str, at: int = failing) -> None:

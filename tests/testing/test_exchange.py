@@ -54,7 +54,7 @@ def test_a_line_more_than_was_asked_for_is_unread() -> None:
         assert session.query("A?") == "1"
 
 
-def test_a_driver_that_swallows_the_complaint_does_not_get_away_with_it() -> None:
+def test_swallowed_exchange_error_is_raised() -> None:
     with (
         pytest.raises(AssertionError, match=r"unexpected: b'B\?\\n' was sent after .* \(message 2\)"),
         expected_exchange(OPEN, [("A?", "1")]) as session,
@@ -81,7 +81,7 @@ def test_bytes_are_literal() -> None:
         assert session.query_block("A?") == b"ab\ncd"
 
 
-def test_an_error_of_the_body_is_not_covered_by_a_missing_message() -> None:
+def test_error_of_body_is_not_hidden_by_missing_message() -> None:
     def fail(session: Session) -> None:
         del session
         raise ValueError("mine")

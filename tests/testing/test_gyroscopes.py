@@ -57,7 +57,7 @@ def test_the_draws_reach_the_ends_of_their_ranges() -> None:
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("imperfections", [False, True])
-def test_the_bench_of_a_drawn_gyroscope_is_one_for_all_procedures(seed: int, *, imperfections: bool) -> None:
+def test_bench_of_drawn_gyroscope_suits_all_procedures(seed: int, *, imperfections: bool) -> None:
     for noise in (False, True):
         bench = parse_bench(drawn_bench(seed, imperfections=imperfections, noise=noise), f"gyroscope-{seed}")
         assert bench.simulation is not None
@@ -67,7 +67,7 @@ def test_the_bench_of_a_drawn_gyroscope_is_one_for_all_procedures(seed: int, *, 
 
 
 @pytest.mark.parametrize("seed", few(range(0, 240, 4), 0, 204))
-def test_readings_of_a_window_are_independent_and_all_procedures_take_their_settings(seed: int) -> None:
+def test_drawn_settings_give_independent_readings(seed: int) -> None:
     """What a narrow mode makes of white noise falls with its time constant; readings nearer than it are alike."""
     bench, sheet = parse_bench(drawn_bench(seed), f"gyroscope-{seed}"), drawn_sheet(seed)
     for procedure in (PROCEDURES[name] for name in BUILT_IN):

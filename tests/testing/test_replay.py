@@ -38,7 +38,7 @@ def table(line: TableLine) -> RateTableDriver:
     return RateTableDriver(line, AclDialect(TableSettings()), TableSettings(300.0, 200.0))
 
 
-def test_a_driver_says_again_what_it_said_and_hears_what_it_heard(trace: Path) -> None:
+def test_replay_repeats_messages_and_replies(trace: Path) -> None:
     with replay_trace(trace, over_visa(Hp34401A), role="multimeter", whole=False) as again:
         again.identify()
         again.configure_dc_voltage(10.0, 10.0)

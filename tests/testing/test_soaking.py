@@ -83,7 +83,7 @@ class Speaks:
     def write(self, _data: bytes) -> None: ...
 
 
-def test_a_dead_line_whose_table_speaks_on_does_not_hold_bench_time() -> None:
+def test_dead_line_with_speaking_table_releases_bench_time() -> None:
     """A port waited for an instant that had passed, for ever."""
     clock, device = VirtualClock(), Speaks()
     clock.sleep_until(2.0)
@@ -103,7 +103,7 @@ def test_seeds_in_a_row_share_work_and_differ_in_events() -> None:
 
 
 @pytest.mark.exhaustive
-def test_early_offset_is_a_bias_and_a_later_one_a_fault() -> None:
+def test_early_offset_is_bias_and_later_offset_fault() -> None:
     draw = replace(drawn(404363), happenings=())
     clean = cleaned(draw)
     offset = Fault("multimeter", "offset", offset=0.1)

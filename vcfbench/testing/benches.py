@@ -80,11 +80,11 @@ class SimulatedLab(Struct, frozen=True):
     faults: FaultInjector
 
     def fault(self, instrument: str, kind: Any, **when: Any) -> None:
-        """Let a fault happen now, or `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
+        """Start a fault now, or at `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
         self.faults.add(Fault(instrument, kind, **{"at_s": self.bench.clock.now(), **when}))
 
     def play(self, script: Path | str) -> None:
-        """Let everything in a fault script happen: a file, or TOML text."""
+        """Start all faults of a script: a file, or TOML text."""
         self.faults.play(_script(script))
 
 
@@ -149,11 +149,11 @@ class ServedLab(Struct, frozen=True):
             return control.request(do, **arguments)
 
     def fault(self, instrument: str, kind: str, **when: Any) -> None:
-        """Let a fault happen now, or `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
+        """Start a fault now, or at `at_s`; further fields as of :class:`~simrack.faults.Fault`."""
         self.ask("fault", instrument=instrument, kind=kind, **when)
 
     def reset(self, seed: int | None = None) -> None:
-        """Put the bench back to its beginning, of the same seed or another; time begins anew, connections stay."""
+        """Reset the bench, with the same seed or another; time starts at 0, connections stay."""
         self.ask("reset", **({} if seed is None else {"seed": seed}))
 
     def on_wires(self) -> BenchDescription:

@@ -1,4 +1,4 @@
-"""Duties of every driver, whatever its instrument; run it over a registry, one's own drivers included."""
+"""Duties of every driver, built in or custom; run it over a registry."""
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping

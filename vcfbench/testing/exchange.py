@@ -30,7 +30,7 @@ def _bytes(message: Message) -> bytes:
 
 
 class ScriptedWire:
-    """A wire that answers as told and complains about every message that was not foretold.
+    """A wire with scripted answers, which reports every unexpected message.
 
     It fits under sessions and under lines of rate tables. Time-outs take the clock's time. A complaint is kept, for
     drivers that swallow it.

@@ -1,4 +1,4 @@
-"""The pytest plugin: simulated and served benches, faults and protocol tests for anybody's procedures and drivers.
+"""The pytest plugin: simulated and served benches, faults and protocol tests for procedures and drivers.
 
 It comes with the package and does nothing until a test asks for one of its fixtures; nothing of the package is imported
 before that.
@@ -75,7 +75,7 @@ def simulated_bench(_vcfbench_lab: SimulatedLab) -> Bench:
 
 @pytest.fixture
 def simulated_world(_vcfbench_lab: SimulatedLab) -> World:
-    """Return the physics behind `simulated_bench`: the true values, whatever instruments say."""
+    """Return the physics behind `simulated_bench`: the true values, without errors of instruments."""
     return _vcfbench_lab.world
 
 

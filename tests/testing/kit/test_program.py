@@ -49,7 +49,7 @@ def test_what_is_packed_into_it_is_unpacked_again(kit: str) -> None:
     assert "VOLT:RANG?" in names["scripts"]()["34401A"]["reads"]
 
 
-def test_it_only_reads_unless_it_may_set_and_is_told_so_twice(tmp_path: Path) -> None:
+def test_kit_only_reads_unless_confirmed_twice(tmp_path: Path) -> None:
     recorded(tmp_path / "a.trace", "E3631A", driven=False)
     said = [line.data.decode().strip() for line in read_trace(tmp_path / "a.trace") if line.mark == ">"]
     assert all(each.endswith("?") for each in said)
@@ -80,7 +80,7 @@ def test_it_only_reads_unless_it_may_set_and_is_told_so_twice(tmp_path: Path) ->
         ("*LRN?", f"VOLT {SERIAL};ON", "VOLT XX00000000;ON"),
     ],
 )
-def test_numbers_and_known_words_are_kept_and_all_else_is_blotted_out(question: str, answer: str, kept: str) -> None:
+def test_kit_keeps_numbers_and_known_words_only(question: str, answer: str, kept: str) -> None:
     assert masked(question, answer, WORDS, SERIAL) == kept
 
 
@@ -128,7 +128,7 @@ def test_it_is_made_safe_in_any_thread(tmp_path: Path) -> None:
     assert [line.data for line in read_trace(tmp_path / "a.trace") if line.mark == ">"][-2:] == [b"*RST\n", b"*OPC?\n"]
 
 
-def test_a_model_that_is_not_known_is_asked_what_all_know(tmp_path: Path) -> None:
+def test_unknown_model_gets_common_queries(tmp_path: Path) -> None:
     monkey = program.scripts
     try:
         program.scripts = dict

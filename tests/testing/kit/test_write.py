@@ -26,7 +26,7 @@ def test_asking_changes_no_answer(model: str) -> None:
 
 
 @pytest.mark.parametrize("model", few(list(MODELS), "E3631A"))
-def test_what_is_set_gives_little_and_all_is_off_at_the_end(model: str) -> None:
+def test_kit_sets_small_levels_and_switches_off(model: str) -> None:
     script, (device, clock) = scripts()[model], twin(model)
     wire = TwinWire(device, clock)
     for message in [each for each, _, _ in script["drives"]] + script["safe"]:

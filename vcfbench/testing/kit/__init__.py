@@ -1,1 +1,1 @@
-"""The kit that somebody runs at his own instruments, and what comes of what it records."""
+"""The kit that records how real instruments answer, and the comparison with its records."""

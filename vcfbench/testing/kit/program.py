@@ -52,7 +52,7 @@ COMMON: Script = {
     "timeout_s": 5.0,
     "words": ["NO", "ERROR"],
 }
-"""What an instrument is asked of which we know nothing."""
+"""Queries for an instrument of unknown model."""
 
 
 def scripts() -> dict[str, Script]:

@@ -96,7 +96,7 @@ def _opened(model: str) -> tuple[Session, TwinWire]:
 
 
 def questions(table: CommandTable) -> list[str]:
-    """Return the questions of a table that only read and need nothing after the question mark, in short form."""
+    """Return the queries of a table that only read and take no parameter, in short form."""
     asked = []
     for row in table.commands:
         if row.reads and row.query and not any(each.required for each in row.query_parameters or ()):

@@ -163,7 +163,7 @@ class _Stage:
             ended.measured_s = (self._begun_s if ended.measured_s is None else ended.measured_s[0]), now_s
 
     def act(self, happening: Happening) -> None:
-        """Let something happen at an instant."""
+        """Start an action at an instant."""
         if self.over or self.ended.died:
             return
         if happening.ends:
