@@ -51,7 +51,7 @@ def test_each_contribution_to_an_output_at_rest(
     )
 
 
-def test_an_output_as_a_rate_has_the_scale_factor_s_uncertainty_too() -> None:
+def test_output_as_rate_includes_u_of_scale_factor() -> None:
     """V / S: each part over |S|, and |V| / S^2 times that of S."""
     output = measurand(0.3, "V", [UncertaintyPart("readings", 2e-3, 9.0), UncertaintyPart("meter", 1e-3, None, "M1")])
     rate = as_rate(output, -0.02, 1e-3)
@@ -98,7 +98,7 @@ def test_square_near_0_is_the_mean_above_0() -> None:
     )
 
 
-def test_what_is_stated_counts_up_to_what_chance_makes_of_it() -> None:
+def test_stated_scatter_counts_up_to_chance() -> None:
     """1.645 standard uncertainties: one in twenty of a normal distribution lies beyond."""
     told = Flicker(5.0, math.inf, "told")
     assert flicker_counted(told, 25.0 + 1.64 * 8.0, 8.0, "run") is told

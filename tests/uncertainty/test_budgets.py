@@ -32,7 +32,7 @@ def test_no_share_is_told_of_what_has_its_zero_anywhere(unit: str) -> None:
     assert said_of("it", measurand(40.0, unit, [UncertaintyPart("readings", 4.0)])).count("ppm") == (unit == "ppm")
 
 
-def test_what_rounding_leaves_of_a_part_that_cancels_is_shown_as_none() -> None:
+def test_rounding_rest_of_cancelled_part_is_zero() -> None:
     parts = [
         UncertaintyPart("readings", 1.8e-3),
         UncertaintyPart("small", 5e-8),
@@ -54,7 +54,7 @@ def test_each_part_is_told_with_its_share_of_the_variance() -> None:
     ]
 
 
-def test_the_mean_of_records_has_their_scatter_and_what_they_share() -> None:
+def test_mean_of_records_has_scatter_and_shared_error() -> None:
     found = mean_of_records([1.0, 2.0, 3.0, 4.0], "V", UncertaintyPart("meter", 0.5))
     scatter = (5.0 / 3.0) ** 0.5 / 2.0
     assert found.value == 2.5

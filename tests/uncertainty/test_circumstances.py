@@ -90,7 +90,7 @@ VALUES = {
 }
 
 
-def test_each_value_is_that_of_the_stated_temperature_mounting_and_phases() -> None:
+def test_value_holds_for_stated_temperature_mounting_and_phases() -> None:
     """A kelvin, a tilt of 1e-3 and a degree of the demodulator's phase, by hand."""
     around = circumstances(KNOWN)
     q = {TEMPERATURE: 0.6, WARM_UP: 0.4, MISALIGNMENT: 1e-3, DEMODULATOR_PHASE: 1.0}
@@ -164,7 +164,7 @@ def test_what_is_taken_for_known_says_where_it_is_from(
     assert stated(replace(AGES, **known), **more).known_from == (METER_SAID, *said)
 
 
-def test_a_statement_has_values_correlation_and_the_difference_over_its_u95() -> None:
+def test_statement_has_values_correlation_and_e_n() -> None:
     made = stated(Sources(), difference="half")
     value, half = made.values
     assert (value.value, value.u, value.dof, value.of) == (3.0, 1.0, 8.0, "of the record")

@@ -51,7 +51,7 @@ def test_levels_of_both_signs_are_one_level() -> None:
         assert spread(known, np.array([1.0, other_v]), np.array([1.0, -1.0])) == pytest.approx(apart_v / np.sqrt(3.0))
 
 
-def test_of_all_ways_to_divide_levels_into_ranges_the_worst_counts() -> None:
+def test_worst_division_of_levels_into_ranges_counts() -> None:
     """All eight of four levels."""
     random, unknown = np.random.default_rng(7), of()
     for weights in random.normal(size=(40, 4)):

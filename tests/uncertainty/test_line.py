@@ -68,7 +68,7 @@ def test_slope_at_each_rate_is_that_of_a_cubic(rates: list[float], *, cubic: boo
         (None, None, 0.0, False),
     ],
 )
-def test_a_limit_is_that_of_a_rectangle_or_so_many_standard_uncertainties(
+def test_limit_is_rectangle_or_multiple_of_u(
     limit: float | None, sigmas: float | None, u: float, *, rectangular: bool
 ) -> None:
     assert limited("gain", limit, "V", sigmas) == Source("gain", 0.0, u, "V", math.inf, rectangular)
@@ -115,7 +115,7 @@ QUIET = {
         ({"readings: table bias": 0.1, "flicker: table bias": 0.2}, -2.0, 0.2),
     ],
 )
-def test_the_table_s_line_is_what_is_read_less_the_errors(moved: dict[str, float], slope: float, bias: float) -> None:
+def test_tables_line_is_reading_less_errors(moved: dict[str, float], slope: float, bias: float) -> None:
     line = line_of([-1.0, 0.0, 1.0], [2.5, 0.5, -1.5])
     found = table_values(line, {**QUIET, **moved})
     assert found == pytest.approx({"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope})

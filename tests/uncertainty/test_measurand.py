@@ -37,7 +37,7 @@ def fitted(rng: np.random.Generator, noise: float) -> float:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("noise", [0.01, 0.03, 0.1, 0.2])
-def test_u95_holds_the_quality_factor_of_a_mode_that_noise_drives(noise: float) -> None:
+def test_u95_holds_q_of_noise_driven_mode(noise: float) -> None:
     """The mean of Q itself is 10 % too large where the noise is a tenth of what rings down, its u 9 %."""
     rng, held = np.random.default_rng(4), []
     for _ in range(80):

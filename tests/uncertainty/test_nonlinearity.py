@@ -54,7 +54,7 @@ def test_unknown_generator_ranges_use_the_worst_case() -> None:
     assert (moved.effects, bool(moved.only_bound)) == ({}, True)
 
 
-def test_the_largest_residual_goes_with_the_errors_as_its_sign_says(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_largest_residual_follows_errors_by_its_sign(monkeypatch: pytest.MonkeyPatch) -> None:
     spreads: list[Any] = []
 
     def spread(*values: Any) -> Any:

@@ -36,9 +36,7 @@ def part(found: Any, source: str) -> float:
 
 
 @given(SIZES, SIZES, st.floats(1e-6, 1e-3))
-def test_a_time_base_acts_on_a_difference_of_frequencies_by_the_difference(
-    first_hz: float, second_hz: float, base: float
-) -> None:
+def test_time_base_acts_on_frequency_difference(first_hz: float, second_hz: float, base: float) -> None:
     each = [
         measurand(hz, "Hz", [UncertaintyPart("records", 1e-3), UncertaintyPart("time base", base * hz, of="scope")])
         for hz in (first_hz, second_hz)
@@ -56,9 +54,7 @@ def test_instruments_of_two_owners_do_not_cancel() -> None:
 
 
 @given(SIZES, SIZES, SIGNS, SIGNS, st.floats(1e-6, 1e-2))
-def test_a_gain_that_bias_and_scale_factor_share_is_in_no_rate(
-    bias: float, slope: float, sign: float, other: float, gain: float
-) -> None:
+def test_shared_gain_cancels_in_rate(bias: float, slope: float, sign: float, other: float, gain: float) -> None:
     of_bias = [UncertaintyPart("gain", bias * gain, of="meter"), UncertaintyPart("readings", 0.01 * bias)]
     of_slope = [UncertaintyPart("gain", slope * gain, of="meter"), UncertaintyPart("table", 0.02 * slope)]
     found = quotient(measurand(sign * bias, "V", of_bias), measurand(other * slope, "V/(deg/s)", of_slope), "deg/s")
@@ -93,7 +89,7 @@ def test_kept_in_phase_split_has_the_u_of_its_records(tmp_path: Path) -> None:
 
 
 @given(st.lists(st.floats(-1e4, -1.0) | st.floats(1.0, 1e4), min_size=3, max_size=9))
-def test_the_time_base_of_a_split_is_that_of_the_split(values_hz: list[float]) -> None:
+def test_split_has_time_base_error_of_split(values_hz: list[float]) -> None:
     found = frequency_of(values_hz, "scope")
     size_hz = abs(sum(values_hz) / len(values_hz))
     assert part(found, "time base") == pytest.approx(TIME_BASE / math.sqrt(3.0) * size_hz, rel=1e-6, abs=1e-9)
@@ -108,7 +104,7 @@ def test_one_temperature_acts_on_output_and_k_vc_together(of_output: float, of_k
 
 
 @pytest.mark.parametrize("procedure", few(["self-calibration", "online"], "self-calibration"))
-def test_the_temperature_of_a_run_without_a_table_is_one_part(procedure: str, tmp_path: Path) -> None:
+def test_temperature_without_table_is_one_part(procedure: str, tmp_path: Path) -> None:
     """Known within 1 K: the output by 104 ppm/K, K_Vc by 30 with a u of its own, both by the same kelvin."""
     override = {"temperature_k": 1.0, "scale_factor_ppm_k": 104.0}
     bench = vcfbench.load_bench("lab")

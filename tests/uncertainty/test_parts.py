@@ -40,7 +40,7 @@ def part(found: Any, source: str) -> float:
     return abs(sum(own))
 
 
-def test_flicker_of_a_bias_at_rest_is_the_integral_of_its_density() -> None:
+def test_flicker_of_bias_is_integral_of_density() -> None:
     """B^2/(pi f), one-sided, through the mean of the zeros less that of the horizon."""
     known = Sources(bias_instability_deg_h=5.57, horizon_h=24.0)
     asked = make_settings(station=Station(meter_resolution_v=1e-6, sources=known))
@@ -242,7 +242,7 @@ def test_the_parts_of_what_rails_do(imbalance_v: float) -> None:
 
 
 @pytest.mark.exhaustive
-def test_the_imbalance_of_rails_moves_both_halves_as_drawing_it_does() -> None:
+def test_imbalance_of_rails_moves_both_halves_as_drawn() -> None:
     """Rails that are of one size as read back, within 4 mV: what is read is a drive by the weaker of them."""
     drawn = np.random.default_rng(1).normal(0.0, 0.004, 1500)
     errors = np.array([[each.value for each in three(float(off_v))] for off_v in drawn])
@@ -250,7 +250,7 @@ def test_the_imbalance_of_rails_moves_both_halves_as_drawing_it_does() -> None:
     assert np.sqrt(np.mean((errors - [each.value for each in three()]) ** 2, axis=0)) == pytest.approx(stated, rel=0.1)
 
 
-def test_a_step_of_rails_is_half_of_what_the_read_backs_move() -> None:
+def test_rail_step_is_half_of_read_back_change() -> None:
     asked = PowerSettings(station=Station(meter_resolution_v=1e-5))
     outputs = {each.rail: each.output for each in asked.rails}
     states = [

@@ -100,7 +100,7 @@ def test_value_below_its_u95_is_bound() -> None:
 
 
 @pytest.mark.exhaustive
-def test_asymmetry_is_that_of_the_column_with_the_u_of_its_outputs() -> None:
+def test_asymmetry_has_u_of_its_outputs() -> None:
     """Its u by readings alone is the scatter of 4000 draws through the definition itself."""
     true = curved(5e-3, 1e-3)
     stated = turntable_statement(settings(Sources()), points_of(true)).value("asymmetry")
@@ -165,7 +165,7 @@ def test_common_source_moves_the_largest_residual_by_its_share() -> None:
     assert moved.by_errors == pytest.approx(0.95 * 30.0, rel=0.02)
 
 
-def test_the_signs_that_linear_algebra_gives_to_eigenvectors_change_no_uncertainty(
+def test_signs_of_eigenvectors_change_no_uncertainty(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     found, covariance = [200.0, -190.0, 180.0], np.array([[90.0, 20.0, -10.0], [20.0, 80.0, 5.0], [-10.0, 5.0, 70.0]])
@@ -175,7 +175,7 @@ def test_the_signs_that_linear_algebra_gives_to_eigenvectors_change_no_uncertain
     assert structs.astuple(there) == pytest.approx(structs.astuple(here), rel=1e-12)
 
 
-def test_windows_at_one_rate_have_one_residual_that_of_their_mean() -> None:
+def test_windows_at_one_rate_share_residual_of_mean() -> None:
     true = curved(5e-3, 1e-3)
     off = np.full(true.size, 2e-4)
     twice = points_of(np.round(true + off, 12)) + points_of(np.round(true - off, 12))
@@ -273,7 +273,7 @@ def test_u95_covers_truth_for_drawn_generator_ranges() -> None:
 @pytest.mark.parametrize(
     ("apart", "least", "most"), few([(0.0, 0.90, 0.95), (1.0, 0.93, 0.97), (3.0, 0.92, 0.97)], (1.0, 0.93, 0.97))
 )
-def test_u95_of_what_is_found_where_two_residuals_are_nearly_equal(apart: float, least: float, most: float) -> None:
+def test_nonlinearity_has_u95_if_two_residuals_are_equal(apart: float, least: float, most: float) -> None:
     """`apart` are standard deviations of either: two that are just equal are held a little less often."""
     share, _ = held(spread([-100.0, 100.0 - apart], np.eye(2)), 300)
     assert least <= share <= most
@@ -287,7 +287,7 @@ def test_u95_does_not_jump_where_two_residuals_become_equal() -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_meter_on_v_vc_puts_its_scatter_into_the_non_linearity() -> None:
+def test_v_vc_meter_scatter_enters_non_linearity() -> None:
     rng, level = np.random.default_rng(6), np.array(RATES) / K_VC
     stated = of_virtual_line(Sources(), driven(level), 3e-5)
     seen = level + 3e-5 / np.sqrt(READINGS) * rng.standard_normal((2000, level.size))
@@ -295,7 +295,7 @@ def test_a_meter_on_v_vc_puts_its_scatter_into_the_non_linearity() -> None:
     assert stated.u == pytest.approx(float(np.std(off)), rel=0.06)
 
 
-def test_the_non_linearity_is_that_at_the_levels_that_are_told() -> None:
+def test_non_linearity_is_at_stated_levels() -> None:
     """Levels that are larger by a part in ten thousand are on more of the curve."""
     level, g = np.array(RATES) / K_VC, 1e-4
     stated = of_virtual_line(Sources(v_vc_gain=g, v_vc_sigmas=1.0), driven(level), 1e-9)
@@ -314,9 +314,7 @@ def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
 
 @pytest.mark.parametrize("told", ["its time", "nothing of its time"])
 @pytest.mark.parametrize("signs", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)])
-def test_a_gyroscope_that_warms_up_meanwhile_has_that_in_its_nonlinearity(
-    told: str, signs: tuple[float, float]
-) -> None:
+def test_warm_up_enters_non_linearity(told: str, signs: tuple[float, float]) -> None:
     """Coefficients, warm-up and its time are drawn; the bench file tells their sizes, not their signs."""
     for seed in range(8):
         rng = np.random.default_rng(seed)

@@ -104,7 +104,7 @@ def test_noise_without_hysteresis_is_recognized_in_95_percent() -> None:
     assert seen <= 9  # 3 expected, of a binomial with a deviation of 1.7
 
 
-def test_repeats_scatter_as_their_noise_and_say_how_well_that_is_known() -> None:
+def test_repeats_scatter_as_noise_with_stated_u() -> None:
     settings = make_settings(repeat=20, station=WHITE, samples=READINGS)
     points = blank(settings)
     noise = np.random.default_rng(6).normal(0.0, NOISE / math.sqrt(READINGS), len(points))
@@ -156,7 +156,7 @@ def test_b_of_zeros_has_true_square_and_scatter() -> None:
     assert float(np.mean([each.dof for each in every])) == pytest.approx(2.0 * (40.0**2 / squares.std()) ** 2, rel=0.25)
 
 
-def test_b_that_is_told_goes_before_zeros_that_are_too_few() -> None:
+def test_stated_b_overrides_too_few_zeros() -> None:
     few = make_settings(zeros=Zeros.BRACKET, station=FLICKERING, samples=READINGS)
     many = make_settings(zeros=Zeros.BRACKET, repeat=3, station=FLICKERING, samples=READINGS)
     loud = structs.replace(FLICKERING, sources=Sources(bias_instability_deg_h=40.0))
@@ -285,7 +285,7 @@ def test_added_earths_rate_leaves_the_bias(tmp_path: Path) -> None:
     assert tilt.u_source == pytest.approx(abs(measured.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
 
 
-def test_the_scale_factor_of_an_axis_askew_is_held_by_the_budget(tmp_path: Path) -> None:
+def test_budget_holds_scale_factor_of_tilted_axis(tmp_path: Path) -> None:
     angle_deg = 2.0
     askew = simulated("ideal", errors="none", overrides=f"{STILL}misalignment_deg = {angle_deg}\n{NO_RIPPLE}")
     known = structs.replace(askew.uncertainty, misalignment_deg=angle_deg)

@@ -35,7 +35,7 @@ def test_noise_goes_through_the_weights_of_a_sum() -> None:
     assert found["flicker"].dof == 8.0
 
 
-def test_flicker_of_two_windows_is_the_integral_of_the_logarithm_between_them() -> None:
+def test_flicker_of_two_windows_is_integral_of_logarithm() -> None:
     (_, flicker, _) = noise_v(SETTINGS, WINDOWS, {0: 1.0, 2: -1.0}, POINTS)
 
     def twice(x: float) -> float:

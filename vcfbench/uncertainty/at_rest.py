@@ -1,4 +1,4 @@
-"""Uncertainty of an output at rest beside its readings: the meter, the flicker, temperature, warm-up, phases.
+"""Uncertainty of an output at rest: the meter, the flicker, temperature, warm-up and phases.
 
 A bias is the mean over the horizon (`horizon_h`, a day) about the run. Flicker has as much in an hour as in a minute,
 so a short run tells little of that mean however well it is read; how little follows from B alone.

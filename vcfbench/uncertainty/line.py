@@ -99,7 +99,7 @@ class Asymmetry(Struct, frozen=True):
         return cls(2e6 * share, np.asarray(of_outputs), moved)
 
     def value(self, q: Errors) -> Any:
-        """Return it, the errors `q` taken out, ppm (U3)."""
+        """Return the asymmetry corrected for the errors `q`, ppm (U3)."""
         return self.ppm - noise_of(ASYMMETRY, q) - self.ppm_per_k * q.get(WARM_UP, 0.0)
 
 

@@ -1,4 +1,4 @@
-"""The scale factor of the range that a device is declared to have, whatever the rates of the run."""
+"""The scale factor of the declared range of a device, for any rates of the run."""
 
 import math
 from collections.abc import Sequence

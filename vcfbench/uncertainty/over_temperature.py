@@ -62,7 +62,7 @@ def over_temperature(
     at = temperatures.at_c - temperatures.reference_c
     powers = np.vander(at, 3, increasing=True)
     if np.linalg.matrix_rank(powers) < 3:
-        raise ConfigError("the temperatures, as they were read, are fewer than three different ones")
+        raise ConfigError("expected readings at three different temperatures or more")
     making, y = np.linalg.pinv(powers), np.array(values)
     found = making @ y
     moves = np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0))

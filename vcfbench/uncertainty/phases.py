@@ -1,4 +1,4 @@
-"""Effect of the phases of carrier and demodulator on values, as far as the bench file knows them.
+"""Effect of the phases of carrier and demodulator on values, from the bench file.
 
 The demodulator sees a signal with the cosine of its angle to the reference, so a change of the carrier's phase changes
 what V_Vc does, and with it K_Vc; one of the demodulator's changes both columns alike, and lets quadrature through.

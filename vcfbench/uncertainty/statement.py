@@ -162,7 +162,7 @@ def budget_of(
 
 
 class Circumstances(Struct, frozen=True):
-    """Effects of temperature, mounting and phases on the values, as far as the bench file knows them."""
+    """Effects of temperature, mounting and phases on the values, from the bench file."""
 
     sources: tuple[Source, ...]
     scale_factor_per_k: float
@@ -221,7 +221,7 @@ _KINDS = ("normal", "rectangular")
 
 
 def stated_value(result: Result, budget: Budget, unit: str, of: str, missing: tuple[str, ...] = ()) -> StatedValue:
-    """Return a result of a budget as it is stated, `missing` being the contributions that it lacks."""
+    """Return the stated value of a result of a budget; `missing` are the contributions that it lacks."""
     sources = {source.name: source for source in budget.sources}
     factor = convolved_coverage_factor(result, sources.values())
     lines = tuple(

@@ -125,7 +125,7 @@ class Flicker(Struct, frozen=True):
 
     @classmethod
     def stated(cls, known: Sources) -> Self | None:
-        """Return the flicker that static record or bench file tell; None where nothing does."""
+        """Return the flicker from static record or bench file, or None."""
         if known.bias_instability_deg_h is None:
             return None
         dof = math.inf if known.bias_instability_dof is None else known.bias_instability_dof
