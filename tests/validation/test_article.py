@@ -36,7 +36,7 @@ def test_an_erratum_whose_print_is_right_is_not_shown() -> None:
     assert not right.shown
 
 
-def test_a_number_beyond_both_uncertainties_does_not_hold_and_is_named() -> None:
+def test_number_beyond_both_uncertainties_is_named() -> None:
     off = structs.replace(HOLDS, ours=3489.2)
     assert HOLDS.holds
     assert not off.holds

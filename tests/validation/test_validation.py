@@ -238,9 +238,7 @@ def test_document_says_what_was_asked_what_came_who_and_when(tmp_path: Path) -> 
     assert "FAILED: product." in written.read_text()
 
 
-def test_command_prints_each_check_and_its_exit_code_says_whether_all_passed(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_validate_prints_each_check_and_exit_code_is_verdict(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(benches, "checks", lambda _: ())
     cli = CliRunner()
     good = cli.invoke(app, ["validate", "-o", str(tmp_path / "v.md")])

@@ -1,4 +1,4 @@
-"""The paper as one command: its printed numbers beside those of the simulated bench, its figures, its errata.
+"""The paper as one command: its printed numbers against those of the simulated bench, its figures, its errata.
 
 A number holds where the difference from print is at most 1.5 times both expanded uncertainties together (k = 3): that
 of the run, and that of the print, which is its last digit or the scatter of its own table.
@@ -43,7 +43,7 @@ _KELVIN_HZ, _KELVIN_Q = 0.12, 3.0
 
 
 class Mark(Struct, frozen=True):
-    """A printed number beside that of a run, each with the expanded uncertainty of its own."""
+    """A printed number and that of a run, each with its expanded uncertainty."""
 
     where: str
     what: str

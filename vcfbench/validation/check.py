@@ -17,7 +17,7 @@ Verdict = Literal["PASS", "FAIL", "NOT CHECKED"]
 
 
 class Found(Struct, frozen=True):
-    """Answer of a check beside the right one; `passed` None: it could not be done here, and `came` says so."""
+    """Answer of a check and the right answer; `passed` None: the check was impossible, and `came` has the reason."""
 
     expected: str
     came: str
@@ -52,7 +52,7 @@ class Checked(Struct, frozen=True):
 
 
 def made(area: str, check: Check) -> Checked:
-    """Make a check; whatever it raises is its answer, and it has failed."""
+    """Make a check; an exception is its answer and a failure."""
     clock = WallClock()
     begun_s = clock.now()
     try:

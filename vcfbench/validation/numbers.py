@@ -1,4 +1,4 @@
-"""Checks of the arithmetic against published figures, which nobody here has computed."""
+"""Checks of the arithmetic against published figures."""
 
 from __future__ import annotations
 
