@@ -36,7 +36,7 @@ def printed(*values: float) -> list[str]:
         ((0.0, 9.96, 20.0), ["0", "10", "20"]),
     ],
 )
-def test_two_digits_of_u_and_the_value_to_the_same_place(stated: tuple[float, ...], words: list[str]) -> None:
+def test_value_has_digits_of_two_digit_u(stated: tuple[float, ...], words: list[str]) -> None:
     assert printed(*stated) == words
 
 

@@ -28,7 +28,7 @@ def test_each_form_has_its_line_of_print(value: Value, said: str) -> None:
     assert value.figure(value.named.factor) == said
 
 
-def test_a_u_without_u95_gets_the_factor_of_its_degrees_of_freedom() -> None:
+def test_u_without_u95_gets_factor_by_degrees_of_freedom() -> None:
     assert Value("own", 1.0, u=0.1, dof=3.0).u95 == pytest.approx(0.318, abs=5e-4)
     assert Value("own", 1.0, u=0.1).u95 == pytest.approx(0.196, abs=5e-4)
     assert Value("own", 1.0, u=0.1, u95=0.37).coverage_factor == pytest.approx(3.7)

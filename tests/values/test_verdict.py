@@ -97,7 +97,7 @@ def by_hand(value: Value | None, low: Fraction, high: Fraction, *, guarded: bool
     return word, may[2]
 
 
-def test_verdict_and_rule_of_drawn_values_are_those_of_the_definitions() -> None:
+def test_drawn_values_have_defined_verdict_and_rule() -> None:
     random = Random(42)  # noqa: S311
     seen = set()
     for _ in range(10_000):

@@ -16,7 +16,7 @@ WITHIN_DEG_S: Final = 0.01
 
 
 class Definition(Struct, frozen=True):
-    """Settings that define a value, beside its kind: values that differ in them are of other measurands.
+    """Settings that define a value, in addition to its kind: values with different ones are different measurands.
 
     `levels_deg_s` are the rates of a line, falling, each with its weight in windows, the least that are in proportion.
     `choices` are settings of the procedure that define the value, by name, as they are printed.
@@ -93,7 +93,7 @@ class Drive(Struct, frozen=True):
 
 
 class Conditions(Struct, frozen=True):
-    """Conditions under which a value holds; None where nobody told."""
+    """Conditions under which a value holds; None if not given."""
 
     rails_v: tuple[float, float] | None = None
     """Positive and negative rail."""

@@ -155,7 +155,7 @@ def limit_words(key: str) -> Named:
 
 
 def kind_of(name: str, unit: str) -> str:
-    """Return the kind with this `name` and `unit`; None if there is none."""
+    """Return the kind with this `name` and `unit`, or None."""
     names = name, name.rpartition(".")[2]
     return next((each for each in names if each in KINDS and KINDS[each].si == unit), "")
 

@@ -70,5 +70,5 @@ def digits_of_value(value: float, u: float) -> str:
 
 
 def second_digit(u: float) -> int:
-    """Return the power of ten of the second digit of `u`, as it is after rounding."""
+    """Return the power of ten of the second digit of `u` after rounding."""
     return int(f"{u:.1e}".partition("e")[2]) - 1 if u and math.isfinite(u) else 0

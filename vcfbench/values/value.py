@@ -42,7 +42,7 @@ class UncertaintyPart(Struct, frozen=True):
 
 
 class Value(Struct, frozen=True):
-    """A value as it is stated of a run, in SI units but for rates (deg/s).
+    """A stated value of a run, in SI units but for rates (deg/s).
 
     `name` is unique in the run (``turntable.scale_factor``); where it has none, that of its place in the results is.
     `kind` says what it is of: a key of :data:`vcfbench.values.kinds.KINDS`, or nothing. `low` and `high` are the ends
@@ -124,7 +124,7 @@ class Value(Struct, frozen=True):
 
     @property
     def coverage_factor(self) -> float | None:
-        """The expanded uncertainty over the standard one; None where there is none."""
+        """The expanded uncertainty over the standard one, or None."""
         return self.u95 / self.u if self.u and self.u95 is not None else None
 
     @property
