@@ -1,4 +1,4 @@
-"""The command line; the version is told before anything is loaded."""
+"""The command line; ``--version`` prints before other modules are loaded."""
 
 import sys
 from contextlib import suppress

@@ -42,7 +42,7 @@ def today() -> date:
 
 
 def uptime_s() -> float:
-    """Return the time for which the computer is up, s, the time that it slept included where the system tells that."""
+    """Return the time since the computer started, s, with its time asleep if the system reports that."""
     clock = getattr(time, "CLOCK_BOOTTIME", None)
     return time.monotonic() if clock is None else time.clock_gettime(clock)
 

@@ -93,7 +93,7 @@ class BenchError(Exception):
 
 
 class ConfigError(BenchError):
-    """The bench file, a data file, a record or an option cannot be used as it stands.
+    """The bench file, a data file, a record or an option cannot be used.
 
     >>> vcfbench.dry_run("turntable", settings={"samples": 0})
     Traceback (most recent call last):
@@ -204,7 +204,7 @@ class TransportError(BenchError):
 
 
 class ConnectFailed(TransportError):
-    """Nobody answers at the resource.
+    """The resource does not answer.
 
     >>> try:
     ...     bench.multimeter.check_errors()

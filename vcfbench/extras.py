@@ -1,4 +1,4 @@
-"""Libraries that come with an extra, imported when something is asked for that needs them."""
+"""Optional libraries of an extra, imported at first use."""
 
 from importlib import import_module
 from typing import Any
@@ -7,7 +7,7 @@ from vcfbench.errors import ConfigError
 
 
 def need(module: str, extra: str, what: str) -> Any:
-    """Return the imported `module` of the extra `extra`, which is needed for `what`: ``an export to Parquet``.
+    """Return the imported `module` of the extra `extra`; `what` names its use: ``an export to Parquet``.
 
     Raises:
         ConfigError: it is not installed; the hint says what to type.

@@ -1,4 +1,4 @@
-"""Reads the files that a user names, and nothing that is none: kind, size and depth are bounded here for everybody.
+"""Reads the files that a user names, with limits of kind, size and depth.
 
 A pipe can keep a program waiting for ever, a device has no end, opening a terminal moves its handshake lines. So only
 regular files are opened, no more is read than a file of its kind can need, and TOML may be nested no deeper than
@@ -37,7 +37,7 @@ Keys = tuple[str | int, ...]
 
 @contextmanager
 def failing_as(kind: type[BenchError], words: str) -> Iterator[None]:
-    """Have an OSError end as a `kind`, which says `words` and what the system says."""
+    """Turn an OSError into a `kind` with `words` and the system's reason."""
     try:
         yield
     except OSError as error:
@@ -145,7 +145,7 @@ if sys.platform == "win32":
         return True
 
     def unlock(descriptor: int) -> None:
-        """Let a file go before it is closed."""
+        """Release a file before it is closed."""
         os.lseek(descriptor, _FAR, os.SEEK_SET)
         msvcrt.locking(descriptor, msvcrt.LK_UNLCK, 1)
 
@@ -168,7 +168,7 @@ else:
         return True
 
     def holder_of(descriptor: int) -> int | None:
-        """Return the number of the process that has locked a file, as the system tells it; None where nobody is seen.
+        """Return the number of the process that has locked a file, or None.
 
         Raises:
             OSError: the system does not tell.
@@ -182,12 +182,12 @@ else:
         return None
 
     def unlock(descriptor: int) -> None:
-        """Let a file go before it is closed."""
+        """Release a file before it is closed."""
         fcntl.flock(descriptor, fcntl.LOCK_UN)
 
 
 def synchronise_names(directory: Path | str) -> None:
-    """Have the names in a directory on the disk as well, where the system can do that; those below are others.
+    """Write the names in a directory to the disk too, if the system can; subdirectories are not included.
 
     Raises:
         OSError: the disk failed, or is full.
@@ -211,7 +211,7 @@ _NOT_FOR_FORKS: Final[list[int]] = []
 
 @contextmanager
 def kept_from_forks(descriptor: int) -> Iterator[None]:
-    """Keep `descriptor` from processes that are forked meanwhile: it is this process's alone.
+    """Keep `descriptor` from processes forked in the meantime.
 
     In a forked process the number stands for the null device.
     """
@@ -305,7 +305,7 @@ def _number_expected(value: object) -> str | None:
 
 
 def dotted(keys: Iterable[str | int]) -> str:
-    """Return keys as TOML would have them written."""
+    """Return keys in the notation of TOML."""
     bare = re.compile(r"[A-Za-z0-9_-]+")
     parts = (f"[{key}]" if isinstance(key, int) else f".{key if bare.fullmatch(key) else ascii(key)}" for key in keys)
     return "".join(parts).removeprefix(".")

@@ -119,7 +119,7 @@ Operator = Callable[[Request], str]
 
 
 def nobody(request: Request) -> str:
-    """Refuse: nobody is there to be asked."""
+    """Refuse: this run has no operator."""
     raise PlanError(
         f"a person has to {request.words}, but no operator can be asked",
         hint="at a terminal, or with an operator" + ("" if request.types else "; or say --yes if all is done as asked"),
@@ -203,7 +203,7 @@ class PowersRails(Protocol):
 
 @runtime_checkable
 class SwitchesOutput(Protocol):
-    """An output with a relay, by which it can be switched off.
+    """An output with a relay that can be switched off.
 
     >>> bench.rate_source.disable_output()
     >>> bench.rate_source.output_enabled()
@@ -249,7 +249,7 @@ class SetsSine(SwitchesOutput, Protocol):
 
 @runtime_checkable
 class ReadsVoltage(Protocol):
-    """Reads a DC voltage when it is asked, on one node.
+    """Reads a DC voltage on one node, on request.
 
     >>> bench.multimeter.configure_dc_voltage(range_v=10.0, nplc=10.0)
     >>> f"{bench.multimeter.read_voltage_v():.2f} V"
@@ -265,7 +265,7 @@ class ReadsVoltage(Protocol):
 
 @runtime_checkable
 class ReadsResistance(Protocol):
-    """Reads the resistance between its terminals when it is asked, of something that has no voltage of its own.
+    """Reads the resistance of a part without a voltage of its own, on request.
 
     >>> bench.multimeter.configure_resistance(1e6, nplc=10.0, wires=2)
     >>> resistance_ohm = bench.multimeter.read_resistance_ohm()
@@ -280,7 +280,7 @@ class ReadsResistance(Protocol):
 
 @runtime_checkable
 class BeginsReadings(ReadsVoltage, Protocol):
-    """Reads while another instrument is asked: a reading is begun, and fetched when it is over.
+    """Reads while another instrument is queried: a reading is begun, and fetched when it is over.
 
     >>> bench.multimeter.configure_dc_voltage(10.0, 10.0)
     >>> bench.multimeter.begin_reading()
@@ -314,7 +314,7 @@ class SamplesVoltage(ReadsVoltage, Protocol):
         """Begin to take `samples` readings, one every `interval_s`; return their duration, s.
 
         Range and integration time are those configured; a zero is taken once, before the first. An interval of one
-        integration time leaves no gap between the readings. Nothing may be asked of it until they are taken.
+        integration time leaves no gap between the readings. Send it no message until they are taken.
         """
 
     def sampled_voltages_v(self) -> tuple[float, ...]:
@@ -350,7 +350,7 @@ class CapturesWaveforms(Protocol):
 
 @runtime_checkable
 class AveragesWaveforms(Protocol):
-    """Takes means by itself, of many records or of the samples of one: they have more bits than a sample."""
+    """Takes means of many records, or of the samples of one, which have more bits than a sample."""
 
     def acquire_mean(self, count: int, *channels: int) -> None:
         """Take the mean of `count` records of `channels`, each from its own trigger, and stop."""
@@ -371,7 +371,7 @@ class MeasuresWaveforms(CapturesWaveforms, Protocol):
     """
 
     def measure_frequency_hz(self, channel: int) -> float:
-        """Measure the frequency of the record; raises MeasurementError when there is none."""
+        """Measure the frequency of the record; raises MeasurementError without a signal."""
 
     def measure_amplitude_v(self, channel: int) -> float:
         """Measure half the peak-to-peak voltage of the record, V."""
@@ -413,7 +413,7 @@ class Rotates(Protocol):
         """Ramp to rest, servo kept."""
 
     def fault(self) -> str | None:
-        """Return the latched fault or interlock in words, None when there is none."""
+        """Return the latched fault or interlock in words, or None."""
 
 
 @runtime_checkable
@@ -436,7 +436,7 @@ class ForcesTemperature(Protocol):
         """Read the temperature at the device, degC; None where no sensor is wired."""
 
     def enable_flow(self) -> None:
-        """Let air flow; InterlockError when a fault or an open head forbids it."""
+        """Switch the air on; InterlockError at a fault or an open head."""
 
     def disable_flow(self) -> None:
         """Stop the air."""
@@ -445,7 +445,7 @@ class ForcesTemperature(Protocol):
         """Return True if air flows."""
 
     def fault(self) -> str | None:
-        """Return the fault in words, None when there is none."""
+        """Return the fault in words, or None."""
 
 
 class PowerSupply(Instrument, PowersRails, Protocol):
@@ -493,6 +493,6 @@ class RateTable(Instrument, Rotates, Protocol):
 
 
 def lacking(kind: type, capability: type) -> tuple[str, ...]:
-    """Return the names that `capability`, a protocol of this module or of one's own, asks for and `kind` has not."""
+    """Return the methods of the protocol `capability` that the class `kind` does not have."""
     asked = {name for base in capability.__mro__ for name in vars(base) if not name.startswith("_")}
     return tuple(sorted(name for name in asked if not hasattr(kind, name)))

@@ -35,7 +35,7 @@ HP_MAKERS = ("HEWLETT-PACKARD", "AGILENT", "KEYSIGHT")
 
 
 def bare_model(answered: str) -> str:
-    """Return the model of ``*IDN?`` in capitals, as it is sold and as bench files call it.
+    """Return the model in a reply to ``*IDN?`` in capitals, under its name in bench files.
 
     Keithley puts the word MODEL before it, and Keysight writes DSO-X 3024A for DSOX3024A.
     """
@@ -82,7 +82,7 @@ class Model(Struct, frozen=True):
 
     @property
     def places(self) -> tuple[str, ...]:
-        """The roles, and the place of the second meter for whatever can be the first."""
+        """The roles of the model, with the second meter's for a model that can be a multimeter."""
         also = ("v_vc_meter",) if "multimeter" in self.roles and "v_vc_meter" not in self.roles else ()
         return (*self.roles, *also)
 
@@ -289,7 +289,7 @@ _OWN: Final[tuple[Model | TableLanguage, ...]] = (*MODELS, *LANGUAGES)
 
 
 def resolve(reference: Any) -> Any:
-    """Return the object that ``module:Name`` names; anything but a text is returned as it is."""
+    """Return the object named ``module:Name``; return anything but a text unchanged."""
     if not isinstance(reference, str):
         return reference
     module, _, name = reference.partition(":")
@@ -344,7 +344,7 @@ def languages() -> tuple[str, ...]:
 
 
 def find_model(name: str) -> Model | None:
-    """Return the row of the model `name`, None when there is none.
+    """Return the row of the model `name`, or None.
 
     Raises:
         ConfigError: another package registers it and cannot be loaded.
@@ -353,13 +353,13 @@ def find_model(name: str) -> Model | None:
 
 
 def data_sheet_of(name: str) -> Any:
-    """Return the data sheet of the model `name`, one of :mod:`vcfbench.specifications`; None when there is none."""
+    """Return the data sheet of the model `name`, one of :mod:`vcfbench.specifications`, or None."""
     row = find_model(name)
     return None if row is None else resolve(row.specifications)
 
 
 def find_language(name: str) -> TableLanguage | None:
-    """Return the row of the table language `name`, None when there is none.
+    """Return the row of the table language `name`, or None.
 
     Raises:
         ConfigError: another package registers it and cannot be loaded.
@@ -369,7 +369,7 @@ def find_language(name: str) -> TableLanguage | None:
 
 @cache
 def profile_reader() -> Any:
-    """Return the module of the package that brings table languages told in TOML: `load_profile` and `spoken`.
+    """Return the module of the package with table languages in TOML: `load_profile` and `spoken`.
 
     Raises:
         ConfigError: none is installed.
@@ -380,7 +380,7 @@ def profile_reader() -> Any:
 
 
 def recognised(maker: str, model: str) -> Model | TableLanguage | None:
-    """Return the row of whatever answers ``*IDN?`` with `maker` and `model` first, None when there is none."""
+    """Return the row of the model whose ``*IDN?`` begins with `maker` and `model`, or None."""
     return next((row for row in _every() if row.recognises(maker, model)), None)
 
 

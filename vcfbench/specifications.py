@@ -67,7 +67,7 @@ ROOM_C: Final = (18.0, 28.0)
 
 
 class SupplySpecification(Struct, frozen=True):
-    """Limits of a supply's read-backs, by output: a part of the reading, and volts or amperes beside it.
+    """Limits of a supply's read-backs, by output: a part of the reading, plus volts or amperes.
 
     `limit_sigmas` is how many standard deviations of its specimens a limit is; None: any error within is as likely.
     """
@@ -95,7 +95,7 @@ KEYSIGHT_E36312A: Final = SupplySpecification(
 
 
 class Assumed(Struct, frozen=True):
-    """Assumed value where nobody states a better one: the worst of a class, and the name of that class."""
+    """Assumed value without a statement: the worst of a class, and the name of that class."""
 
     value: float
     unit: str

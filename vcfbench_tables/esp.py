@@ -145,7 +145,7 @@ class EspDialect(TableDialect):
         return replies.boolean(self._ask(line, f"{self.axis}MO?", deadline))
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell from readings of the velocity: ``MD?`` and ``TS`` only say whether it moves."""
+        """Return True by readings of the velocity, because ``MD?`` and ``TS`` only report motion."""
         return self._steady.reached(self.rate_deg_s(line, deadline))
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:

@@ -155,7 +155,7 @@ def text_value(kind: TextType, text: str) -> float:
 
 
 def unwrapped(angle: float, wrap: Wrap) -> float:
-    """Return the angle that is meant by one told with `wrap`, deg."""
+    """Return the angle within one turn for a reported angle that wraps, deg."""
     match wrap:
         case "0..360":
             return angle % 360.0

@@ -131,7 +131,7 @@ class ZaberDialect(TableDialect):
         return Identity("Zaber", f"device {number}", serial, self._setting(line, "version", deadline, axis=0))
 
     def may_come_unasked(self, data: bytes) -> bool:
-        """Alerts may, and late replies, which carry another number; half a line is neither yet."""
+        """Return True for a whole line (an alert or a late reply), False for half a line."""
         return data.endswith((b"\n", b"\r"))
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
@@ -154,7 +154,7 @@ class ZaberDialect(TableDialect):
         self._ask(line, "driver enable", deadline)
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
-        """Stop; there is no other mode."""
+        """Stop; a Zaber stage has no other mode to leave."""
         self._ask(line, "stop", deadline)
 
     def open_servo(self, line: TableLine, deadline: Deadline) -> None:
@@ -172,7 +172,7 @@ class ZaberDialect(TableDialect):
                 least = 1.0 / (self.steps_per_deg * _ACCELERATION)
                 raise LimitError(
                     f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
-                    "can be told, nothing was sent",
+                    "accepts, nothing was sent",
                     **line.where,
                 )
             self._ask(line, f"set accel {units}", deadline)
@@ -187,7 +187,7 @@ class ZaberDialect(TableDialect):
         return replies.boolean(self._setting(line, "driver.enabled", deadline))
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell from readings of the velocity: BUSY and IDLE only say whether it turns."""
+        """Return True by readings of the velocity, because BUSY and IDLE only report motion."""
         return self._steady.reached(self.rate_deg_s(line, deadline))
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:

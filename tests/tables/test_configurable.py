@@ -131,7 +131,7 @@ def test_status_of_bytes_that_comes_unasked_is_not_the_answer() -> None:
         dialect.angle_deg(on, soon(on))
 
 
-def test_stopping_does_not_wait_for_the_line_to_be_in_order() -> None:
+def test_stop_does_not_wait_for_resynchronisation() -> None:
     on = line(("S", "1.5,2.0\r\nOK"), ("R", "1.5,2.0"), ("R", "2.5,0.0"))
     on.dirty = True
     dialect = table()

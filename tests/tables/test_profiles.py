@@ -92,7 +92,7 @@ def test_dd16_loads_a_position() -> None:
     assert messages(table, "goto", values)[0] == bytes.fromhex("DD 01 0B 40 54 89 00 80 84 1E 00 40 42 0F 00 47")
 
 
-def test_dd16_second_axis_has_its_run_code_in_the_fifth_byte() -> None:
+def test_dd16_second_axis_has_run_code_in_fifth_byte() -> None:
     assert messages(dialect("dd16", 2), "start") == [bytes.fromhex("DD 02 10 00 00 00 00 02 00 00 00 00 00 00 00 0F")]
 
 

@@ -87,7 +87,7 @@ def test_zaber_reasons_and_warnings() -> None:
         assert table.fault() is None
 
 
-def test_zaber_late_replies_alerts_and_damage_are_told_from_the_answer() -> None:
+def test_zaber_answer_differs_from_late_alert_and_damaged_replies() -> None:
     exchanges = zaber(*KNOWN, ("get pos", "OK IDLE -- 0"), ("get pos", "OK IDLE -- 0"))
     noise = b"!01 1 IDLE --\r\n#01 0 hello\r\n@01 1 77 OK IDLE -- 999\r\n"
     exchanges[3] = (
@@ -280,7 +280,7 @@ def test_atl_the_agreed_subset() -> None:
         table.stop(20.0)
 
 
-def test_atl_a_prompt_that_stays_away_after_jog_is_made_up_for() -> None:
+def test_atl_missing_prompt_after_jog_is_replaced() -> None:
     said = [
         ("PPO", b"0.0000" + PROMPT),
         ("ACL20", PROMPT),
