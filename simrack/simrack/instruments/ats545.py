@@ -218,7 +218,7 @@ class TemptronicATS545Twin(scpi.ScpiTwin):
         return self._air_c
 
     def sensed_c(self) -> float:
-        """TMPD?: without a sensor, far too much."""
+        """TMPD?: temperature of the sensor at the device; an overrange value without one."""
         return self._device_c() if self.settings.sensor else _NO_SENSOR_C
 
     def temperature_c(self) -> float:

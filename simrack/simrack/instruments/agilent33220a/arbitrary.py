@@ -112,7 +112,7 @@ class ArbitraryMemory:
         self._volatile = tuple(points)
 
     def keep(self, name: str, source: str = "VOLATILE") -> None:
-        """Keep `source`, which can only be the volatile waveform, under `name`."""
+        """Copy the volatile waveform to `name`; `source` must be VOLATILE."""
         if source != "VOLATILE":
             raise ScpiError(784, "Name of source arb waveform for copy must be VOLATILE")
         if name == "VOLATILE":

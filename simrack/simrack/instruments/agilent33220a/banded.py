@@ -66,7 +66,7 @@ class PlayedCycle(Protocol):
         """Swing of the width, None without PWM."""
 
     def at_frequency(self, hertz: float) -> PlayedCycle:
-        """Return the waveform as it would be with nothing but one frequency."""
+        """Return the waveform with one constant frequency."""
 
     def power_means(self, edges_s: Values, powers: Sequence[int], fast_hz: float) -> list[Values]:
         """Return the means of the waveform's powers between each two of the edges; above `fast_hz` those of a cycle."""

@@ -43,7 +43,7 @@ class GeneratorWorld(Protocol):
 
 
 class SimulatedAgilent33220A(scpi.ScpiTwin):
-    """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` tells which noise is its own.
+    """The generator. `interface` is usb, gpib or lan; it has no RS-232. `noise_seed` is the seed of its noise.
 
     `model` is what it calls itself, where it stands for a generator that speaks the same words; `node` is what its
     output is wired to.
@@ -162,7 +162,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         self.update()
 
     def set_frequency(self, frequency_hz: float) -> None:
-        """Set the frequency; HOLD tells whether a pulse keeps its width or its duty cycle."""
+        """Set the frequency; HOLD selects whether a pulse keeps its width or its duty cycle."""
         old = self.state.frequency_hz
         self.state.frequency_hz = frequency_hz
         if self.state.hold == "DCYC":
@@ -201,7 +201,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
         return state.mode in {"BURS", "SWE"} and state.trigger != "IMM" and not gated
 
     def restart(self) -> None:
-        """Begin with bursts or sweeps anew: those of the internal timer now, others with the next trigger."""
+        """Restart bursts or sweeps: those of the internal timer now, others with the next trigger."""
         self._started_s = None if self._triggered() else self.engine.clock.now() + self._delay_s()
         self.update()
 
@@ -212,7 +212,7 @@ class SimulatedAgilent33220A(scpi.ScpiTwin):
     # --- the output ---------------------------------------------------------------------------------------------------
 
     def take_phase_as_reference(self) -> None:
-        """PHASe:REFerence: call the present phase 0; the output stays as it is."""
+        """PHASe:REFerence: set the present phase to 0; the output does not change."""
         self._player.absorb_phase()
         self.update()
 

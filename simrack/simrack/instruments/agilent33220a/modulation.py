@@ -1,4 +1,4 @@
-"""Signals of a 33220A, made of its settings.
+"""Signals of a 33220A from its settings.
 
 Nothing is on its connectors Modulation In and Trig In: external AM is the carrier at half its amplitude, external FM,
 PM, PWM and FSK are the carrier alone, a gate is closed (NORMal) or open (INVerted), external triggers never come.

@@ -40,7 +40,7 @@ _STEP = 0x9E3779B97F4A7C15
 
 
 class NoiseSource(Simple, frozen=True):
-    """offset_v and Gaussian noise of `rms_v`, clipped at its crest."""
+    """Gaussian noise of `rms_v` about offset_v, clipped at its crest."""
 
     offset_v: float
     rms_v: float
@@ -124,7 +124,7 @@ class NoiseSource(Simple, frozen=True):
 
     @property
     def turning(self) -> None:
-        """It has no cycles."""
+        """None: noise has no cycles."""
         return
 
     @property

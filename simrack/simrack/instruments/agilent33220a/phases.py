@@ -336,7 +336,7 @@ where a burst or sweep begins."""
 
 
 def continued(phase: Phase, before: Phase | None, now_s: float) -> Phase:
-    """Return `phase` with the turn that lets it go on from where `before` is; the same one goes on as it was."""
+    """Return `phase` shifted so that it continues `before` without a jump."""
     if before is None:
         return phase
     if replace(before, cycles=phase.cycles) == phase:

@@ -69,7 +69,7 @@ class Acquisition(Protocol):
         """Return, after slices of work, capture and triggers if there is a complete record, else None."""
 
     def force(self) -> None:
-        """Trigger whatever the signal does."""
+        """Trigger at once, independent of the signal."""
 
     def close(self) -> None:
         """Give up."""
@@ -120,7 +120,7 @@ class _Armed:
         self.due_s = 0.0
 
     def force(self) -> None:
-        """Trigger whatever the signal does."""
+        """Trigger at once, independent of the signal."""
         self._forced = True
 
     def close(self) -> None:

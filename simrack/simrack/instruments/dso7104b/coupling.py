@@ -1,4 +1,4 @@
-"""The recent past of the inputs of the DSO7104B, which a blocking capacitor knows."""
+"""The recent past of the inputs of the DSO7104B, for its blocking capacitor."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class ChannelCapture(Protocol):
         """Return the node's volts at absolute times."""
 
     def finest_s(self, node: str) -> float:
-        """Return a time in which the node's voltage bends so little that a cubic tells it; 0 where that is unknown."""
+        """Return a time within which a cubic describes the node's voltage; 0 if unknown."""
 
     def whole(self, start_s: float, stop_s: float) -> bool:
         """Return True if nothing happened between two times that could make a node jump."""
@@ -230,7 +230,7 @@ class Signals:
         return self._blocked(channel, view.node, times_s - view.skew_s) * view.shown_per_real
 
     def finest_s(self, channel: int) -> float:
-        """Return a time in which an input bends so little that a cubic tells it; 0 where that is unknown."""
+        """Return a time within which a cubic describes an input; 0 if unknown."""
         if channel == LINE:
             return 0.05 / (2.0 * math.pi * MAINS_HZ)
         view = self.views.get(channel)

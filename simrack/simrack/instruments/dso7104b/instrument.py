@@ -170,7 +170,7 @@ class SimulatedDso7104B(scpi.ScpiTwin):
             self._show_state()
 
     def next_event_s(self) -> float | None:
-        """Return when the armed acquisition wants to look again, or the protection has seen enough."""
+        """Return the next instant at which the armed acquisition or the input protection acts."""
         armed_s = None if self._acquisition is None or self._searching else self._acquisition.due_s
         judged_s = self.inputs.due_s
         if armed_s is None or judged_s is None:
@@ -191,13 +191,13 @@ class SimulatedDso7104B(scpi.ScpiTwin):
         return self._run_state == "run"
 
     def run(self) -> None:
-        """Run; from outside that looks like a record taken whenever somebody asks for one."""
+        """Run: each query for data takes a record."""
         self._run_state = "run"
         self._disarm()
         self._show_state()
 
     def run_now(self) -> None:
-        """:RUN: the first trigger is looked for at once, so that :TER? can tell of it."""
+        """:RUN: search for the first trigger at once, so that :TER? can report it."""
         self.run()
         self._arm()
 
@@ -303,7 +303,7 @@ class SimulatedDso7104B(scpi.ScpiTwin):
         return partial(self._coupling.past, coupled)
 
     def count(self, channel: int) -> scpi.Pending:
-        """:MEASure:COUNter?: count a channel's edges from now on, whatever the acquisition does."""
+        """:MEASure:COUNter?: count a channel's edges from now on, independent of the acquisition."""
         from simrack.instruments.dso7104b.counter import counted_hz, five_digits, gate_s  # noqa: PLC0415
 
         now, views = self._world.clock.now(), self._views()

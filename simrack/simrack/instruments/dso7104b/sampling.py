@@ -18,7 +18,7 @@ def main_window(state: ScopeSettings) -> Screen:
 
 
 def channel_view(state: ScopeSettings, channel: int, node: str | None, limit_hz: float) -> ChannelView:
-    """Return how `channel` sees its node, None where it hangs free; `limit_hz` is that of the bandwidth limit."""
+    """Return the node as `channel` sees it, with its bandwidth limit `limit_hz`; None for a free channel."""
     own = state.channel[channel]
     return ChannelView(
         node,

@@ -31,7 +31,7 @@ class ShownRecords:
         self._sent: tuple[Record, tuple[Any, ...], Parts] | None = None
 
     def show(self, records: list[Record], *, segmented: bool = False) -> None:
-        """Show these records, the first of them, and forget all others."""
+        """Replace all shown records by these; the first is displayed."""
         self.records, self._segmented = records, segmented
         self._state.acquire.segment = 1
         self.analysed = False
@@ -90,7 +90,7 @@ class ShownRecords:
         return Thresholds() if kind == "STAN" else Thresholds(upper, middle, lower, absolute=kind == "ABS")
 
     def forget_traces(self) -> None:
-        """Measure anew: the definitions have changed."""
+        """Discard the measurements, because their definitions have changed."""
         self._traces.clear()
 
     def sent(self, asked: tuple[Any, ...], parts: Iterator[bytes]) -> Any:

@@ -17,7 +17,7 @@ _LOOK_POINTS = 2001
 
 
 class Terminations:
-    """Which inputs have 50 ohm; the others, 1 Mohm beside 14 pF, count as none.
+    """The inputs with 50 ohm; the others, 1 Mohm parallel to 14 pF, load nothing.
 
     Args:
         world: where the nodes are.

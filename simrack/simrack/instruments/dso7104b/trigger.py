@@ -37,7 +37,7 @@ _SETTLED = 8.0
 
 
 class Comparator(Struct, frozen=True):
-    """High above its upper threshold, low below its lower one, as it was between them."""
+    """High above its upper threshold, low below its lower one, unchanged between them."""
 
     level_v: float
     low_v: float
@@ -168,7 +168,7 @@ class _Follower:
 
 
 def held(heights: NDArray[np.float64], comparator: Comparator, *, high_before: bool = False) -> NDArray[np.bool_]:
-    """Return True if the output is high at each sample: between the thresholds it is as it was."""
+    """Return True if the output is high at each sample; between the thresholds it is unchanged."""
     if comparator.low_v == comparator.high_v:
         return np.asarray(heights >= comparator.high_v)
     above, below = heights >= comparator.high_v, heights < comparator.low_v
@@ -186,7 +186,7 @@ class TriggerSearch:
         self._reached_s: float | None = None
 
     def finding(self, signals: Signals, start_s: float, stop_s: float) -> Generator[None, None, float | None]:
-        """Return, after slices of work, the first trigger in [start_s, stop_s], None if there is none.
+        """Return, after slices of work, the first trigger in [start_s, stop_s], or None.
 
         A stretch that begins where the last one ended carries on; anything else starts anew.
         """

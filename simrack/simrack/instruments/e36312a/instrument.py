@@ -110,7 +110,7 @@ class SimulatedE36312A(SimulatedE3631A):
         super().restore(settings)
 
     def transfer_of(self, name: str) -> None:
-        """Have the triggered levels of an output become its own."""
+        """Make the triggered levels of an output its present ones."""
         self.awaiting.discard(name)
         output = self.outputs[name]
         self.program(name, volts=output.triggered_volts, amps=output.triggered_amps)

@@ -73,7 +73,7 @@ class OutputErrors(Struct, frozen=True):
     """Noise on the output while it is on, Vrms; ripple and noise together are below 0.35 mV and 2 mVpp (p. 186)."""
 
     def ripple(self) -> Ripple:
-        """Return all that is on the output beside its voltage; phases of a specimen follow from that of its ripple."""
+        """Return the ripple and noise on the output; the phases of a simulated unit follow from those of its ripple."""
         phases = random.Random(self.ripple_phase_rad)  # noqa: S311  (noise, not secrets)
         loudness = math.hypot(*(1.0 / order for order in _HARMONICS))
         harmonics = [

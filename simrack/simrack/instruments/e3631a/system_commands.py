@@ -1,4 +1,4 @@
-"""Commands of the E3631A beside its outputs: display, remote and local, memories, status.
+"""Commands of the E3631A for display, remote and local, memories and status.
 
 Source: Keysight E3631A User's Guide E3631-90002, ed. 10, 2018 (p. 96-108, 113-122).
 """

@@ -51,7 +51,7 @@ class CalibrationMemory:
             raise ScpiError(702)
 
     def count_up(self) -> None:
-        """Count a calibrated point."""
+        """Increase the count of calibrated points."""
         self.count = self.count + 1 if self.count < _COUNT_LIMIT else 0
 
 

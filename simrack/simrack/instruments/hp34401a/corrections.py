@@ -23,7 +23,7 @@ class Corrections:
         """Added to the specimen's ac flatness error, at 300 kHz."""
 
     def apply(self, name: str, range_: float, reading: float) -> float:
-        """Return a reading corrected."""
+        """Return the corrected reading."""
         held = self._held.get((name, range_))
         return reading if held is None else (reading - held.offset) * held.gain
 

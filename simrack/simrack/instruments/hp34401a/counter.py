@@ -358,7 +358,7 @@ class _Gate:
 
 
 def exactly(behind: _Behind, event_s: float, step_s: float, threshold_v: float) -> float:
-    """Return when exactly a signal rose, by a closer look at the steps about the event."""
+    """Return the exact instant at which a signal rose, by finer steps about the event."""
     finer = max(step_s / _FINER, min(_FINEST_S, step_s))
     looks = round(4.0 * step_s / finer)
     begun = event_s - 2.0 * step_s

@@ -80,7 +80,7 @@ class OhmsErrors(Struct, frozen=True):
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> OhmsErrors:
-        """Return a specimen; the leads' part is uniform up to its limit."""
+        """Return a drawn unit; the leads' part is uniform up to its limit."""
         return cls(_share(rng), _share(rng), float(rng.uniform(0.0, 0.2)))
 
 

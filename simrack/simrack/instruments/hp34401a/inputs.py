@@ -72,7 +72,7 @@ class MeterReading(Struct, frozen=True):
 
 
 class MeasuringConditions(Struct, frozen=True):
-    """Conditions of a reading beside function and setup.
+    """Conditions of a reading in addition to function and setup.
 
     Args:
         autozero: whether a zero is taken with each reading.

@@ -165,7 +165,7 @@ class SimulatedHp34401A(scpi.ScpiTwin):
             self.engine.report(scpi.ScpiError(705))
 
     def write(self, data: bytes, *, end: bool = False) -> None:
-        """Take bytes; in another language only the way back is understood (the rest is not simulated)."""
+        """Take bytes; in another language only the command back to SCPI is simulated."""
         if self.language != _SCPI and _WAY_BACK.search(data):
             self.language = _SCPI
         elif self.language == _SCPI:
@@ -234,7 +234,7 @@ class SimulatedHp34401A(scpi.ScpiTwin):
     # --- settings -----------------------------------------------------------------------------------------
 
     def choose(self, function: Function) -> None:
-        """Go to `function`; math goes off with a change (-221 when it was on and does not go with it, p. 124)."""
+        """Select `function`; this switches math off (-221 if the function does not allow it, p. 124)."""
         if function is self.function:
             return
         self._turn_to(function)
@@ -263,7 +263,7 @@ class SimulatedHp34401A(scpi.ScpiTwin):
     # --- calibration --------------------------------------------------------------------------------------
 
     def calibrate(self) -> scpi.Pending:
-        """CALibration? (p. 147): adjust the present function and range to the value told before.
+        """CALibration? (p. 147): adjust the present function and range to the given value.
 
         Raises:
             ScpiError: 702 while secured, and what :class:`MeterCalibration` refuses.

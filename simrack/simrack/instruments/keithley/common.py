@@ -78,7 +78,7 @@ def errors_of(sheet: VoltmeterSpecification) -> type[MeterErrors]:
 
 
 class Formula(Struct):
-    """Arithmetic of a function, which its readings go through before anybody gets them."""
+    """Arithmetic of a function, applied to each of its readings."""
 
     on: bool = False
     form: str = "PERC"
@@ -88,7 +88,7 @@ class Formula(Struct):
 
 
 def formula_commands(root: str, path: str, forms: tuple[str, ...], inner: str = "") -> tuple[scpi.Command, ...]:
-    """Declare switch, form and factors below `root`; `inner` stands before the factors."""
+    """Declare switch, form and factors below `root`; `inner` precedes the factors."""
     number = scpi.Number(limits=scpi.Limits(-1e12, 1e12))
     factors = (("MMFactor", "factor"), ("MBFactor", "offset"), ("PERCent", "percent"))
     return (

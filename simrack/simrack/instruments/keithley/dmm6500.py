@@ -222,7 +222,7 @@ class KeithleyDMM6500Twin(trigger_model.ModelledMeter):
     command_set: ClassVar = "SCPI"
 
     def write(self, data: bytes, *, end: bool = False) -> None:
-        """Take bytes; a line of TSP is told at once that it is not understood."""
+        """Take bytes; a line of TSP gets an error at once."""
         if _TSP.match(data):
             data = b"TSP?\n" if b"print" in data else b"TSP\n"
         super().write(data, end=end)

@@ -150,7 +150,7 @@ def date(instant_s: float) -> datetime:
 
 
 def require_buffer(meter: BufferingMeter, buffer: str | None) -> None:
-    """Refuse a buffer that nobody made (-224)."""
+    """Refuse a buffer that does not exist (-224)."""
     if buffer is not None and buffer not in (*_BUFFERS, *meter.made):
         raise scpi.ScpiError(-224)
 

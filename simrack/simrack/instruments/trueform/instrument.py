@@ -156,7 +156,7 @@ class SimulatedTrueform(SimulatedAgilent33220A):
         return replace(source, dc_v=source.dc_v + theirs.offset_v, overtones=sines)
 
     def update(self) -> None:
-        """Put the present output on the World, and have the other channel follow where it is told to."""
+        """Put the present output on the World, and on the other channel if tracking is on."""
         super().update()
         state, other = self.state, self.second if self._first is None else self._first
         if other is None:

@@ -158,19 +158,19 @@ class SimulatedTruevolt(SimulatedHp34401A):
         return self._autozero[name]
 
     def set_autozero(self, name: str, *, on: bool) -> None:
-        """Have a function take a zero with each reading, or not; the ratio does as direct voltage does."""
+        """Set whether a function takes a zero with each reading; the ratio follows DC voltage."""
         self._autozero[name] = on
         if name == "VOLT":
             self._autozero["VOLT:RAT"] = on
 
     def autorange_once(self, name: str) -> None:
-        """Take the range for the signal as it is now, and stay there."""
+        """Select the range for the present signal, and keep it."""
         setup = self.setups[name]
         setup.range = self.inputs.autorange(self.functions[name].voltage_ranged, setup.range)
         setup.auto = False
 
     def shortest_interval_s(self) -> float:
-        """Return the time for which a reading takes at most as it is set up: the least of SAMPle:TIMer."""
+        """Return the longest time of a reading with the present setup: the least of SAMPle:TIMer."""
         setup, function = self.setup, self.function
         window_s = setup.aperture_s if function.gated else self.inputs.aperture_s(setup.nplc) * (1 + self.autozero)
         return self.delay_s() + window_s + function.autorange_s * (setup.auto and bool(function.ranges))

@@ -92,7 +92,7 @@ def test_power_on_replies_to_the_character() -> None:
     assert {query: Socket().ask(query) for query in POWER_ON} == POWER_ON
 
 
-def test_the_built_in_rise_has_the_average_and_the_crest_on_record(box: Socket) -> None:
+def test_built_in_rise_has_recorded_average_and_crest(box: Socket) -> None:
     assert float(box.ask("DATA:ATTR:AVER? EXP_RISE")) == pytest.approx(6.71563e-01, rel=5e-6)
     assert float(box.ask("DATA:ATTR:CFAC? EXP_RISE")) == pytest.approx(2.11199, rel=6e-4)
 
@@ -134,7 +134,7 @@ def test_apply_a_sine_as_the_manual_shows(box: Socket) -> None:
     assert box.errors() == []
 
 
-def test_changing_the_load_changes_what_is_shown_and_not_what_comes_out(box: Socket) -> None:
+def test_load_setting_changes_display_not_output(box: Socket) -> None:
     box.send("VOLT 10;:OUTP ON")
     before = box.sine
     box.send("OUTP:LOAD INF")
@@ -413,7 +413,7 @@ def test_converter_rounds_to_half_step_and_setting_to_half_digit(volts: float) -
 
 
 @pytest.mark.parametrize("ends_v", [(), (0.1, 1.0, 2.0, 5.0, 10.0)])
-def test_a_drawn_specimen_is_within_its_data_sheet_at_every_level(ends_v: tuple[float, ...]) -> None:
+def test_drawn_unit_is_within_data_sheet_at_every_level(ends_v: tuple[float, ...]) -> None:
     furthest = 0.0
     for seed in range(200):
         errors = GeneratorErrors.drawn(np.random.default_rng(seed))
@@ -460,7 +460,7 @@ def test_every_query_answers_in_every_spelling_without_an_error() -> None:
         ("VOLT:UNIT VRMS", "APPL:SIN 1000,MIN", 0.01 / 8**0.5, 0.0),
     ],
 )
-def test_largest_and_smallest_of_apply_are_those_of_what_it_applies(
+def test_apply_limits_are_those_of_its_function(
     box: Socket, setup: str, command: str, amplitude: float, offset: float
 ) -> None:
     box.send(setup)
@@ -532,7 +532,7 @@ def test_what_is_learnt_brings_the_settings_back_without_an_error(box: Socket, s
 
 
 @pytest.mark.parametrize("command", ["*SAV 5", "*RCL 5", "MEM:STAT:DEL 5", "MEM:STAT:NAME 5,TEST", "*SAV -1"])
-def test_a_memory_that_is_not_there_is_refused_and_no_other_touched(command: str) -> None:
+def test_missing_memory_is_refused(command: str) -> None:
     box = Socket()
     box.send("FREQ 2000;*SAV 4;:FREQ 3000")
     box.send(command)

@@ -109,7 +109,7 @@ def test_am_with_every_carrier_and_shape(box: Socket, carrier: str, shape: str) 
     np.testing.assert_allclose(box.volts(times), wanted, atol=1e-8)
 
 
-def test_am_by_a_sine_is_two_sidebands_and_stays_in_closed_form(box: Socket) -> None:
+def test_am_by_sine_has_two_sidebands_in_closed_form(box: Socket) -> None:
     box.send("FREQ 1000;:AM:DEPT 60;INT:FREQ 50;:AM:STAT ON")
     assert isinstance(box.sine, Drive)
     hertz, phasors = lines(box, 0.1, 2000)
@@ -124,7 +124,7 @@ def test_am_from_outside_with_nothing_there_is_half_the_carrier(box: Socket) -> 
     assert box.sine == Drive(0.0, 1.0, 1000.0, 0.0)
 
 
-def test_more_than_the_whole_depth_does_not_go_beyond_the_output(box: Socket) -> None:
+def test_excess_depth_stays_within_output(box: Socket) -> None:
     box.send("VOLT 20;:FREQ 10000;:AM:DEPT 120;INT:FREQ 100;:AM:STAT ON")
     volts = box.volts(np.arange(20000) * 1e-6)
     assert volts.max() == pytest.approx(10.0, abs=1e-3)
@@ -173,7 +173,7 @@ def test_pm_by_a_square_jumps_by_twice_the_deviation(box: Socket) -> None:
     assert turned == pytest.approx(90.0, abs=1e-6)
 
 
-def test_fsk_hops_at_the_internal_rate_without_a_jump_of_phase(box: Socket) -> None:
+def test_fsk_hops_without_jump_of_phase(box: Socket) -> None:
     box.send("FREQ 1000;:FSK:FREQ 300;INT:RATE 10;:FSK:STAT ON")
     times = 2.0 + np.arange(1_000_001) * 2e-7
     volts = box.volts(times)
@@ -251,7 +251,7 @@ def test_a_sweep_begins_again_without_a_jump_of_phase(box: Socket) -> None:
     assert np.abs(np.diff(volts)).max() <= 2 * np.pi * 1000 * 1e-7 * 1.0001
 
 
-def test_a_triggered_sweep_waits_at_its_start_runs_once_and_returns(box: Socket) -> None:
+def test_triggered_sweep_runs_once_and_returns(box: Socket) -> None:
     box.send("FREQ:STAR 1000;STOP 5000;:SWE:TIME 0.2;:TRIG:DEL 5;SOUR BUS;:SWE:STAT ON")  # only bursts are delayed
     assert box.sine.frequency_hz == 1000.0
     begun = box.clock.now()
@@ -298,7 +298,7 @@ def test_between_bursts_it_stands_where_they_begin(box: Socket, function: str, i
 
 
 @pytest.mark.parametrize("polarity", ["NORM", "INV"])
-def test_a_triggered_burst_runs_its_cycles_and_wai_waits_for_it(box: Socket, polarity: str) -> None:
+def test_wai_waits_for_triggered_burst(box: Socket, polarity: str) -> None:
     box.send(f"FREQ 100;:BURS:NCYC 50;:TRIG:SOUR BUS;:OUTP:POL {polarity};:BURS:STAT ON")
     assert box.sine == Drive(0.0)
     start, sign = box.clock.now(), 1.0 if polarity == "NORM" else -1.0
@@ -360,7 +360,7 @@ def test_noise_has_its_rms_a_flat_spectrum_and_9_mhz(box: Socket) -> None:
     assert level_db(8.8e6, 9.2e6) - level_db(0, 1e6) == pytest.approx(-3.0, abs=0.4)
 
 
-def test_noise_is_the_same_for_whoever_looks_and_another_with_another_seed(box: Socket) -> None:
+def test_noise_is_same_for_all_readers_of_one_seed(box: Socket) -> None:
     box.send("FUNC NOIS;:VOLT 2")
     times = np.random.default_rng(0).uniform(0, 1000, 500)
     together = box.volts(times)
@@ -455,7 +455,7 @@ def test_short_period_shortens_edges_first_then_width(box: Socket) -> None:
 @pytest.mark.parametrize(
     "setup", ["TRIG:SOUR BUS", "TRIG:SOUR EXT;:BURS:STAT ON", "TRIG:SOUR BUS;:BURS:MODE GAT;STAT ON", "SWE:STAT ON"]
 )
-def test_a_bus_trigger_that_nothing_waits_for_is_ignored_with_an_error(box: Socket, setup: str) -> None:
+def test_unexpected_bus_trigger_is_ignored_with_error(box: Socket, setup: str) -> None:
     box.send(setup)
     assert box.errors() == []
     box.send("*TRG")

@@ -106,7 +106,7 @@ def test_auto_sweep_triggers_without_a_signal(bench: Bench) -> None:
     assert 0.02 <= bench.clock.now() - start < 0.03
 
 
-def test_single_returns_at_once_and_the_status_tells_when_it_is_done(bench: Bench) -> None:
+def test_single_returns_at_once_and_status_shows_end(bench: Bench) -> None:
     bench.send(":SING")
     assert bench.ask("*OPC?") == "1"
     assert bench.ask(":AER?") == "+1"
@@ -168,9 +168,7 @@ def test_formats_and_byte_orders_say_the_same(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(("form", "kind"), [("BYTE", ">i1"), ("WORD", ">i2")])
-def test_signed_codes_are_counted_from_the_reference_that_the_preamble_tells(
-    bench: Bench, form: str, kind: str
-) -> None:
+def test_signed_codes_count_from_preambles_reference(bench: Bench, form: str, kind: str) -> None:
     bench.send(f":CHAN1:OFFS 0.5;:DIG CHAN1;:WAV:FORM {form}")
     _, volts = waveform(bench)
     bench.send(":WAV:UNS 0")
@@ -213,7 +211,7 @@ def test_means_are_of_a_cycle_where_there_is_one(bench: Bench) -> None:
     assert bench.number(":MEAS:VRMS? CYCL") == 9.9e37
 
 
-def test_a_burst_rests_neither_at_its_top_nor_at_its_base(bench: Bench) -> None:
+def test_burst_has_neither_top_nor_base(bench: Bench) -> None:
     bench.nodes["drive"] = lambda t: np.where(t % 0.01 < 3e-3, 0.5 * np.sin(2 * np.pi * 1000.0 * t), 0.0)
     bench.send(":CHAN1:RANG 2;:TRIG:LEV 0.1;:TIM:RANG 10E-3;:DIG CHAN1")
     assert bench.number(":MEAS:VAMP?") == pytest.approx(1.0, rel=0.02)

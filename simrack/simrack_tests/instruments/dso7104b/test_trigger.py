@@ -84,7 +84,7 @@ def test_an_edge_is_where_the_sine_crosses_the_level(level: float, rising: bool)
     assert bench.scope.shown.record.trigger_s <= armed_s + 0.5e-3 + 1.01 / F  # the first one after half a screen
 
 
-def test_an_edge_narrower_than_the_grid_of_the_search_is_the_first() -> None:
+def test_edge_narrower_than_search_grid_is_found() -> None:
     bench = bench_with(drive=pulses((0.8e-3, 0.8e-3 + 20e-9), (1.1e-3, 1.3e-3)))
     assert triggered(bench) == pytest.approx(0.8e-3, abs=NANOSECOND)
 

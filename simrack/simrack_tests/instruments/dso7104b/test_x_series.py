@@ -24,7 +24,7 @@ def bench_of(model: str) -> Bench:
         ("ACRM", 3, 0.0),
     ],
 )
-def test_the_voltmeter_reads_three_digits_of_what_is_on_the_screen(mode: str, channel: int, expected: float) -> None:
+def test_voltmeter_reads_screen_to_three_digits(mode: str, channel: int, expected: float) -> None:
     bench = bench_of("DSOX3024A")
     bench.send(f":CHAN{channel}:DISP ON;SCAL 0.5;:TIM:SCAL 1E-3;:DVM:SOUR CHAN{channel};MODE {mode}")
     assert bench.ask(":DVM:CURR?") == "+9.900000000000E+37"  # switched off
@@ -83,7 +83,7 @@ def test_a_dso_has_no_digital_channels(header: str) -> None:
         (f"YATX? {0.25 / F:.6e},CHAN1", 1.6),
     ],
 )
-def test_its_own_measurements_count_and_integrate_what_is_on_the_screen(header: str, expected: float) -> None:
+def test_x_series_measurements_count_and_integrate_screen(header: str, expected: float) -> None:
     """Five cycles of a sine from a rising edge to the next but four, 0.1 V above ground."""
     bench = bench_of("MSOX3104T")
     bench.send(f":CHAN1:DISP ON;SCAL 0.5;:TRIG:LEV 0.1;:TIM:REF LEFT;SCAL {0.5 / F}")

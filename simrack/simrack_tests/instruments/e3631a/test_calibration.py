@@ -74,7 +74,7 @@ def test_currents_are_adjusted_into_a_short_circuit() -> None:
     assert float(on.talk.ask("MEAS:CURR?") or "") == pytest.approx(0.5, abs=1e-6)
 
 
-def test_the_other_outputs_keep_their_errors_and_reset_keeps_the_new_constants() -> None:
+def test_calibration_changes_one_output_and_survives_reset() -> None:
     on = unsecured("P25V")
     before = on.supply.outputs["N25V"].errors
     adjust_volts(on, "P25V")

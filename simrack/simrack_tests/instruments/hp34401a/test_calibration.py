@@ -34,7 +34,7 @@ def test_a_round_of_zero_and_gain_makes_the_reading_true() -> None:
     assert made.talk.errors() == []
 
 
-def test_a_zero_is_for_all_ranges_and_a_gain_for_one() -> None:
+def test_zero_calibrates_all_ranges_and_gain_one() -> None:
     made = unsecured(MeterErrors(gain_error=2e-4, offset_v=3e-3))
     made.talk.write("CONF:VOLT:DC 10;:CAL:VAL 0")
     made.world.offset_v = 0.0

@@ -34,7 +34,7 @@ def test_a_sine_of_any_frequency_at_any_gate(frequency_hz: float, gate_s: float)
 
 @settings(max_examples=10, deadline=None)
 @given(st.floats(3.0, 5e3), st.floats(0.0, 1.0), st.sampled_from([0.01, 0.1, 1.0]))
-def test_a_waveform_that_only_tells_its_volts_is_counted_as_well(hertz: float, phase: float, gate_s: float) -> None:
+def test_waveform_without_closed_form_is_counted(hertz: float, phase: float, gate_s: float) -> None:
     made = counter(gate_s=gate_s)
     made.world.play(waveform=lambda times: 0.2 + np.sin(2 * np.pi * (hertz * times + phase)))
     assert made.value() == pytest.approx(hertz, rel=1e-5)
@@ -88,7 +88,7 @@ def test_published_rates(gate_s: float, rate_hz: float) -> None:
     assert 20.0 / (made.duration_s("READ?") - 0.02) == pytest.approx(rate_hz, rel=0.03)
 
 
-def test_a_period_that_is_longer_than_the_gate_is_waited_for() -> None:
+def test_period_longer_than_gate_is_waited_for() -> None:
     made = counter(Sine(1.0, 4.0, 0.0), gate_s=0.01)
     made.talk.write("FREQ:VOLT:RANG 1;:TRIG:DEL 0")
     made.talk.settle()
@@ -151,7 +151,7 @@ def test_a_thousand_specimens_are_within_the_published_accuracy_and_differ(frequ
     assert 0.6 < float(np.mean(np.abs(errors) < spread)) < 0.76  # a normal one has 0.68
 
 
-def test_123_456_khz_reads_within_its_accuracy_on_a_drawn_specimen() -> None:
+def test_123_456_khz_reads_within_accuracy_of_drawn_unit() -> None:
     specimen = MeterErrors.drawn(np.random.default_rng(7))
     reading = counter(Sine(1.0, 123456.0, 0.0), gate_s=1.0, errors=specimen).value()
     assert reading != 123456.0

@@ -460,7 +460,7 @@ def test_rs232_has_scpi_only() -> None:
     assert bench(interface="rs232").talk.refusals("L2") == [-113]
 
 
-def test_a_voltage_that_grows_while_it_is_measured_takes_a_higher_range() -> None:
+def test_growing_voltage_takes_higher_range() -> None:
     ramp = bench()
     ramp.world.slope_v_s = 40.0
     ramp.talk.write("CONF:VOLT:DC")

@@ -66,7 +66,7 @@ def test_a_frequency_is_counted_in_bounded_slices(signal: str, monkeypatch: pyte
         assert float(answer) == pytest.approx(expected_hz, rel=1e-6)
 
 
-def test_a_reading_that_is_offset_is_worked_out_in_slices_too() -> None:
+def test_offset_reading_is_computed_in_slices() -> None:
     said, slices = [], [0, 0]
     for index, offset in enumerate((0.0, 0.5)):
         clock = VirtualClock()
@@ -93,7 +93,7 @@ def test_a_reading_that_is_offset_is_worked_out_in_slices_too() -> None:
     assert slices[0] == slices[1] > 4
 
 
-def test_what_is_worked_out_in_slices_is_dropped_by_a_device_clear() -> None:
+def test_device_clear_drops_sliced_computation() -> None:
     clock = VirtualClock()
     desk = Rack.build(clock)
     meter = desk.devices["multimeter"]

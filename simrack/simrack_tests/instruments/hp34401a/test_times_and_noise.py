@@ -40,7 +40,7 @@ def took_s(configured: str, *, sines: tuple[Sine, ...] = ()) -> float:
 @pytest.mark.parametrize(
     ("function", "delay_s"), [("VOLT:DC 10", None), ("RES 1E3", None), ("RES 1E6", 0.015), ("RES 1E7", 0.1)]
 )
-def test_a_reading_takes_its_integrations_its_delay_and_what_is_beside(
+def test_reading_takes_integration_delay_and_overhead(
     integrated: tuple[float, float, float], autozero: int, function: str, delay_s: float | None
 ) -> None:
     """Integrations over cycles, and what is beside them; delays of p. 81.
@@ -75,7 +75,7 @@ def test_a_range_of_alternating_voltage_is_looked_for_and_changed(volts: float, 
 
 
 @pytest.mark.parametrize("gate_s", [0.01, 0.1, 1.0])
-def test_a_frequency_takes_a_second_its_gate_and_what_is_beside(gate_s: float) -> None:
+def test_frequency_takes_second_gate_and_overhead(gate_s: float) -> None:
     """1, 9.8 and 80 readings a second without the delay (p. 219)."""
     sine = (Sine(1.0, 1e5, 0.0),)
     found = took_s(f"CONF:FREQ;:FREQ:APER {gate_s};:FREQ:VOLT:RANG 1", sines=sine)
@@ -132,9 +132,7 @@ def test_noise_of_a_direct_voltage(
 
 
 @pytest.mark.parametrize("range_v", [1.0, 10.0])
-def test_noise_of_an_alternating_voltage_is_a_part_of_the_range(
-    range_v: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ac_noise_is_part_of_range(range_v: float, monkeypatch: pytest.MonkeyPatch) -> None:
     values = []
     for noise in (0.0, 3e-6):
         made = of_one_sigma(bench(MeterErrors(ac=AcErrors(noise=noise))), monkeypatch)

@@ -63,7 +63,7 @@ def test_more_than_the_memory_holds_comes_through_as_one_message() -> None:
 
 
 @pytest.mark.parametrize("interface", ["gpib", "rs232"])
-def test_what_is_asked_before_and_after_is_in_the_same_message(interface: str) -> None:
+def test_queries_around_trigger_share_message(interface: str) -> None:
     made = fast(interface)
     made.talk.write("SAMP:COUN 600;COUN?;:READ?;:TRIG:COUN?")
     received, end = b"", False
@@ -134,7 +134,7 @@ def test_up_to_the_memory_it_answers_when_it_is_through() -> None:
     assert (made.talk.read() or "").count(",") == 511
 
 
-def test_init_refuses_what_it_cannot_store_but_not_what_it_need_not() -> None:
+def test_init_refuses_more_readings_than_memory() -> None:
     made = fast()
     assert made.talk.refusals("TRIG:COUN INF;:INIT") == [531]
     made.talk.write('DATA:FEED RDG_STORE,"";:INIT')

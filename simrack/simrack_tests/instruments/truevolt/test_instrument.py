@@ -196,7 +196,7 @@ def test_device_clear_ends_an_infinite_wait(kind: type[SimulatedTruevolt]) -> No
     assert bench.talk.ask("*OPC?") == "1"
 
 
-def test_a_line_of_tsp_is_told_at_once_what_is_wrong() -> None:
+def test_tsp_line_gets_error_at_once() -> None:
     talk = Bench(KeithleyDMM6500Twin).talk
     assert talk.ask("print(dmm.measure.read())") == "TSP is not simulated, the command set is SCPI"
     talk.write("dmm.measure.func = dmm.FUNC_DC_VOLTAGE")
