@@ -105,7 +105,7 @@ class TableAxis:
         self._misread: Callable[[str, float], float] | None = None
 
     def misread(self, how: Literal["zero", "stuck", "half", "behind"]) -> Callable[[], None]:
-        """Let rate and angle be read wrongly from now on; return a function that ends it."""
+        """Start wrong read-backs of rate and angle; return a function that ends them."""
         kept = {"rate": self.rate_deg_s(), "angle": self.angle_deg()}
         latest = dict.fromkeys(kept, -math.inf)
         shown = {"rate": 0.0, "angle": kept["angle"]} if how == "zero" else dict(kept)
@@ -216,7 +216,7 @@ class PositionMoves:
 
 
 class ServoAxis(TableAxis):
-    """An axis whose controller knows one acceleration and runs at a commanded rate while its drive is on.
+    """An axis whose controller has one acceleration and runs at a commanded rate while its drive is on.
 
     What shuts it down by itself is in `latched`, by name: those of `INTERLOCKS`, ``over_rate``, ``following_error``,
     ``travel`` and ``stalled``; the last two bring it to rest with its drive on. Interlocks are looked at while the
@@ -390,5 +390,5 @@ class ServoAxis(TableAxis):
         return self.angle_deg() - self._zero_deg
 
     def set_zero(self, position_deg: float = 0.0) -> None:
-        """Let the present angle be `position_deg`."""
+        """Set the present angle to `position_deg`."""
         self._zero_deg = self.angle_deg() - position_deg

@@ -28,7 +28,7 @@ _HOMING_DEG_S = 20.0
 
 
 class Dd16Table(Interlocked, FrameDevice):
-    """The table: power off and nobody connected after switching on."""
+    """The table: power off and no client connected after switching on."""
 
     errors_class: ClassVar = TableErrors
 

@@ -31,7 +31,7 @@ class Interlocked:
         self._watch()
 
     def misread(self, how: Any) -> Callable[[], None]:
-        """Let rate and angle be read wrongly from now on; return a function that ends it."""
+        """Start wrong read-backs of rate and angle; return a function that ends them."""
         return self._axis.misread(how)
 
     def adjustments(self) -> Iterable[Adjustment]:

@@ -88,7 +88,7 @@ def attribute(
 def remembered(
     pattern: str, parameter: Parameter, default: Any, reply: Callable[[Any], str] = str, **row: Any
 ) -> Command:
-    """Declare a setting that changes nothing on this bench: it is kept and told, and ``*RST`` sets `default`."""
+    """Declare a setting without effect on this bench: it is kept and reported, and ``*RST`` sets `default`."""
 
     def write(model: Any, *arguments: Any) -> None:
         *suffixes, value = arguments

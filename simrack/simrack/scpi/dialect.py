@@ -11,7 +11,7 @@ from simrack.scpi.parameters import Limits, Violation, refuse
 
 
 class Interface(Struct, frozen=True):
-    """A connector's personality.
+    """A connector: the end of its messages, and its rules of message exchange.
 
     Args:
         name: as in a constructor's `interface`.
@@ -40,7 +40,7 @@ RS232 = Interface("rs232", b"\r\n", message_exchange=False, break_byte=b"\x03")
 
 
 class Dialect(Struct, frozen=True):
-    """Peculiarities of a model's parser.
+    """Properties of a model's parser.
 
     Args:
         queue_depth: entries of the error queue.

@@ -47,7 +47,7 @@ class ScpiModel(Protocol):
         """Device clear: end the running measurement; settings stay."""
 
     def operations_end_s(self) -> float:
-        """Return when pending operations end, for *OPC, *OPC? and *WAI: -inf when none is, inf when nobody knows."""
+        """Return the end of pending operations, for *OPC, *OPC? and *WAI: -inf without any, inf if unknown."""
 
 
 class ScpiEngine:
@@ -149,7 +149,7 @@ class ScpiEngine:
         return part, True
 
     def answer(self, message: bytes) -> bytes | None:
-        """Return the response to a known question that is answered at once: :meth:`write` and :meth:`read` in one.
+        """Return the response to a query without delay: :meth:`write` and :meth:`read` in one.
 
         None, and nothing has happened, where it takes both; empty where the response is still to be read.
         """
@@ -194,7 +194,7 @@ class ScpiEngine:
         self.model.abort()
 
     def status_byte(self) -> int:
-        """Serial poll."""
+        """Return the status byte, as a serial poll does."""
         self.model.service()
         self._advance()
         return self.status.poll(self.status_now())
@@ -233,7 +233,7 @@ class ScpiEngine:
         return self._labour is not None or (self._pending is not None and self._pending.labour is not None)
 
     def work_out(self, labour: Iterator[object]) -> None:
-        """Have something worked out that the model does by itself: in slices where somebody calls :meth:`work`."""
+        """Start a computation that the model does by itself, in slices if :meth:`work` is called."""
         if self.hand_over is None:
             deque(labour, maxlen=0)
         else:

@@ -1,4 +1,4 @@
-"""From the text of a program message to headers and parameter tokens; knows no command.
+"""From the text of a program message to headers and parameter tokens, without a list of commands.
 
 Text is the message decoded as Latin-1, so that one character is one byte and blocks survive. The error numbers
 are those the HP manuals give in their examples (34401A User's Guide p. 173-178).

@@ -185,7 +185,7 @@ class Number(Parameter, frozen=True, kw_only=True):
         return quantity if self.with_unit else self.rounded(quantity.value)
 
     def rounded(self, value: float) -> float:
-        """Return the number that `value` stands for."""
+        """Return `value` as a number in the steps of the parameter."""
         return value
 
     def bounds(self, model: Any) -> Limits:
@@ -238,7 +238,7 @@ class Number(Parameter, frozen=True, kw_only=True):
 
 
 def nearest(value: float, legal: tuple[float, ...]) -> float:
-    """Return the legal value nearest to `value` by ratio, infinity staying as it is."""
+    """Return the legal value nearest to `value` by ratio; infinity is returned unchanged."""
     if math.isinf(value):
         return value
     return min(legal, key=lambda candidate: abs(math.log(max(abs(value), 1e-300) / candidate)))

@@ -204,7 +204,7 @@ class CommandTable:
         return tuple(steps)
 
     def asked(self, question: str) -> Command | None:
-        """Return the row that answers a question, the first of a message; None where there is none."""
+        """Return the row that answers the first query of a message, or None."""
         unit = next(iter(units(question)))
         try:
             return self._find(unit.mnemonics, unit)[0]

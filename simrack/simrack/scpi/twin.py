@@ -38,7 +38,7 @@ class ScpiTwin:
         self.engine.clear()
 
     def status_byte(self) -> int:
-        """Serial poll."""
+        """Return the status byte, as a serial poll does."""
         return self.engine.status_byte()
 
     def requests_service(self) -> bool:

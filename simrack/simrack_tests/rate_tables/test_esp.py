@@ -162,7 +162,7 @@ def test_wp_holds_up_what_follows_until_the_stage_is_past(host: Host) -> None:
     assert host.ask("1MD?") == "0"
 
 
-def test_what_is_kept_is_told_again_and_limits_what_it_should(host: Host) -> None:
+def test_stored_settings_are_reported_and_limit_motion(host: Host) -> None:
     assert host.ask("1JK?;1QM?;1ZH?") == "1000.0000\r\n1\r\n24H"
     host.ask("1JK250;1VU15;1AU40")
     assert host.ask("1JK?;1VU?;1AU?") == "250.0000\r\n15.0000\r\n40.0000"

@@ -156,7 +156,7 @@ def test_mn_a_dollar_begins_a_message_anew() -> None:
     assert host.ask(b"\x00noise$$" + mn("MNCHK,1")).startswith(b"$ASCHK,OK*")
 
 
-def test_mn_the_other_axes_take_what_they_are_told_and_stand() -> None:
+def test_mn_other_axes_accept_commands_at_rest() -> None:
     host = Host(MnAsTable, axis=1)
     for text in ("MNREM,1", "MNENB,1", "MNMOD,1,1,1", "MNVEL,0,10,20", "MNRUN,1"):
         assert host.ask(mn(text)).startswith(b"$AS" + text[2:5].encode() + b",OK*")
@@ -195,7 +195,7 @@ def test_ruya_golden_run() -> None:
     assert (status(host)[3], host.rate) == ("1", 0.0)
 
 
-def test_ruya_numbers_its_status_and_tells_negative_angles_as_720_more() -> None:
+def test_ruya_numbers_status_and_adds_720_to_negative_angles() -> None:
     host = Host(RuyaTable)
     first, second = status(host), status(host)
     assert int(second[4:6]) == int(first[4:6]) + 1

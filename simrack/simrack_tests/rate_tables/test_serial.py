@@ -138,7 +138,7 @@ def test_a_demand_begins_when_its_last_character_has_come() -> None:
     assert desk.world.table.goal_deg_s() == 50.0
 
 
-def test_what_it_says_unasked_does_not_hold_up_what_it_is_told() -> None:
+def test_unasked_status_does_not_delay_commands() -> None:
     desk = Desk("aaaa")
     for message in START["aaaa"]:
         desk.wait(0.0999)  # the next status is about to be sent

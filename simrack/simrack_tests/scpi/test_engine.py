@@ -101,7 +101,7 @@ def test_a_busy_parser_lets_messages_wait(lamp: Lamp, conversation: Conversation
     assert lamp.level == 2.0
 
 
-def test_only_a_trigger_gets_past_a_parser_that_waits_for_one(lamp: Lamp, conversation: Conversation) -> None:
+def test_waiting_parser_accepts_only_trigger(lamp: Lamp, conversation: Conversation) -> None:
     lamp.write(b"ARM\n")
     lamp.write(b"*TRG\n")
     lamp.write(b"VOLT?\n")
@@ -263,7 +263,7 @@ def test_both_buffers_full_is_a_deadlock() -> None:
     assert talk.ask("VOLT?") == "+4.00000000E+00"
 
 
-def test_after_a_deadlock_the_rest_of_the_message_is_not_answered() -> None:
+def test_rest_of_message_after_deadlock_is_not_answered() -> None:
     talk = deadlocking()
     talk.write("*CLS;" + "VOLT?;" * 60)
     assert not talk.device.status_byte() & 16

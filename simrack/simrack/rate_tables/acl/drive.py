@@ -59,7 +59,7 @@ class AclDrive:
         return abs(self.axis.rate_deg_s()) <= _AT_REST_DEG_S
 
     def close(self) -> None:
-        """Let the servo close after the delay of the power amplifier."""
+        """Close the servo after the delay of the power amplifier."""
         self.locked = False
         self.unservo_bit = 0
         self.closing_at_s = self.clock.now() + _ENABLE_DELAY_S
@@ -88,7 +88,7 @@ class AclDrive:
             self.motion.open_servo()
 
     def abort_ends_s(self) -> float | None:
-        """Return when the ABORT profile ends, None without one."""
+        """Return the end of the ABORT profile, or None."""
         if not self.aborting or self._limits.of("Abort").inhibits:
             return None
         return max(self.motion.complete_s, self.clock.now() + POLL_S)

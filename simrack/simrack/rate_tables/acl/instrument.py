@@ -40,7 +40,7 @@ _TIMING = SerialTiming(baud=9600.0, processing_s=0.002)
 
 
 class AclTable(LineDevice):
-    """The controller with its table. It keeps turning when the host goes silent: ACL knows no host time-out.
+    """The controller with its table, which keeps turning when the host is silent: ACL has no host time-out.
 
     `header` is the prefix of every reply: none, or error code and length as two 32-bit words of either byte order.
     Without a prefix a command is acknowledged by ``OK``, a faulty one by an empty line (both unverified).
@@ -104,7 +104,7 @@ class AclTable(LineDevice):
         self._advance()
 
     def misread(self, how: Any) -> Callable[[], None]:
-        """Let rate and angle be read wrongly from now on; return a function that ends it."""
+        """Start wrong read-backs of rate and angle; return a function that ends them."""
         return self._drive.axis.misread(how)
 
     def adjustments(self) -> Iterable[Adjustment]:

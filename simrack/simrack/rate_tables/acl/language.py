@@ -301,7 +301,7 @@ def _scaled(value: float, weight: float) -> bytes:
 
 
 class StateFormat:
-    """The format in which motion states are told: FLOAT or BINARY."""
+    """The format of motion states: FLOAT or BINARY."""
 
     def __init__(self) -> None:
         self._binary = False

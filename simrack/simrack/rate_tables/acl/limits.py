@@ -100,7 +100,7 @@ class AclLimits:
 
 
 class Demand(Struct):
-    """The demanded states; selecting a mode uses those that it knows, stale or not."""
+    """The demanded states; a selected mode uses its own, stale or not."""
 
     rate_deg_s: float = 0.0
     position_deg: float = 0.0

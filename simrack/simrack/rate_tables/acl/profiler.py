@@ -207,7 +207,7 @@ class Profiler:
         self.follow()
 
     def follow(self) -> None:
-        """Let the profiler act on the demand of the present mode; a limit of zero inhibits every change."""
+        """Apply the demand of the present mode to the profiler; a limit of zero inhibits every change."""
         limits = self.limits
         if not self._drive.follows or limits.inhibits:
             return

@@ -102,7 +102,7 @@ class Protection:
             self._drive.lock()
 
     def due_s(self) -> tuple[float | None, ...]:
-        """Return when to look again, each None if there is nothing to look at."""
+        """Return the next instants to check, each None without one."""
         return self._trip_due_s(), self._held_due_s()
 
     def _check_interlocks(self) -> None:

@@ -9,7 +9,7 @@ from simrack.rate_tables.acl import language
 
 
 class FrontPanel:
-    """ACTIVATE REMOTE, and the two lock-outs that the host may ask for; those are told, and act on nothing here.
+    """ACTIVATE REMOTE, and the two lock-outs of the host; they are reported, and act on nothing here.
 
     What they bar are the other interfaces: front panel, GPIB, reflective memory. None of them is here: the sockets and
     the serial line are one, for a real ACUTROL3000 has RS-232 by way of a converter to TCP (TM-9411).
@@ -79,7 +79,7 @@ class AclStatus:
         self._messages.append(f"0,{words}")
 
     def summarise_interlock(self) -> None:
-        """Set the bit that tells of the interlocks."""
+        """Set the summary bit of the interlocks."""
         self._byte |= _INTERLOCK
 
     def commands(self) -> dict[str, language.Action]:

@@ -68,7 +68,7 @@ def test_the_manuals_own_errors(text: str) -> None:
     assert isinstance(item, BadCommand)
 
 
-def test_semicolon_stays_at_the_level_and_semicolon_colon_goes_to_the_root() -> None:
+def test_semicolon_keeps_level_and_colon_returns_to_root() -> None:
     assert parse_message(":D:R 1,1.1;R 3,45;:Mode:Rate 1;Off 2") == [
         AclRequest("Demand:Rate", query=False, arguments=("1", "1.1")),
         AclRequest("Demand:Rate", query=False, arguments=("3", "45")),
@@ -128,7 +128,7 @@ CUTTABLE = [path for path in FULL_PATHS if not path.startswith("Interface")]
 
 
 @given(path=st.sampled_from(CUTTABLE), cut=st.integers(min_value=3, max_value=12))
-def test_a_mnemonic_cut_to_three_letters_or_more_stays_in_its_subsystem(path: str, cut: int) -> None:
+def test_abbreviated_mnemonic_stays_in_its_subsystem(path: str, cut: int) -> None:
     main, _, sub = path.partition(":")
     text = main[:cut] + (":" + sub[:cut] if sub else "")
     assert one(text).path.split(":")[0] == main
