@@ -1,4 +1,4 @@
-"""The clock of a served bench: bench time stands still while an instrument is asked, and passes in between.
+"""The clock of a served bench: bench time stops while an instrument is queried, and passes in between.
 
 Other programs wait with clocks of their own, so bench time follows the wall clock. It is brought up to date once per
 turn of the server's loop, never in the middle of a command: whatever a command does, it does at one instant.
@@ -18,7 +18,7 @@ SLOWEST, FASTEST = 1e-6, 1e6
 
 
 class ServedClock:
-    """Bench time at `speed` times the wall clock's; it stands at 0 until :meth:`start`.
+    """Bench time at `speed` times the wall clock's; it is 0 until :meth:`start`.
 
     At :data:`MAX_SPEED` it runs like the wall clock, for programs that wait by themselves, and jumps to the end of
     whatever a client waits for. A *lockstep* clock does not run at all: one client says how far it goes, and the
@@ -50,12 +50,12 @@ class ServedClock:
         self._anchor()
 
     def start(self) -> None:
-        """Let time begin: the first client is here. So a run sees the same bench however long that took."""
+        """Start bench time with the first client, so that a run sees the same bench after any wait."""
         self.attended = True
         self.run_ahead()
 
     def run_ahead(self) -> None:
-        """Let time begin though nobody may be here yet."""
+        """Start bench time before the first client."""
         if not self._started:
             self._started = True
             self._anchor()

@@ -102,7 +102,7 @@ class Controlled(Protocol):
         """Put the bench back to its first state."""
 
     def begin_anew(self) -> None:
-        """Put the bench back to its beginning if nobody has been there."""
+        """Reset the bench if no client has used it."""
 
     def stop(self) -> None:
         """End the server."""
@@ -272,7 +272,7 @@ class _Control(Connection):
 
     def _pass_until(self, done: Callable[[], bool], instant_s: float) -> None:
         if not -_LONGEST_S <= _number(instant_s, "an instant") <= _LONGEST_S:
-            raise Refused(f"bench time does not go as far as {instant_s:g} s")
+            raise Refused(f"expected an instant that bench time can reach, got {instant_s:g} s")
         if not self._server.passage.pass_until(done, float(instant_s), _MOST_STEPS):
             raise _NotYet(0.0, "time passes")
 

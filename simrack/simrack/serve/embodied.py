@@ -1,4 +1,4 @@
-"""A device as a server knows it: ends of its messages, pending work, unasked output."""
+"""A device for a server: ends of its messages, pending work, unasked output."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class EmbodiedDevice:
         """Whether it says something unasked, so that a client may wait for it without a word."""
 
     def power(self, *, on: bool) -> None:
-        """Let the instrument take and say something, or nothing at all."""
+        """Set whether the instrument takes and sends messages."""
         if on:
             self._write, self._read, self._answer = self.device.write, self.device.read, answer_of(self.device)
         else:

@@ -43,7 +43,7 @@ def message_sizes(device: Device) -> tuple[Callable[[Bytes], int], Callable[[Byt
 
 
 def empty_messages(device: Device) -> re.Pattern[bytes]:
-    """Return the pattern of empty messages for `device`, which it need not be told of."""
+    """Return the pattern of empty messages for `device`, which are dropped."""
     if isinstance(device, ScpiTwin):
         return _BLANK
     if isinstance(device, LineDevice) and device.terminators:

@@ -80,7 +80,7 @@ class _Channel(Connection):
             self.session.end()
 
     def relieved(self) -> None:
-        """Let the session go on."""
+        """Resume the session."""
         if self.session is not None:
             self.session.instrument.resume(self.session)
 

@@ -76,7 +76,7 @@ class Client:
 
     @property
     def listens(self) -> bool:
-        """True if it takes the instrument's unasked messages."""
+        """True if the client receives the instrument's unasked messages."""
         return self.pushes and not self.blocked
 
     def deliver(self, data: bytes, *, end: bool) -> None:
@@ -136,7 +136,7 @@ class Client:
         """Lose the connection."""
 
     def freeze(self) -> list[socket.socket]:
-        """Serve the connection no more, but leave its sockets open, and return them; a cable stays as it is."""
+        """Stop serving the connection, but leave its sockets open, and return them."""
         return []
 
     def leave(self) -> None:
@@ -192,7 +192,7 @@ class ServedInstrument(EmbodiedDevice):
             self.engine.hand_over = self._hand_over
 
     def replace(self, device: Device) -> None:
-        """Put another specimen in its place: nobody is owed anything; connections and locks stay."""
+        """Replace the instrument by another unit: pending answers are dropped; connections and locks stay."""
         self.waiting.clear()
         self.late.clear()
         self.holder = None
@@ -281,7 +281,7 @@ class ServedInstrument(EmbodiedDevice):
         return data, end
 
     def release(self) -> None:
-        """Have nobody hold the instrument: the response has been fetched."""
+        """Release the instrument: the response has been fetched."""
         if not self.busy:
             self.holder = None
         self.touched()
@@ -331,7 +331,7 @@ class ServedInstrument(EmbodiedDevice):
         return self.engine.working
 
     def clear(self, client: Client) -> None:
-        """Device clear from `client`: whatever runs is ended, and nobody is owed an answer."""
+        """Device clear from `client`: end all operations, and drop all answers."""
         client.partial.clear()
         client.backlog.clear()
         self._lose_turn(client)
@@ -346,7 +346,7 @@ class ServedInstrument(EmbodiedDevice):
         self.touched()
 
     def trigger(self, client: Client) -> None:
-        """Group execute trigger from `client`, whatever runs."""
+        """Group execute trigger from `client`, in any state."""
         if self.engine is not None and self.holder is None:
             self.engine.interface = client.interface
         self.device.trigger()
@@ -396,14 +396,14 @@ class ServedInstrument(EmbodiedDevice):
 
     @property
     def awaited(self) -> bool:
-        """True if somebody waits for the device to go on."""
+        """True if a client waits for the device to go on."""
         if self.waiting or self.late or any(line.awaited for line in self.lines):
             return True
         return self.holder is not None and self.holder.awaits
 
     @property
     def listened_to(self) -> bool:
-        """True if somebody may wait for its unasked messages."""
+        """True if a client may wait for its unasked messages."""
         return self.speaks and any(client.listens for client in self.clients)
 
     def touched(self) -> None:

@@ -67,7 +67,7 @@ class InterruptChannel:
                 self.close()
 
     def close(self) -> None:
-        """End the channel; waiters for its opening are told that it does not open."""
+        """End the channel; waiters for its opening get an error."""
         if self.closed:
             return
         self.closed = True

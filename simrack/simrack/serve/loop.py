@@ -127,7 +127,7 @@ class Loop:
 
     @property
     def running(self) -> bool:
-        """True if nobody has asked it to stop."""
+        """True until the loop is asked to stop."""
         return self._running
 
     def watch(self, fd: int, handler: Callable[[int], None], mask: int = READ) -> None:

@@ -53,7 +53,7 @@ class Control:
             except OSError as error:
                 raise ControlError(f"the control port does not answer ({error})") from error
             except (ValueError, RecursionError, AttributeError) as error:
-                raise ControlError("what answers there is no control port of a served bench") from error
+                raise ControlError("the port answers, but not as the control port of a served bench") from error
         if not reply["ok"]:
             raise ControlError(reply["error"])
         return reply["result"]
@@ -62,7 +62,7 @@ class Control:
         while (end := self._received.find(b"\n")) < 0:
             data = self._socket.recv(_CHUNK)
             if not data:
-                raise ControlError("the server has gone")
+                raise ControlError("the server closed the connection")
             self._received += data
         line, self._received = self._received[:end], self._received[end + 1 :]
         return line

@@ -97,7 +97,7 @@ class ServedFaults:
         on_wire = spoils(fault) or fault.kind in {*CUTTING, *UNREACHABLE, "power_cycle"}
         if on_wire and fault.instrument in self._apart:
             raise ValueError(
-                f"fault: {fault.instrument} is on no wire of its own, {fault.kind!r} is one of its adapter's"
+                f"fault: {fault.instrument} is behind an adapter; give the fault {fault.kind!r} to the adapter"
             )
 
     def _plan(self, fault: Fault) -> None:

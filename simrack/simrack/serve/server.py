@@ -132,7 +132,7 @@ class _Ports:
         if self._next is None:
             return 0
         if self._next > _HIGHEST_PORT:
-            raise ValueError(f"ports: the last is {_HIGHEST_PORT}, and not all instruments have one yet")
+            raise ValueError(f"ports: too few up to {_HIGHEST_PORT} for all instruments; choose a smaller --ports")
         self._next += 1
         return self._next - 1
 
@@ -350,7 +350,7 @@ class BenchServer:
             Refused: whoever made the server has not said how the bench is built.
         """
         if self.bench.rebuild is None:
-            raise Refused("this bench cannot be built anew")
+            raise Refused("this bench cannot be reset")
         first_seed, first_speed = self._first
         self.faults.end()
         self.clock.restart()

@@ -112,7 +112,7 @@ class _Link(Client):
         return part, end
 
     def put_back(self, data: bytes, *, end: bool) -> None:
-        """Keep the bytes behind a termination character."""
+        """Keep the bytes after a termination character for the next read."""
         if self._offset:
             kept, kept_end = self._aside[0]
             self._aside[0] = (kept[self._offset :], kept_end)
@@ -163,7 +163,7 @@ class Vxi11Server:
             connection.close()
 
     def forget(self, connection: _Core) -> None:
-        """Do without a connection that has ended."""
+        """Remove a connection that has ended."""
         self._connections.discard(connection)
 
 

@@ -233,7 +233,7 @@ class Connection:
         raise NotImplementedError
 
     def relieved(self) -> None:
-        """Called when the client has taken everything."""
+        """Called when the client has read all output."""
 
     def gone(self) -> None:
         """Called once the connection has ended."""

@@ -330,7 +330,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return requested_key or "", self._done(session)
 
     def unlock(self, session: VISASession) -> StatusCode:
-        """Give a lock back, the exclusive one first."""
+        """Release a lock, the exclusive one first."""
         place = self._session(session).place
         if place.owner == session:
             place.owner = None
@@ -432,7 +432,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def uninstall_handler(
         self, session: VISASession, event_type: constants.EventType, handler: Any, user_handle: Any = None
     ) -> StatusCode:
-        """Have `handler` called no more."""
+        """Remove `handler`."""
         self._announcements(session, event_type).handlers.remove((handler, user_handle))
         return self._done(session)
 

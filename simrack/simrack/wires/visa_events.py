@@ -52,7 +52,7 @@ class Announcements:
             Thread(target=self._keep_looking, name="service requests", daemon=True).start()
 
     def disable(self, mechanism: int) -> None:
-        """Announce no more by a mechanism."""
+        """Stop announcing events by a mechanism."""
         self.mechanisms &= ~mechanism
         if not self.mechanisms and self in self._opened.bench.announced:
             self._opened.bench.announced.remove(self)

@@ -71,7 +71,7 @@ def test_a_new_speed_holds_from_now_on(wall: HandWound) -> None:
     assert clock.reached() == 103.0
 
 
-def test_while_paused_no_time_passes_and_none_is_made_up_for(wall: HandWound) -> None:
+def test_paused_time_is_not_made_up(wall: HandWound) -> None:
     clock = ServedClock(1.0, wall)
     clock.start()
     clock.paused = True

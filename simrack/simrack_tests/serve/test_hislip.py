@@ -247,7 +247,7 @@ def test_a_shared_lock_is_shared_by_key(served: Served) -> None:
         assert third.message(third.later)[:2] == (5, 1)
 
 
-def test_who_shares_a_lock_may_take_it_alone_for_a_while(served: Served) -> None:
+def test_holder_of_shared_lock_may_take_exclusive_lock(served: Served) -> None:
     with sessions(served, 2) as (first, second):
         for each in (first, second):
             each.open()
@@ -277,7 +277,7 @@ def test_a_lock_is_waited_for(served: Served) -> None:
         assert second.message(second.later)[:2] == (5, 1)
 
 
-def test_a_line_of_a_megabyte_is_refused_as_on_every_wire(served: Served, visa: Any) -> None:
+def test_line_of_a_megabyte_is_refused(served: Served, visa: Any) -> None:
     visa.write("LEV " + "1" * 1_000_000)
     assert int(visa.query("SYST:ERR?").split(",")[0]) == served.lamp.engine.dialect.input_overflow
     assert visa.query("SYST:ERR?").startswith("+0")

@@ -52,7 +52,7 @@ def test_it_says_what_idn_says_and_where_the_instrument_answers(served: Served) 
     assert places == [served.resource("tcp"), served.resource("hislip")]  # the serial line is no place on a network
 
 
-def test_other_pages_are_not_there_and_a_head_has_no_body(served: Served) -> None:
+def test_other_pages_are_missing_and_head_has_no_body(served: Served) -> None:
     assert asked(served, "GET", "/")[0] == 404
     assert asked(served, "HEAD", f"{PATH}/") == (200, "text/xml", b"")
 

@@ -120,7 +120,7 @@ def test_half_open_connections_end_with_the_server() -> None:
     wire.close()
 
 
-def test_an_instrument_that_was_switched_off_comes_back_as_switched_on(both: tuple[Served, Control]) -> None:
+def test_switched_off_instrument_restarts_with_power_on_state(both: tuple[Served, Control]) -> None:
     served, control = both
     with wires(served) as (wire,):
         wire.ask(b"*CLS;*SRE 4;*ESE 60;LEV 5;LEV?;NONSENSE\n")

@@ -218,7 +218,7 @@ def test_at_max_time_jumps_to_what_is_waited_for() -> None:
         assert float(wire.ask(b"TIME?\n")) >= 100.0
 
 
-def test_what_an_instrument_does_by_itself_happens_at_its_instant_unasked() -> None:
+def test_instrument_acts_at_its_instant_unasked() -> None:
     with served_lamp(speed=50.0) as served, wires(served) as (wire,):
         start = float(wire.ask(b"TIME?;DIM 1\n"))
         eventually(lambda: bool(served.lamp.dimmed_at_s))
@@ -247,7 +247,7 @@ def test_a_flood_of_empty_lines_is_no_work(served: Served, wire: Wire, monkeypat
     assert executed == [b"*IDN?\n"]
 
 
-def test_what_comes_at_once_is_dealt_with_in_order_and_in_parts(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_simultaneous_input_is_processed_in_order_and_parts(wire: Wire, monkeypatch: pytest.MonkeyPatch) -> None:
     most: list[int] = []
     taken = TcpStream.take
 

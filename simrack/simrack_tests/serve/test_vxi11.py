@@ -319,7 +319,7 @@ def test_an_unread_answer_survives_what_others_ask(served: Served) -> None:
         assert first.read(one) == (0, 4, b"+2.00000000E+00\n")
 
 
-def test_an_answer_put_aside_is_lost_to_its_owners_next_message(served: Served) -> None:
+def test_unread_answer_is_lost_to_next_message(served: Served) -> None:
     with callers(served.port("vxi11"), 2) as (first, second):
         one, two = first.link()[1], second.link()[1]
         first.write(one, b"LEV?")
@@ -464,7 +464,7 @@ def test_service_is_requested_when_the_answer_is_there(interrupted: Interrupted)
         assert caller.read(link, io_ms=0)[2] == b"+0.00000000E+00\n"
 
 
-def test_every_link_that_asked_for_it_is_told_and_no_other(served: Served, interrupted: Interrupted) -> None:
+def test_only_subscribed_links_get_service_request(served: Served, interrupted: Interrupted) -> None:
     with callers(served.port("vxi11"), 2) as (interrupted_client, other):
         first, second, third = (interrupted_client.link()[1] for _ in range(3))
         interrupted_client.interrupts(interrupted.port)
@@ -533,7 +533,7 @@ def test_more_than_was_announced_is_refused(caller: Caller) -> None:
     assert caller.write(link, b"LEV 1" + b" " * (most - 5), flags=0) == (0, most)
 
 
-def test_a_line_of_a_megabyte_is_refused_as_on_every_wire(served: Served, visa: Any) -> None:
+def test_line_of_a_megabyte_is_refused(served: Served, visa: Any) -> None:
     visa.write("LEV " + "1" * 1_000_000)
     assert int(visa.query("SYST:ERR?").split(",")[0]) == served.lamp.engine.dialect.input_overflow
     assert visa.query("SYST:ERR?").startswith("+0")
