@@ -1,4 +1,4 @@
-"""The command ``simrack``; the version is told before anything is loaded."""
+"""The command ``simrack``; ``--version`` prints before other modules are loaded."""
 
 import sys
 

@@ -139,10 +139,10 @@ def require_possible(device: Any, fault: Fault) -> None:
     """Raise ValueError if `device`, the instrument of `fault`, cannot suffer it."""
     needed = _ON_THE_BENCH.get(fault.kind, ("write",))[0]
     if not hasattr(device, needed) or (fault.kind == "error" and not isinstance(device, ScpiTwin)):
-        raise ValueError(f"{fault.instrument} knows no {fault.kind!r}")
+        raise ValueError(f"{fault.instrument} does not have the fault {fault.kind!r}")
 
 
 def begin_on_bench(device: Any, fault: Fault) -> Callable[[], None]:
-    """Let a fault of the bench begin at `device`; return its end. Faults of a wire change nothing there."""
+    """Begin a fault of the bench at `device`; return its end. Faults of a wire change nothing there."""
     begin = _ON_THE_BENCH.get(fault.kind)
     return (lambda: None) if begin is None else begin[1](device, fault)

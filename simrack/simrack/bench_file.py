@@ -61,7 +61,7 @@ def planned(words: Iterable[str]) -> Plan:
     if not files:
         return plan_of(listed)
     if len(listed) > 1:
-        raise ValueError(f"{files[0]} says all that is on the bench, got {', '.join(listed)}")
+        raise ValueError(f"{files[0]} describes the whole bench; remove the other arguments: {', '.join(listed)}")
     return plan_in(Path(files[0]))
 
 

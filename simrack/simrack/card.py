@@ -1,4 +1,4 @@
-"""Conformance card of a model: which commands it knows of its manual's and of the standards', and where from.
+"""Conformance card of a model: its commands against its manual and the standards, with the sources.
 
 Made of its command table, of the docstring that names its sources, and of the headers of its manual or, where that was
 not at hand, of drivers and notes (`simrack/manuals`; the card says which). A header that a model does not know is
@@ -33,7 +33,7 @@ _OTHERS = "this model has not, unknown headers here as there"
 
 
 class Index(Struct, frozen=True):
-    """The headers of a list, those that a model knows and the others, and where the list is from."""
+    """The headers of a list, known and unknown to a model, and the source of the list."""
 
     source: str
     known: tuple[str, ...]
@@ -76,7 +76,7 @@ def compared(table: CommandTable, headers: tuple[str, ...], source: str) -> Inde
 
 
 def of_manual(model: SimulatedModel) -> Index:
-    """Return which headers of its list a model knows.
+    """Return the headers of the manual's list that a model knows.
 
     In a file of `manuals` the number of drivers stands behind a tab, and behind another which models have not the
     header, * for all, and why: `34461A: a 34465A has it`.

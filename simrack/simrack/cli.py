@@ -118,7 +118,7 @@ def card(
         str | None, typer.Argument(metavar="[MODEL]", help="As on the box; without, all in a table.")
     ] = None,
 ) -> None:
-    """Show the commands of its manual and of the standards that a model knows, the sources, and unverified points."""
+    """Show the known commands of a model's manual and of the standards, the sources, and unverified points."""
     try:
         typer.echo(cards.overview() if model is None else cards.card(model_named(model).name))
     except ValueError as error:

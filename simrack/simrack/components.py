@@ -59,7 +59,7 @@ class Component(Protocol):
 
     @property
     def finest_s(self) -> float:
-        """A time within which it does nothing that its mean does not tell."""
+        """A time within which the component is described by its mean."""
 
     def preparing(self, path: Path) -> Iterator[None]:
         """Work out, slice by slice, the common parts of all stretches behind a path."""
@@ -174,7 +174,7 @@ class Scaled(Struct, frozen=True):
         return np.asarray(self.factor * self.component.means(edges_s))
 
     def powers(self, edges_s: Values, path: Path) -> tuple[Values, Values]:
-        """Return its means, and the means of its square behind the path."""
+        """Return means of the path's output, and means of its square."""
         means, squares = self.component.powers(edges_s, path)
         return np.asarray(self.factor * means), np.asarray(self.factor**2 * squares)
 
@@ -184,7 +184,7 @@ class Scaled(Struct, frozen=True):
 
 
 class Sampled(Simple, frozen=True):
-    """A node of the PCB, which tells its volts at any instant and is slow: no path does anything to it.
+    """A node whose voltage is a slow function of time, so that paths do not change it.
 
     Args:
         at: volts at bench times.
@@ -222,7 +222,7 @@ class Sampled(Simple, frozen=True):
         return volts, volts**2
 
     def peak_v(self, path: Path) -> float:
-        """Return 0: its samples tell."""
+        """Return 0: the samples give the peak."""
         del path
         return 0.0
 

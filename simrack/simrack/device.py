@@ -1,4 +1,4 @@
-"""The seam between a simulated instrument and whatever carries its bytes.
+"""The interface between a simulated instrument and the wire that carries its bytes.
 
 The VISA backend, the pyserial URL handler, TCP servers and ptys are all thin loops around a `Device`.
 """
@@ -18,7 +18,7 @@ class Device(Protocol):
         """Return at most `limit` output bytes that are ready now, and True if END comes with the last of them."""
 
     def wake_at(self) -> float | None:
-        """Return the bench time of the next thing that happens by itself, None when nothing is under way.
+        """Return the bench time of the next event without a message, or None.
 
         A transport that found nothing to read waits until then (or its own time-out) and reads again.
         """

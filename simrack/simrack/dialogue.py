@@ -143,7 +143,7 @@ class DialogueDevice(LineDevice):
         self, world: World, said: Mapping[str, Any], interface: str, ids: Mapping[str, list[str]] | None = None
     ) -> None:
         if "bases" in said:
-            raise ValueError("bases: pyvisa-sim itself does not read them")
+            raise ValueError("bases: expected no such key; write the definition out in the file")
         ends = said.get("eom", {}).get(interface, {"q": "\n", "r": "\n"})
         super().__init__(world, _TIMING, terminators=_text(ends, "q").encode(), longest=_LONGEST)
         self._end, self._delimiter = _text(ends, "r"), said.get("delimiter", ";")

@@ -134,7 +134,7 @@ class Fault(Struct, frozen=True):
         if self.kind not in get_args(Kind):
             raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {self.kind!r}")
         if self.count is not None and not (self.kind in _SPOILERS and self.count > 0):
-            raise ValueError("a count is of answers, above 0, of a fault that spoils them")
+            raise ValueError("count: expected a number of damaged answers above 0, for a fault that damages answers")
         if not self.load_ohm > 0:
             raise ValueError(f"a load has more than 0 ohm, not {self.load_ohm}")
         for name in ("at_s", "duration_s", "delay_s", "number", "offset", "drift_s"):
@@ -163,7 +163,7 @@ class FaultScript(Struct, frozen=True):
 
 
 def script_of(table: Mapping[str, Any]) -> FaultScript:
-    """Return the script that a table ``seed = 3``, ``[[fault]]`` describes; ValueError says which entry is none."""
+    """Return the script of a table ``seed = 3``, ``[[fault]]``; ValueError names a wrong entry."""
     seed, entries = table.get("seed", 0), table.get("fault", [])
     if set(table) - {"seed", "fault"} or type(seed) is not int or not isinstance(entries, list):
         raise ValueError("expected only seed and [[fault]]")
@@ -182,7 +182,7 @@ def _fault(entry: Any, number: int) -> Fault:
 
 
 def fault_from(values: Mapping[str, Any]) -> Fault:
-    """Return the fault of which somebody gave the fields by name; raises ValueError if one is missing or wrong."""
+    """Return the fault with the given fields; raises ValueError if one is missing or wrong."""
     if unknown := set(values) - set(Fault.__struct_fields__):
         raise ValueError(f"a fault has no {min(unknown)!r}")
     if values.get("kind") not in get_args(Kind):
@@ -204,7 +204,7 @@ class Ongoing(Struct, eq=False):
 
     @property
     def over(self) -> bool:
-        """True if it has spoiled as many answers as it was to."""
+        """True after the last damaged answer."""
         return self.left == 0
 
 

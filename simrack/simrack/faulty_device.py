@@ -38,7 +38,7 @@ class FaultyDevice:
         return getattr(self.device, name)
 
     def add(self, fault: Fault) -> None:
-        """Let `fault` happen at its time, now if that has passed.
+        """Start `fault` at its time, or now if that has passed.
 
         Raises:
             ValueError: the instrument cannot suffer it.
@@ -183,7 +183,7 @@ class FaultyDevice:
 
 
 class FaultInjector:
-    """The instruments of a bench, and their faults; `devices` stand in for those that it was made of."""
+    """The instruments of a bench, and their faults; `devices` replace the original ones."""
 
     def __init__(self, devices: Mapping[str, Device], clock: Clock, seed: int = 0) -> None:
         self._clock = clock
@@ -193,7 +193,7 @@ class FaultInjector:
         }
 
     def add(self, *faults: Fault) -> None:
-        """Let `faults` happen at their times.
+        """Start `faults` at their times.
 
         Raises:
             ValueError: the bench has no such instrument, or the instrument cannot suffer that.
@@ -202,7 +202,7 @@ class FaultInjector:
             self._device(fault.instrument).add(fault)
 
     def play(self, script: FaultScript) -> None:
-        """Let everything in `script` happen, its noise from its seed; errors as of :meth:`add`."""
+        """Start all faults of `script`, with noise from its seed; errors as of :meth:`add`."""
         for role, device in self.devices.items():
             device._noise.seed(f"{script.seed}/{role}")  # noqa: SLF001  # its own
         self.add(*script.faults)

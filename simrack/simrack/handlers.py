@@ -12,7 +12,7 @@ class Handlers(dict[Any, str]):
     """Names of a class's methods by key: ``@COMMANDS.of("JOG")`` stands on a method."""
 
     def of(self, *keys: Any) -> Callable[[_Method], _Method]:
-        """Have the method below handle `keys`."""
+        """Register the method below for `keys`."""
 
         def keep(method: _Method) -> _Method:
             self.update(dict.fromkeys(keys, method.__name__))

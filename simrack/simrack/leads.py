@@ -80,7 +80,7 @@ class _LeadCapture:
         return volts if lead.pick_up is None else volts + lead.pick_up.at(times_s)
 
     def finest_s(self, node: str) -> float:
-        """Return a time in which the voltage at input `node` bends so little that a cubic tells it."""
+        """Return a time within which a cubic describes the voltage at input `node`."""
         lead = self._leads[node]
         return math.inf if lead.node is None else self._capture.finest_s(lead.node)
 

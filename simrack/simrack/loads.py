@@ -12,7 +12,7 @@ from simrack.sources import Approach, Drive, Played
 
 
 class NodeLoads:
-    """The resistances that hang on the nodes, each put there by somebody.
+    """The added resistances from nodes to ground.
 
     Args:
         sources_ohm: resistance of each of the nodes that are outputs of a device.
@@ -44,7 +44,7 @@ class NodeLoads:
         self.shares = {node: 1.0 / (1.0 + own[node] * self.conductance_s(node)) for node in loaded if node in own}
 
     def ohm_of(self, who: Hashable) -> float:
-        """Return the resistance that somebody has put there, ohm; inf is none."""
+        """Return the added resistance, ohm; inf without one."""
         return self._loads[who][1] if who in self._loads else math.inf
 
     def conductance_s(self, node: str) -> float:
@@ -52,7 +52,7 @@ class NodeLoads:
         return self._conductances_s.get(node, 0.0)
 
     def presented_ohm(self, node: str, own_ohm: float | None = None) -> float:
-        """Return the resistance that `node` presents: its own beside the loads; a rail has none."""
+        """Return the resistance of `node`: its own parallel to the loads; a rail has none."""
         own = self._sources_ohm.get(node, 0.0) if own_ohm is None else own_ohm
         return own / (1.0 + own * self.conductance_s(node))
 
@@ -82,19 +82,19 @@ class Loaded(Observed):
 
     @abstractmethod
     def move_rail(self, rail: str, approach: Approach) -> None:
-        """Let the voltage on a supply pin go its way from now on, signed."""
+        """Change the voltage on a supply pin along a given course from now on, signed."""
 
     def set_rail(self, rail: str, voltage_v: float) -> None:
         """Put a voltage on a supply pin from now on, signed: "positive" +10 V, "negative" -10 V."""
         self.move_rail(rail, Approach(voltage_v))
 
     def load_ohm(self, rail: str) -> float:
-        """Return the load on `rail` beside the device, ohm; inf is none."""
+        """Return the load on `rail` parallel to the device, ohm; inf without one."""
         self._require(rail, self.rails)
         return self._loads.ohm_of((Loaded, rail))
 
     def set_load(self, rail: str, resistance_ohm: float) -> None:
-        """Put a load on `rail` beside the device, a fault for instance; inf takes it off.
+        """Put a load on `rail` parallel to the device, a fault for instance; inf removes it.
 
         Raises:
             ValueError: it is not above 0 ohm.
@@ -118,5 +118,5 @@ class Loaded(Observed):
             regulate()
 
     def on_load(self, regulate: Callable[[], None]) -> None:
-        """Have `regulate` called after each change of a load: a supply finds its working point anew at once."""
+        """Call `regulate` after each change of a load, so that a supply finds its new working point at once."""
         self._on_load.append(regulate)

@@ -1,4 +1,4 @@
-"""Mechanics of a rate table: motion of its shaft beside its controller's commands."""
+"""Mechanics of a rate table: motion of its shaft without its controller."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class SimulatedModel(Struct, frozen=True):
         name: what is on the box; of a rate table its language.
         kind: what it is.
         twin: its class, or what makes it, below `simrack`.
-        wires: what it is served on beside PyVISA in one's own process, TCP as labs have it on converters.
+        wires: what it is served on in addition to PyVISA in its own process, TCP as labs have it on converters.
         index: file in `simrack/manuals` with the headers of its manual or, where that was not at hand, of drivers and
             notes, as its first line says; and how many drivers use one. Empty of what has no list.
         text: the module whose docstring says from which sources it is written, and what is unverified; `instrument`
@@ -115,7 +115,7 @@ MODELS: Final[Mapping[str, SimulatedModel]] = {name: model for name, model in RA
 
 
 def model_named(name: str, own: Mapping[str, SimulatedModel] = MappingProxyType({})) -> SimulatedModel:
-    """Return a model of the rack or of somebody's own, whatever case its name is written in.
+    """Return a built-in or a custom model, by its name in any case.
 
     Raises:
         ValueError: there is none.
@@ -123,5 +123,5 @@ def model_named(name: str, own: Mapping[str, SimulatedModel] = MappingProxyType(
     known = {**RACK, **own}
     found = next((model for each, model in known.items() if each.upper() == name.upper()), None)
     if found is None:
-        raise ValueError(f"there is no model {name!r}, only {', '.join(known)}")
+        raise ValueError(f"unknown model {name!r}; expected one of {', '.join(known)}")
     return found

@@ -197,7 +197,7 @@ class TableMotion:
         return self._servo_closed
 
     def add_ripple(self, *ripples: RateRipple) -> None:
-        """Let the table have more ripple, of its motor, from the next command on."""
+        """Add ripple of the motor to the table, from the next command on."""
         self._ripples += ripples
 
     def demand_rate(self, rate_deg_s: float, acceleration_deg_s2: float, jerk_deg_s3: float = math.inf) -> None:
@@ -208,7 +208,7 @@ class TableMotion:
             ValueError: acceleration or jerk is not positive.
         """
         if not self._servo_closed:
-            raise RuntimeError("the servo is open: the table takes no rate demand")
+            raise RuntimeError("the servo is open: close it before you set a rate")
         if not min(acceleration_deg_s2, jerk_deg_s3) > 0:
             raise ValueError("acceleration and jerk must be positive")
         self._before_change()

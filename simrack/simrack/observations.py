@@ -74,7 +74,7 @@ class Capture:
         return volts
 
     def finest_s(self, node: str) -> float:
-        """Return a time in which a node's voltage bends so little that a cubic tells it, but where it jumps."""
+        """Return a time within which a cubic describes a node's voltage, except at jumps."""
         return min((each.finest_s(node) for each in self._stretches), default=math.inf)
 
     def fed(self, node: str) -> bool:
@@ -123,7 +123,7 @@ class Recording(Capture):
     def _require_over(self, times_s: NDArray[np.float64]) -> None:
         self._world.advance()
         if self._open and times_s.size and self._world.reached_s < times_s.max():
-            raise RuntimeError("the recording has not come so far yet")
+            raise RuntimeError("the recording has not reached this instant")
 
 
 class Observed(ABC):
@@ -223,7 +223,7 @@ class Observed(ABC):
                 bisect.insort(self._edges_s, edge)
 
     def dismiss(self, observer: Recording | Trace) -> None:
-        """Let go of an observer that would otherwise look on for ever."""
+        """Remove an observer."""
         if observer in self._observers:
             self._observers.remove(observer)
 

@@ -1,4 +1,4 @@
-"""An instrument of one's own: settings and functions of a class, and the common commands of every instrument.
+"""A custom instrument: settings and functions of a class, and the common commands of every instrument.
 
 By itself it has ``*IDN?``, the error queue, status registers, ``*RST``, ``*SAV`` and ``*RCL`` of ten memories,
 ``*OPC``, ``MIN``, ``MAX`` and ``DEF`` of numbers, units with their prefixes, and all wires. See `docs/own.md`.
@@ -140,7 +140,7 @@ def _kind(
 def query(
     header: str, *parameters: Parameter, takes_s: float = 0.0, reply: Callable[[Any], str] | None = None, **more: Any
 ) -> Callable[[_Function], _Function]:
-    """Let the method below answer a question; other arguments are those of :class:`~simrack.scpi.Command`.
+    """Make the method below answer a query; other arguments are those of :class:`~simrack.scpi.Command`.
 
     It gets the numbers in the header and the parameters, and returns the answer: a text, a number, true or false, or
     several in a list; a float has nine digits.
@@ -151,7 +151,7 @@ def query(
 
 
 def command(header: str, *parameters: Parameter, **more: Any) -> Callable[[_Function], _Function]:
-    """Let the method below be a command; arguments are those of :class:`~simrack.scpi.Command`.
+    """Make the method below a command; arguments are those of :class:`~simrack.scpi.Command`.
 
     It gets the numbers in the header and the parameters, and may raise :class:`~simrack.scpi.ScpiError`.
     """
@@ -204,7 +204,7 @@ def _usual(value: Any) -> Any:
 
 
 class Terminals:
-    """What is of one's own on a bench: a clock, inputs, outputs.
+    """Terminals of a custom instrument: a clock, inputs, outputs.
 
     Args:
         world: what it looks at.
@@ -234,7 +234,7 @@ class Terminals:
 
 
 class OwnBox(Terminals, LineDevice):
-    """Base of a box of one's own that speaks no SCPI: lines, binary frames, or what it says by itself.
+    """Base of a custom instrument without SCPI: lines, binary frames, or unasked messages.
 
     A subclass overrides :meth:`answer`, :meth:`says`, or both; one with frames :meth:`frame_size` too.
     """
@@ -256,7 +256,7 @@ class OwnBox(Terminals, LineDevice):
         self._due_s = self.clock.now() + self.every_s
 
     def answer(self, message: bytes) -> bytes | None:
-        """Return the answer to a message without its end, as it is sent; None for none."""
+        """Return the answer to a message without its end, in bytes; None for no answer."""
         del message
         return None
 
@@ -265,7 +265,7 @@ class OwnBox(Terminals, LineDevice):
         return None
 
     def frame_size(self, begun: bytes) -> int:
-        """Return the length of the frame that `begun` begins with, 0 while it cannot be told, 1 for a stray byte."""
+        """Return the length of the frame that `begun` begins with, 0 while unknown, 1 for a stray byte."""
         raise NotImplementedError
 
     def message_size(self, data: bytes | bytearray) -> int:
@@ -301,7 +301,7 @@ class OwnBox(Terminals, LineDevice):
 
 
 class OwnInstrument(Terminals, ScpiTwin):
-    """Base of an instrument of one's own that speaks SCPI; arguments are those of :class:`Terminals`."""
+    """Base of a custom instrument with SCPI; arguments are those of :class:`Terminals`."""
 
     idn: ClassVar[str] = "OWN,INSTRUMENT,0,1.0"
     """The answer to ``*IDN?``."""

@@ -59,7 +59,7 @@ class Place(Struct, frozen=True):
         return frozenset(OFFERS[each] for each in self.model.wires)
 
     def on(self, words: Iterable[str]) -> Place:
-        """Return it on the interfaces that somebody named; ValueError says on which it cannot be."""
+        """Return the instrument on the named interfaces; ValueError names an impossible one."""
         model, wires = self.model, [word for word in words if word]
         stream = model.kind in _STREAMS
         if not stream and len(wires) == 1 and (found := _GPIB.fullmatch(wires[0])):
@@ -117,7 +117,7 @@ class Plan(Struct, frozen=True):
 
 
 class OwnModel(SimulatedModel, frozen=True):
-    """An instrument of somebody's own: `made` is its class, or makes it."""
+    """A custom instrument: `made` is its class, or makes it."""
 
     made: Any = OwnInstrument
 
@@ -139,7 +139,7 @@ class OwnModel(SimulatedModel, frozen=True):
 def plan_of(words: Iterable[str]) -> Plan:
     """Return the plan of a command's words, each a file or ``[NAME=]MODEL[:WIRE[+WIRE...]]``.
 
-    A file is one of pyvisa-sim's (.yaml), or Python that defines CIRCUIT, instruments of one's own, or both; those that
+    A file is one of pyvisa-sim's (.yaml), or Python that defines CIRCUIT, custom instruments, or both; those that
     no word names are there once. Without any instrument it is the desk: a supply, a generator, a multimeter and an
     oscilloscope.
 
@@ -206,7 +206,7 @@ def with_adapter(places: Sequence[Place]) -> tuple[Place, ...]:
     if twice := [each for each in addresses if addresses.count(each) > 1]:
         raise ValueError(f"two instruments are at GPIB address {twice[0]}")
     if addresses and any(place.name == ADAPTER for place in places):
-        raise ValueError(f"{ADAPTER!r} is what the adapter is called that has those on GPIB behind it")
+        raise ValueError(f"{ADAPTER!r} is the name of the GPIB adapter; choose another name for the instrument")
     model = SimulatedModel("GPIB-ETHERNET", "adapter", "gpib_adapter:GpibAdapter", ("TCP", "serial line"))
     return (*places, Place(ADAPTER, model)) if addresses else tuple(places)
 

@@ -1,4 +1,4 @@
-"""Fixtures for tests of anybody's drivers: a rack served beside the tests, reset before each of them.
+"""Fixtures for tests of drivers: a rack that is served during the tests, and reset before each of them.
 
 A server belongs to a process, so each worker of pytest-xdist has one, on ports of its own. Bench time jumps to whatever
 is waited for. What is served says the option `simrack` of pytest's configuration, or a fixture `simrack_instruments`.
@@ -44,7 +44,7 @@ class SimrackFixture:
         return self._server.wires[name].as_json()
 
     def fault(self, name: str, kind: str, **more: Any) -> None:
-        """Let something go wrong at an instrument from now on, as of :class:`simrack.faults.Fault`."""
+        """Start a fault at an instrument now, as of :class:`simrack.faults.Fault`."""
         self._control.request("fault", instrument=name, kind=kind, **more)
 
     def get(self, name: str) -> Any:
@@ -78,7 +78,7 @@ def simrack_instruments(pytestconfig: pytest.Config) -> Sequence[str]:
 
 @pytest.fixture(scope="session")
 def simrack_server(simrack_instruments: Sequence[str]) -> Iterator[SimrackFixture]:
-    """Serve a rack beside the tests, once a process."""
+    """Serve a rack during the tests, once per process."""
     rack, serve = import_module("simrack.rack"), import_module("simrack.serve")
     clock, plan = serve.ServedClock(float("inf")), import_module("simrack.bench_file").planned(simrack_instruments)
     settings = serve.ServerSettings(only=plan.wires_asked_for(), control_port=0, faults=plan.faults)

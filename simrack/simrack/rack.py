@@ -36,7 +36,7 @@ class _Turned:
         return getattr(self._world, name)
 
     def move_rail(self, rail: str, approach: Approach) -> None:
-        """Let the voltage on a supply pin go its way from now on, signed."""
+        """Change the voltage on a supply pin along a given course from now on, signed."""
         if rail in self._rails:
             terms = tuple((-size, tau) for size, tau in approach.terms)
             approach = Approach(-approach.goal_v, approach.origin_s, terms)
@@ -155,12 +155,12 @@ def _named(node: str, world: WiredWorld, where: str) -> str:
     """Return the World's name of a node: of a supply's output the name of the rail."""
     named = f"rail_{node}" if node in world.rails else node
     if named not in world.nodes:
-        raise ValueError(f"{where}: nothing feeds {node!r}, only {', '.join(world.nodes)}")
+        raise ValueError(f"{where}: expected a node with a source, {', '.join(world.nodes)}; got {node!r}")
     return named
 
 
 def served(clock: ServedClock, plan: Plan | None = None, seed: int | None = None) -> ServedBench:
-    """Return a rack as it is served; a reset builds it anew."""
+    """Return a rack for serving, which a reset builds again."""
     built = Rack.build(clock, plan, seed)
     seed = built.plan.seed if seed is None else seed
     places = built.plan.places

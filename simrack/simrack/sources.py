@@ -93,7 +93,7 @@ class Piece(Struct, frozen=True):
 
 
 class Played(Protocol):
-    """A source that does not go on the same for ever."""
+    """A source that changes with time: modulated, sweeping or in bursts."""
 
     @property
     def source_ohm(self) -> float:

@@ -1,6 +1,6 @@
-"""A man in the middle: passes on the messages of a program and its instrument, and spoils the replies as told.
+"""A man in the middle: passes on the messages of a program and its instrument, and damages replies.
 
-It stands on a TCP connection or on a serial line (a pseudo-terminal) and knows nothing of what is said there. Commands
+It stands on a TCP connection or on a serial line (a pseudo-terminal) and does not interpret the messages. Commands
 always reach the instrument as they are; only what comes back suffers::
 
     with faulty_wire("TCPIP0::127.0.0.1::5025::SOCKET") as wire:
@@ -173,7 +173,7 @@ class FaultyWire:
         self.loop.wake()
 
     def end(self) -> None:
-        """Pass on everything again; replies on their way come as they were to come."""
+        """End the fault; replies already on their way stay damaged."""
         with self._lock:
             self._fault, self._left = None, 0
             for near in self.links:
@@ -239,7 +239,7 @@ class FaultyWire:
     # --- between the turns of the loop
 
     def tick(self) -> None:
-        """Put a burst of noise on the wire, and letters without end, as told."""
+        """Put the chosen burst of noise, or endless letters, on the wire."""
         with self._lock:
             noisy = self._noisy() and self.clock.now() >= self._noise_s
             if noisy:

@@ -131,7 +131,7 @@ class World(Protocol):
         """Return a node's voltage now."""
 
     def glance_v(self, node: str) -> float:
-        """Return the voltage that a node may have now, for looks from outside the bench; it leaves no mark."""
+        """Return the present voltage of a node for display; the look changes nothing in the simulation."""
 
     def glance_current_a(self, rail: str) -> float:
         """Return the magnitude of the current drawn from `rail` now, A; it leaves no mark."""

@@ -30,7 +30,7 @@ def test_every_device_acts_at_its_own_instants() -> None:
     assert (first.done, second.done) == ([1.0, 2.5], [2.0, 2.5])
 
 
-def test_who_waits_for_a_device_stops_at_the_next_that_acts() -> None:
+def test_wait_for_device_stops_at_next_action() -> None:
     clock = AttendedClock(VirtualClock())
     clock.attend(Alarm(clock, 1.0, 2.5), Alarm(clock, 2.0))
     stops = []
@@ -42,7 +42,7 @@ def test_who_waits_for_a_device_stops_at_the_next_that_acts() -> None:
     assert clock.now() == 5.0
 
 
-def test_a_device_that_is_due_for_ever_does_not_stop_time() -> None:
+def test_always_due_device_does_not_stop_time() -> None:
     class Stuck:
         def wake_at(self) -> float:
             return 0.0

@@ -113,7 +113,7 @@ def test_faults_and_the_seed_are_those_of_the_file(written: Callable[[str], Path
     ("text", "said"),
     [
         ("[instrument.a]", "the file: expected seed, instruments, circuits, loads, fault, got instrument"),
-        ('[instruments.a]\nmodel = "34402A"', "instruments.a: there is no model '34402A'"),
+        ('[instruments.a]\nmodel = "34402A"', "instruments.a: unknown model '34402A'"),
         ("[instruments.a]", "instruments.a: instruments.a.model: expected a text, got None"),
         (
             '[instruments.a]\nmodel = "33522B"\noutput_3 = "x"',
@@ -142,7 +142,7 @@ def test_what_no_bench_has_is_refused_with_its_place(written: Callable[[str], Pa
             '[instruments.a]\nmodel = "33511B"\noutput_1 = "x"\n[instruments.b]\nmodel = "33511B"\noutput_1 = "x"',
             "a.output_1 and b.output_1 both feed 'x'",
         ),
-        ('[instruments.a]\nmodel = "34461A"\ninput = "x"', "a.input: nothing feeds 'x'"),
+        ('[instruments.a]\nmodel = "34461A"\ninput = "x"', "a.input: expected a node with a source, "),
         (
             '[instruments.a]\nmodel = "33511B"\noutput_1 = "x"\n[circuits.b]\ninput = "y"\noutput = "x"',
             "'x' is the output of a circuit, and something else feeds it",
@@ -160,5 +160,5 @@ def test_wires_that_cannot_be_are_refused(written: Callable[[str], Path], text: 
 
 
 def test_a_bench_file_stands_alone() -> None:
-    with pytest.raises(ValueError, match="says all that is on the bench"):
+    with pytest.raises(ValueError, match="describes the whole bench"):
         planned(["bench.toml", "34461A"])

@@ -51,7 +51,7 @@ def test_what_is_lacking_of_a_list_is_named() -> None:
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_every_model_has_what_ieee_488_2_demands_and_says_its_sources(name: str) -> None:
+def test_model_has_ieee_488_2_commands_and_sources(name: str) -> None:
     assert not compared(MODELS[name].load().table, IEEE_488_2, "").unknown
     assert "nverified" in card(name)
 
@@ -61,21 +61,21 @@ def test_the_whole_manual_is_known(name: str) -> None:
     assert not of_manual(MODELS[name]).unknown
 
 
-def test_lines_of_the_manual_that_are_not_known_are_on_the_card() -> None:
+def test_unknown_manual_lines_are_on_card() -> None:
     manual = of_manual(MODELS["34461A"])
     assert "CALCulate:TRANsform:HISTogram:ALL?" in manual.unknown
     assert all(f"\n{line}\n" in card("34461A") for line in manual.unknown)
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_what_drivers_send_is_known_or_said_to_be_of_other_models(name: str) -> None:
+def test_drivers_messages_are_known_or_of_other_models(name: str) -> None:
     manual = of_manual(MODELS[name])
     assert not [header for header in manual.unknown if manual.drivers[header]]
     table = MODELS[name].load().table
     assert not [header for header in manual.others if knows(table, header)]
 
 
-def test_headers_of_other_models_are_on_the_card_with_drivers_and_reason() -> None:
+def test_headers_of_other_models_are_on_card_with_reason() -> None:
     said = "\nSAMPle:TIMer (1) # a 34465A or 34470A has it (QCoDeS' driver)\n"
     assert said in card("34461A")
     assert "SAMPle:TIMer" in of_manual(MODELS["34465A"]).known
@@ -97,7 +97,7 @@ def test_page_has_a_card_of_each_model() -> None:
     assert sorted(titles) == sorted(MODELS)
 
 
-def test_the_command_prints_a_card_or_the_table_and_names_the_models() -> None:
+def test_card_command_prints_card_or_table() -> None:
     from simrack.cli import app  # noqa: PLC0415  (imports what serves)
 
     assert CliRunner().invoke(app, ["card", "34461A"]).stdout == card("34461A") + "\n"

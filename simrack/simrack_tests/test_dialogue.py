@@ -73,7 +73,7 @@ def questions(said: dict[str, Any]) -> list[str]:
 
 @pytest.mark.skipif(not shipped(), reason="pyvisa-sim is not installed")
 @pytest.mark.parametrize("file", shipped() or [Path()], ids=lambda file: file.stem)
-def test_every_question_of_its_files_is_answered_as_pyvisa_sim_answers_it(file: Path) -> None:
+def test_queries_of_files_are_answered_like_pyvisa_sim(file: Path) -> None:
     from pyvisa_sim.parser import get_devices  # noqa: PLC0415  (a library of the tests alone)
 
     theirs, ours = get_devices(str(file), bundled=False), DialogueFile(file)

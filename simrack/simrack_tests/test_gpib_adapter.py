@@ -79,9 +79,7 @@ def test_each_instrument_answers_at_its_address(host: Host) -> None:
         ("savecfg", ("0",), "2"),
     ],
 )
-def test_a_setting_is_told_and_what_is_out_of_range_changes_nothing(
-    host: Host, name: str, values: tuple[str, ...], wrong: str
-) -> None:
+def test_setting_out_of_range_changes_nothing(host: Host, name: str, values: tuple[str, ...], wrong: str) -> None:
     for value in values:
         assert host.ask(f"++{name} {value}\n++{name}\n") == f"{value}\r\n"
     assert host.ask(f"++{name} {wrong}\n++{name}\n") == f"Unrecognized command\r\n{values[-1]}\r\n"
@@ -122,13 +120,13 @@ def test_each_query_is_read_back_and_each_command_is_not(host: Host) -> None:
     assert host.errors() == '-420,"Query UNTERMINATED"'
 
 
-def test_escaped_bytes_reach_the_instrument_and_no_other_end_of_line_does(host: Host) -> None:
+def test_only_escaped_line_ends_reach_instrument(host: Host) -> None:
     assert host.ask('++addr 22\nDISP:TEXT "\x1b+\x1b+A"\r\n\r\nDISP:TEXT?\n++read eoi\n') == '"++A"\n'
     assert host.ask("\x1b++addr 5\n++addr\n") == "22\r\n"
     assert host.errors().startswith("-1")  # "++addr 5" was for the meter, as a command
 
 
-def test_a_message_without_eoi_and_end_of_line_is_not_over(host: Host) -> None:
+def test_message_without_eoi_or_line_end_continues(host: Host) -> None:
     assert host.ask("++addr 22\n++read_tmo_ms 10\n++eos 3\n++eoi 0\n*ID\n++read eoi\n") == ""
     assert host.ask("++eoi 1\nN?\n++read eoi\n") == ""  # the read has ended the message, -420
     assert "-420" in host.errors()
@@ -163,7 +161,7 @@ def test_replies_queue_behind_waiting_read_until_clear(host: Host) -> None:
         (["34401A:gpib31"], "can be on tcp, vxi11, hislip, pty, or gpib0 to gpib30 alone, not on 'gpib31'"),
         (["34401A:gpib22+tcp"], "not on 'gpib22'"),
         (["Zaber:gpib3"], "can be on tcp, pty, not on 'gpib3'"),
-        (["gpib=34401A:gpib3"], "'gpib' is what the adapter is called"),
+        (["gpib=34401A:gpib3"], "'gpib' is the name of the GPIB adapter"),
     ],
 )
 def test_what_cannot_be_behind_an_adapter_is_refused(words: list[str], why: str) -> None:
@@ -171,7 +169,7 @@ def test_what_cannot_be_behind_an_adapter_is_refused(words: list[str], why: str)
         plan_of(words)
 
 
-def test_in_ones_own_process_they_are_on_gpib_and_behind_the_adapter() -> None:
+def test_instruments_in_process_are_on_gpib_and_adapter() -> None:
     manager = pyvisa.ResourceManager("?speed=max&models=34401A:gpib22,E3631A:gpib5@simrack")
     assert manager.list_resources("?*") == ("GPIB0::22::INSTR", "GPIB0::5::INSTR", "TCPIP0::gpib::1234::SOCKET")
     adapter: Any = manager.open_resource("TCPIP0::gpib::1234::SOCKET", read_termination="\n")
@@ -185,7 +183,7 @@ def test_in_ones_own_process_they_are_on_gpib_and_behind_the_adapter() -> None:
 
 def test_what_goes_wrong_on_the_wire_is_the_adapters() -> None:
     with serving("34401A:gpib22") as server, Control(server.control.port) as control:
-        with pytest.raises(ControlError, match="34401A is on no wire of its own, 'silent' is one of its adapter's"):
+        with pytest.raises(ControlError, match="34401A is behind an adapter; give the fault 'silent' to the adapter"):
             control.request("fault", instrument="34401A", kind="silent")
         control.request("fault", instrument="34401A", kind="overload")
         control.request("fault", instrument="gpib", kind="silent")

@@ -51,7 +51,7 @@ def ran(folder: Path, tests: str, *options: str) -> str:
     return subprocess.run(words, cwd=folder, env=alone, capture_output=True, text=True, check=False).stdout  # noqa: S603
 
 
-def test_a_rack_is_served_beside_the_tests_and_reset_between_them(tmp_path: Path) -> None:
+def test_rack_is_served_and_reset_between_tests(tmp_path: Path) -> None:
     assert "3 passed" in ran(tmp_path, TESTS)
 
 

@@ -37,7 +37,7 @@ STARTS = [
 
 
 @pytest.mark.parametrize("start", STARTS)
-def test_a_ramp_takes_the_time_and_angle_of_one_that_is_stepped(start: tuple[float, ...]) -> None:
+def test_ramp_has_time_and_angle_of_stepped_ramp(start: tuple[float, ...]) -> None:
     rate, slope, goal, most, jerk = start
     pieces = ramp(rate, slope, goal, most_deg_s2=most, jerk_deg_s3=jerk)
     time, angle = stepped(rate, slope, goal, most, jerk)

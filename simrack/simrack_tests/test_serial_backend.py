@@ -38,7 +38,7 @@ def test_a_time_out_takes_simulated_time(world: IdealWorld) -> None:
     assert world.clock.now() == 30.0
 
 
-def test_a_short_time_out_leaves_the_reply_for_the_next_read(world: IdealWorld) -> None:
+def test_short_time_out_leaves_reply_for_next_read(world: IdealWorld) -> None:
     with port(timeout=0.001) as line:
         line.write(b"*IDN?\n")
         assert line.read(4) == b""

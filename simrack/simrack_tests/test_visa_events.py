@@ -22,7 +22,7 @@ def meter(request: pytest.FixtureRequest) -> Iterator[Any]:
     manager.close()
 
 
-def test_one_request_is_one_event_until_the_status_byte_is_read(meter: Any) -> None:
+def test_request_is_one_event_until_status_byte_is_read(meter: Any) -> None:
     meter.enable_event(SRQ, QUEUE)
     meter.write("*CLS;*ESE 1;*SRE 32;:INIT;*OPC")
     assert not meter.wait_on_event(SRQ, 5_000).timed_out
@@ -69,7 +69,7 @@ def test_a_handler_is_called_while_time_passes(meter: Any) -> None:
 
 
 @pytest.mark.parametrize("meter", ["1"], indirect=True)
-def test_where_time_runs_by_itself_a_handler_is_called_by_itself(meter: Any) -> None:
+def test_handler_is_called_by_thread_in_real_time(meter: Any) -> None:
     heard = Event()
     wrapped = meter.wrap_handler(lambda *_: heard.set())
     meter.install_handler(SRQ, wrapped)

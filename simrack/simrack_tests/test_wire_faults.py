@@ -132,7 +132,7 @@ def test_command_before_dropped_connection_arrives_and_new_one_works() -> None:
         assert b"".join(heard) == b"A\nB\n"
 
 
-def test_a_line_that_is_cut_comes_back_when_the_fault_ends() -> None:
+def test_cut_line_returns_when_fault_ends() -> None:
     with instrument() as (resource, _), faulty_wire(resource) as wire:
         wire.begin(WireFault("unreachable"))
         with serial.serial_for_url(wire.resource) as port, pytest.raises(serial.SerialException):
@@ -145,7 +145,7 @@ def test_a_line_that_is_cut_comes_back_when_the_fault_ends() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")
-def test_a_serial_line_is_dropped_and_comes_back_at_the_same_path() -> None:
+def test_dropped_serial_line_returns_at_same_path() -> None:
     import tty  # noqa: PLC0415  # there is none on Windows
 
     master, slave = os.openpty()
