@@ -133,7 +133,7 @@ def lines_of(run: vcfbench.Run) -> list[dict[str, object]]:
     return [json.loads(line) for line in (run.directory / "journal.jsonl").read_text(encoding="utf-8").splitlines()]
 
 
-def test_a_turntable_calibration_by_hand_comes_to_its_values_and_a_record(bench: Path, tmp_path: Path) -> None:
+def test_turntable_by_hand_gives_values_and_record(bench: Path, tmp_path: Path) -> None:
     person = Person()
     run = vcfbench.run("turntable", bench, operator=person, runs=tmp_path / "runs", metadata={"dut": "G9"})
     stated = run.results.uncertainty
@@ -316,7 +316,7 @@ def test_terminal_without_a_person_is_not_waited_for(bench: Path) -> None:
     assert "NOT SAFE: rate_table at hand://bench-2/rate_table: could not be told to stop" in said
 
 
-def test_what_was_typed_is_said_when_it_is_asked_for_again(bench: Path) -> None:
+def test_repeated_question_shows_last_entry(bench: Path) -> None:
     asked: list[str] = []
     answers = iter(["done", "", "", "0.5100", "2.5000", "2.5000", "done", "50", "50", "25", "26", "25", "25"])
 
@@ -348,7 +348,7 @@ def test_enter_alone_is_done_where_nothing_is_to_be_typed(monkeypatch: pytest.Mo
 
 
 @pytest.mark.exhaustive
-def test_a_check_without_a_terminal_is_refused_before_anybody_is_asked(bench: Path, tmp_path: Path) -> None:
+def test_check_without_terminal_is_refused_before_questions(bench: Path, tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "bench", "check", "--bench", str(bench)], tmp_path)
     assert done.returncode == 2, done.stderr
     assert "bench check asks a person about power, multimeter, rate_table, but no operator can be asked" in done.stderr

@@ -249,7 +249,7 @@ def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     assert lines[-len(tail) :] == tail
 
 
-def test_numbers_in_the_readme_and_its_picture_are_those_of_the_command(tmp_path: Path) -> None:
+def test_readme_and_picture_have_numbers_of_command(tmp_path: Path) -> None:
     shown = next(block.body for block in blocks(ROOT / "README.md") if block.body.startswith("quantity"))
     printed = run("vcfbench run virtual-coriolis --quiet", tmp_path)
     # The estimate of the bench time differs by a hair with what ran before
@@ -281,7 +281,7 @@ def test_the_picture_in_the_readme_is_what_a_terminal_shows(tmp_path: Path) -> N
 
 
 @pytest.mark.exhaustive
-def test_the_first_page_in_the_readme_is_that_of_a_report(tmp_path: Path) -> None:
+def test_readme_shows_first_page_of_report(tmp_path: Path) -> None:
     """Words, ticks among them, are the same; how lines are drawn may differ with Matplotlib."""
     script = runpy.run_path(str(ROOT / "docs" / "make_figures.py"))
     script["draw"](tmp_path)

@@ -120,7 +120,7 @@ def test_matlab_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> 
     assert (found["about"]["dut"], found["about"]["tag_batch"]) == ("G-1", "7")
 
 
-def test_tags_that_matlab_would_take_for_one_keep_their_names_apart(tmp_path: Path) -> None:
+def test_tags_alike_in_matlab_keep_different_names(tmp_path: Path) -> None:
     about = {"tag a-b": "1", "tag a_b": "2", "tag a.b": "3", "x" * 70: "4", f"{'x' * 70}y": "5"}
     table = ExportTable("points", (ExportColumn("t_s", "s", "time", np.array([0.0, 1.0])),), about)
     export_formats.WRITERS["mat"](table, tmp_path / "out.mat")
@@ -146,7 +146,7 @@ def test_v_vc_that_was_measured_is_a_column(tmp_path: Path) -> None:
     assert "v_vc_measured_v" in export_run(run, tmp_path / "points.csv").columns
 
 
-def test_samples_of_sines_and_of_v_vc_alone_are_readings_too(tmp_path: Path) -> None:
+def test_samples_of_sines_and_v_vc_are_readings(tmp_path: Path) -> None:
     directory = record(tmp_path, 2)
     lines = (directory / "journal.jsonl").read_bytes().splitlines(keepends=True)
     header = json.loads(lines[0]) | {"began_s": 10.0}
@@ -170,7 +170,7 @@ def test_samples_of_sines_and_of_v_vc_alone_are_readings_too(tmp_path: Path) -> 
     np.testing.assert_array_equal(found["table_rate_deg_s"], [nan, nan, 5.0, 5.0, 5.0, 5.0, nan])
 
 
-def test_a_run_that_was_cut_in_a_window_keeps_its_readings(tmp_path: Path) -> None:
+def test_run_cut_in_window_keeps_readings(tmp_path: Path) -> None:
     directory = record(tmp_path, 2500)
     journal = directory / "journal.jsonl"
     journal.write_bytes(b"".join(journal.read_bytes().splitlines(keepends=True)[:3]))
@@ -200,7 +200,7 @@ def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
     journal = directory / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[:2] + lines[3:]))
-    with pytest.raises(ConfigError, match="the record is damaged, nothing is exported: line 3 is not what was written"):
+    with pytest.raises(ConfigError, match="so it is not exported: line 3 is not what was written"):
         export_run(directory, tmp_path / "out.csv", raw=True)
     assert not (tmp_path / "out.csv").exists()
 

@@ -24,7 +24,7 @@ def test_a_module_within_a_package_is_that_module() -> None:
     assert need("json.decoder", "export", "an export").JSONDecodeError is json.JSONDecodeError
 
 
-def test_what_is_not_installed_is_said_with_the_extra_to_install() -> None:
+def test_missing_library_error_names_its_extra() -> None:
     with pytest.raises(ConfigError, match="a page needs no_such_library, which is not installed") as refused:
         need("no_such_library.inside", "page", "a page")
     assert re.fullmatch(r'pip install "starlette>=[\d.]+" "uvicorn>=[\d.]+"', str(refused.value.hint))

@@ -14,7 +14,7 @@ from vcfbench.files import DEEPEST, kept_from_forks, parse_toml, read_file, read
 MOST = 100
 
 
-def test_a_regular_file_is_read_with_or_without_byte_order_mark(tmp_path: Path) -> None:
+def test_file_is_read_with_or_without_byte_order_mark(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes(b"\xef\xbb\xbfname")
     assert read_text(tmp_path / "a", "a file") == "name"
     assert read_file(tmp_path / "a", "a file", MOST) == b"\xef\xbb\xbfname"
@@ -85,7 +85,7 @@ def test_what_no_setting_is_is_one_sentence(text: str, words: str) -> None:
     assert len(str(caught.value)) < 300
 
 
-def test_a_key_of_as_many_parts_as_can_be_is_read() -> None:
+def test_key_with_most_parts_is_read() -> None:
     table = parse_toml(".".join("a" * DEEPEST) + " = 1.5\nb = ['a.b.c. d']", "f")
     for _ in range(DEEPEST):
         table = table["a"]
@@ -106,7 +106,7 @@ def test_any_text_is_a_table_or_one_sentence(text: str) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs Linux")
-def test_a_file_that_does_not_tell_its_size_is_read_whole() -> None:
+def test_file_of_unknown_size_is_read_completely() -> None:
     """As does one that grows while it is read."""
     path = Path("/proc/self/status")
     assert path.stat().st_size == 0
@@ -116,7 +116,7 @@ def test_a_file_that_does_not_tell_its_size_is_read_whole() -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="Windows forks no process")
-def test_who_forgot_a_number_does_not_take_the_next_ones_protection(tmp_path: Path) -> None:
+def test_released_descriptor_does_not_unprotect_its_successor(tmp_path: Path) -> None:
     with (tmp_path / "mine").open("wb") as mine, kept_from_forks(mine.fileno()):
         with kept_from_forks(mine.fileno()):
             pass

@@ -119,7 +119,7 @@ def test_the_chamber_tells_the_temperature_of_the_room(tmp_path: Path) -> None:
     assert (run.metadata.ambient_from, run.header["metadata"]["ambient_temperature_c"]) == ("chamber", room_c)
 
 
-def test_a_bench_without_a_chamber_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+def test_chamber_temperature_without_chamber_is_refused_before_opening(tmp_path: Path) -> None:
     done = warm.run(["vcfbench", "run", "turntable", "--ambient-temperature-c", "chamber"], tmp_path)
     assert (done.returncode, "ambient_from: the chamber should read" in done.stderr) == (2, True)
     assert list(tmp_path.iterdir()) == []
@@ -144,7 +144,7 @@ def test_air_that_flows_is_not_that_of_the_room() -> None:
 
 def test_two_devices_are_refused(place: Path) -> None:
     asked = {"metadata": {"dut": "G-1"}, "settings": {"dut": "G-2"}}
-    with pytest.raises(ConfigError, match=r"dut: the device is G-1, and G-2 in the settings"):
+    with pytest.raises(ConfigError, match=r"dut: expected one device, got G-1, and G-2 in the settings"):
         vcfbench.dry_run("kvc", "lab", **asked)  # type: ignore[arg-type]
     assert not (place / "devices").exists()
 

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 @pytest.mark.parametrize("row", [*MODELS, *LANGUAGES], ids=lambda row: row.name)
-def test_the_errors_of_every_twin_can_be_told_one_by_one(row: Model | TableLanguage) -> None:
+def test_every_error_of_twin_can_be_set(row: Model | TableLanguage) -> None:
     kind = resolve(row.twin).errors_class
     none = kind.none()
     assert typed(to_builtins(none), kind) == none
@@ -158,7 +158,7 @@ def test_a_registered_language_is_one_that_bench_files_know() -> None:
     assert find_language("acme") is not None
 
 
-def test_what_speaks_the_same_words_is_one_line_of_the_bench_file() -> None:
+def test_model_with_same_commands_is_one_line() -> None:
     described = bench('"34401A"', '"34410A"\nlike = "34401A"')
     driver = find_driver("34410A", described.multimeter.like).driver_class
     assert driver.model == "34410A"
@@ -217,7 +217,7 @@ def test_a_model_without_a_twin_serves_on_real_benches_alone(monkeypatch: pytest
         twins(bench('"34401A"', '"M1"'))
 
 
-def test_a_meter_without_a_data_sheet_is_no_meter_for_a_calibration() -> None:
+def test_meter_without_data_sheet_is_refused() -> None:
     with pytest.raises(ConfigError, match="the resolution of a M1 is not known") as caught:
         settings_of(TURNTABLE, bench('"34401A"', '"M1"'))
     assert "name a data sheet" in str(caught.value)

@@ -82,7 +82,7 @@ def test_a_procedure_ends_with_results(procedure: str, bench: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_a_change_of_the_rail_is_kept_as_that_of_the_supply(bench: Path) -> None:
+def test_rail_change_is_kept_as_supply_change(bench: Path) -> None:
     effect = vcfbench.run("power", bench, seed=2, runs=None, settings={"dut": "G-1"}).results.effects[0]
     assert effect.rails == "positive"
 
@@ -115,7 +115,7 @@ def test_the_other_output_is_refused_by_the_limits(bench: Path) -> None:
         checks.rail("N25V", -5.0)
 
 
-def test_an_output_beyond_half_the_supply_is_refused_by_its_key() -> None:
+def test_output_beyond_half_supply_is_refused_by_key() -> None:
     with pytest.raises(
         ConfigError, match=r"range_deg_s: expected outputs within 2\.125 V, V_Vc up to 10 % off, got 2\.64 V"
     ):

@@ -69,7 +69,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return perform(tmp_path_factory.mktemp("own"), swing)
 
 
-def test_any_frozen_value_is_a_result_and_is_written_by_its_fields(own: Run) -> None:
+def test_frozen_value_is_result_written_by_fields(own: Run) -> None:
     assert isinstance(own.results, Swing)
     assert own.directory is not None
     written = json.loads((own.directory / "result.json").read_text())["results"]
@@ -114,9 +114,7 @@ def test_a_record_is_read_without_the_code_that_made_it(own: Run) -> None:
 
 
 @pytest.mark.exhaustive
-def test_what_can_no_longer_be_computed_is_shown_as_it_was_stored(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_uncomputable_results_are_shown_as_stored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run = vcfbench.run("turntable", settings=QUICK, runs=tmp_path)
 
     def broken(*_: object) -> None:
@@ -160,7 +158,7 @@ def test_limits_judge_numbers_of_their_name_and_are_recorded(
         (lambda _s, points: points[99], r".*test_own_results\.py, line \d+: IndexError: tuple index out of range"),
     ],
 )
-def test_what_is_no_result_costs_the_results_and_not_the_record(
+def test_invalid_result_removes_results_not_record(
     results: Callable[[Any, Sequence[Point]], Any], words: str, tmp_path: Path
 ) -> None:
     with pytest.raises(vcfbench.MeasurementError, match=f"the points give no result: {words}") as caught:

@@ -251,7 +251,7 @@ def test_a_stop_is_heard_at_once_in_a_long_wait() -> None:
     while len(took_s) < 3 and min(took_s, default=1.0) > 0.3:
         started = vcfbench.start("turntable", speed=20.0, settings={**QUICK, "warm_up_s": 3600.0}, runs=None)
         eventually(lambda: started.state == "running")  # noqa: B023
-        with pytest.raises(TimeoutError, match="the run goes on: it is running"):
+        with pytest.raises(TimeoutError, match="the run is not over: it is running"):
             started.result(timeout_s=0.4)
         asked = WallClock()
         started.stop("the test")

@@ -107,7 +107,7 @@ def test_bench_time_goes_on_and_readings_with_it(whole: Run, tmp_path: Path) -> 
     assert run.bench_seconds > whole.bench_seconds
 
 
-def test_a_break_on_a_real_bench_is_as_long_as_it_was(whole: Run, tmp_path: Path) -> None:
+def test_break_on_real_bench_has_its_length(whole: Run, tmp_path: Path) -> None:
     def real(header: dict[str, Any]) -> None:
         header["bench"]["simulation"] = None
         header.update(seed=None, simulated=False)
@@ -166,7 +166,7 @@ def test_what_cannot_be_resumed_is_said_before_anything_is_opened(whole: Run, tm
 def test_a_header_that_no_run_wrote_is_one_sentence(change: dict[str, Any], whole: Run, tmp_path: Path) -> None:
     directory = cut(whole, tmp_path, 1)
     shift(directory, lambda header: header.update(change))
-    with pytest.raises(ConfigError, match=r"no record of this program|do not fit this version"):
+    with pytest.raises(ConfigError, match=r"no record of this program|this version cannot read"):
         vcfbench.resume(directory)
 
 
@@ -178,7 +178,7 @@ def test_the_bench_may_answer_elsewhere(whole: Run, tmp_path: Path) -> None:
     assert vcfbench.resume(cut(whole, tmp_path, 2), tmp_path / "moved.toml").status == "complete"
 
 
-def test_settings_that_were_changed_are_found_at_the_first_step_that_differs(whole: Run, tmp_path: Path) -> None:
+def test_changed_settings_are_found_at_first_different_step(whole: Run, tmp_path: Path) -> None:
     def slower(header: dict[str, Any]) -> None:
         header["settings"]["acceleration_deg_s2"] = 20.0
 
@@ -264,7 +264,7 @@ def test_fault_in_the_new_start_ends_safe_and_resumable(tmp_path: Path) -> None:
     with pytest.raises(MeasurementError, match="it trembles") as failed:
         vcfbench.run(file, "ideal", settings={"samples": 3}, runs=tmp_path / "runs")
     left.write_text("0")
-    with pytest.raises(ConfigError, match=r"the program .*shaky.py \(SHA-256 \w{64}\): it is run only where somebody"):
+    with pytest.raises(ConfigError, match=r"the program .*shaky.py \(SHA-256 \w{64}\): it runs only after you"):
         vcfbench.resume(failed.value.run)
     assert left.read_text() == "0"
     with pytest.raises(MeasurementError, match="it trembles") as again:
@@ -283,7 +283,7 @@ def test_fault_in_the_new_start_ends_safe_and_resumable(tmp_path: Path) -> None:
     left.write_text("7")
     asked = CliRunner().invoke(app, ["resume", str(failed.value.run.directory), "--quiet"])
     assert asked.exit_code == ConfigError.exit_code
-    assert f"the program {file} (SHA-256 {sha256(OWN.encode()).hexdigest()}): it is run only" in asked.stderr
+    assert f"the program {file} (SHA-256 {sha256(OWN.encode()).hexdigest()}): it runs only" in asked.stderr
     assert left.read_text() == "7"
     assert CliRunner().invoke(app, ["resume", str(failed.value.run.directory), "--quiet", "--yes"]).exit_code == 0
     file.write_text(OWN + "\n# changed\n", encoding="utf-8")
@@ -316,7 +316,7 @@ def test_other_versions_are_said(whole: Run, tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_what_is_kept_of_a_device_is_kept_once_at_the_end(tmp_path: Path) -> None:
+def test_resumed_run_adds_one_device_entry(tmp_path: Path) -> None:
     devices = tmp_path / "devices"
     settings = {
         "cycles": 1,
@@ -369,7 +369,7 @@ def test_unwritable_store_at_end_is_reported_with_cure(tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize("when", ["before", "after"])
-def test_two_signals_amid_a_line_leave_a_record_that_is_resumed(
+def test_two_signals_within_line_leave_resumable_record(
     when: str, whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A line is on the disk and counted, or neither: else the step would stand there twice."""

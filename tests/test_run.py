@@ -340,7 +340,7 @@ class Hears:
         self.events.append(event)
 
 
-def test_an_observer_that_fails_is_left_out_and_the_run_goes_on(quick: Run, tmp_path: Path) -> None:
+def test_failing_observer_is_dropped_and_run_continues(quick: Run, tmp_path: Path) -> None:
     breaks, hears = Breaks(ZeroDivisionError("a mistake")), Hears()
     asks = Breaks(vcfbench.ConfigError("there is no run 'x'"))  # as an error of the run itself would be
     run = vcfbench.run("turntable", seed=3, settings=QUICK, runs=tmp_path, observers=[breaks, asks, hears])
@@ -379,7 +379,7 @@ def test_settings_are_checked_like_those_of_a_bench_file(
         vcfbench.dry_run("virtual-coriolis", settings=settings)
 
 
-def test_a_read_back_is_told_to_the_digit_that_is_wrong() -> None:
+def test_read_back_error_shows_wrong_digit() -> None:
     tight = {**QUICK, "rate_tolerance_deg_s": 1e-5}
     with pytest.raises(vcfbench.NotSafe, match=r"not proved.*\+10 deg/s.*: reads \+(10\.0\d{2,}|9\.99\d+) deg/s"):
         vcfbench.run("turntable", seed=2, settings=tight, runs=None)
@@ -431,7 +431,7 @@ def too_fast(settings: Any) -> vcfbench.Plan:
     yield SetRate(4000.0, settings.acceleration_deg_s2, 0.0)
 
 
-def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+def test_settings_beyond_bench_are_refused_before_opening(tmp_path: Path) -> None:
     spin = vcfbench.Procedure(
         name="spin",
         title="Turn too fast after an hour.",
@@ -445,7 +445,7 @@ def test_what_a_bench_cannot_bear_is_refused_before_anything_is_opened(tmp_path:
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -5.0])
-def test_a_step_that_lasts_no_time_that_could_be_is_refused(seconds: float, tmp_path: Path) -> None:
+def test_step_of_impossible_duration_is_refused(seconds: float, tmp_path: Path) -> None:
     def plan(_settings: Any) -> vcfbench.Plan:
         yield vcfbench.Note("Begin")
         yield Settle(seconds, "what for")

@@ -72,7 +72,7 @@ def test_v_vc_calibrates_what_feeds_itself(procedure: str, tmp_path: Path) -> No
     assert spoken_of(run) == []
 
 
-def test_the_scale_factor_is_that_of_the_same_gyroscope_with_a_supply(tmp_path: Path) -> None:
+def test_self_fed_scale_factor_is_that_with_supply(tmp_path: Path) -> None:
     settings = BY_TABLE["turntable"]
     own, ours = (vcfbench.run("turntable", bench, seed=1, settings=settings, runs=tmp_path) for bench in (FED, PAPER))
     (k, k_ours) = (run.results.scale_factor for run in (own, ours))
@@ -80,17 +80,17 @@ def test_the_scale_factor_is_that_of_the_same_gyroscope_with_a_supply(tmp_path: 
 
 
 @pytest.mark.parametrize("procedure", SEE_IT_COME)
-def test_what_must_see_the_power_come_is_refused_with_a_way_out(procedure: str) -> None:
+def test_power_on_procedure_is_refused_with_hint(procedure: str) -> None:
     with pytest.raises(ConfigError, match=rf'{procedure} needs power.*how the device comes on.*by = "hand"'):
         vcfbench.dry_run(procedure, FED)
 
 
-def test_levels_by_v_vc_are_refused_where_no_generator_makes_them() -> None:
+def test_v_vc_levels_are_refused_without_generator() -> None:
     with pytest.raises(ConfigError, match="by: expected table: the bench has no generator on V_Vc, got 'v-vc'"):
         vcfbench.dry_run("temperature", TABLE_AND_METER)
 
 
-def test_a_table_of_a_procedure_that_cannot_run_there_hinders_no_other() -> None:
+def test_settings_of_impossible_procedure_do_not_hinder_others() -> None:
     text = bench_text(TABLE_AND_METER) + "\n[procedure.threshold]\nat_rate_deg_s = 20.0\n"
     description = checked_bench(tomllib.loads(text), "table-and-meter.toml")
     assert vcfbench.dry_run("turntable", description).steps

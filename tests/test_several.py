@@ -140,7 +140,7 @@ def test_one_pair_of_ramps_measures_the_latency_of_each(whole: Run, tmp_path: Pa
     assert counted.bench_seconds - whole.bench_seconds < 5.0
 
 
-def test_a_record_that_is_not_that_of_its_run_is_found(whole: Run, tmp_path: Path) -> None:
+def test_record_of_another_run_is_found(whole: Run, tmp_path: Path) -> None:
     records = [each.directory for each in (whole, *whole.devices[:2])]
     for each in records:
         assert each is not None
@@ -247,7 +247,7 @@ def _both(build: Any, at_s: float) -> Any:
     return built
 
 
-def test_a_run_that_was_broken_off_goes_on_with_all_its_devices(whole: Run, tmp_path: Path) -> None:
+def test_broken_run_resumes_with_all_devices(whole: Run, tmp_path: Path) -> None:
     again = vcfbench.resume(cut(whole, tmp_path, 2, mark=b'"points":'), runs=tmp_path)
     assert again.status is Status.COMPLETE
     for each, before in zip(again.devices, whole.devices, strict=True):
@@ -270,7 +270,7 @@ def test_long_windows_of_each_are_kept_in_chunks(tmp_path: Path) -> None:
     assert [len(each.readings) for each in run.devices] == [400, 400]
 
 
-def test_the_bench_file_of_several_is_read_as_it_was_written() -> None:
+def test_bench_file_of_several_is_read_as_written() -> None:
     bench = several()
     assert parse_bench(bench_text(bench), "again.toml") == bench
 
@@ -329,7 +329,7 @@ def test_the_record_of_one_device_says_nothing_of_several() -> None:
     assert prepare(Request("turntable", bench)).header_entries() == {}
 
 
-def test_what_devices_share_is_in_their_mean_and_not_in_their_differences(whole: Run) -> None:
+def test_shared_error_is_in_mean_not_in_differences(whole: Run) -> None:
     run = whole
     spread = spread_of(run.devices)
     assert spread is not None

@@ -109,7 +109,7 @@ def in_process(tmp_path: Path) -> vcfbench.Run:
     return vcfbench.run(procedure(), SMALL, seed=3, settings=QUICK, runs=tmp_path / "here")
 
 
-def test_what_needs_three_instruments_runs_on_a_bench_that_has_three(in_process: vcfbench.Run) -> None:
+def test_procedure_with_three_instruments_runs_on_three(in_process: vcfbench.Run) -> None:
     assert in_process.status is Status.COMPLETE
     assert [point.v_vc_v for point in in_process.points] == pytest.approx(LEVELS_V, abs=1e-3)
     low_v, zero_v, high_v = (point.output_v for point in in_process.points)
@@ -289,7 +289,7 @@ def test_a_calibration_without_its_table_is_refused_in_a_sentence(
     bench.write_text(bench_text(SMALL), encoding="utf-8")
     said = stderr_of(name, "--bench", str(bench), "--quiet", "--runs", str(tmp_path / "runs"), *more)
     assert said == (
-        f"vcfbench: {name} needs rate_table, which bench small has not; its bench file needs a table [rate_table]"
+        f"vcfbench: {name} needs rate_table, which bench small does not have; its bench file needs a table [rate_table]"
     )
     assert not (tmp_path / "runs").exists()
 
@@ -313,7 +313,7 @@ def test_instrument_without_an_ability_is_refused_before_opening() -> None:
     )
 
 
-def test_what_is_used_where_it_is_there_must_be_able_to() -> None:
+def test_used_instrument_needs_its_capabilities() -> None:
     unable = procedure(uses={"multimeter": CapturesWaveforms})
     with pytest.raises(ConfigError, match="levels needs"):
         vcfbench.dry_run(unable, SMALL, settings=QUICK)
@@ -334,7 +334,7 @@ def test_step_on_a_missing_instrument_names_the_key(tmp_path: Path) -> None:
     def turned(_settings: ProcedureSettings) -> Routine[None]:
         yield SetRate(10.0, 100.0, 0.0)
 
-    with pytest.raises(vcfbench.LimitError, match=r"nothing is allowed \(limits\.max_rate_deg_s\).*nothing was opened"):
+    with pytest.raises(vcfbench.LimitError, match=r"it is refused \(limits\.max_rate_deg_s\).*nothing was opened"):
         vcfbench.run(procedure(plan=careless), SMALL, runs=tmp_path)
     limited = structs.replace(SMALL, limits=PAPER.limits)
     with pytest.raises(ConfigError, match=r"rate_table: bench small has none.*step 10 \(table to \+10 deg/s") as caught:
@@ -347,7 +347,7 @@ def test_step_on_a_missing_instrument_names_the_key(tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("name", few(["turntable", "virtual-coriolis"], "turntable"))
-def test_without_an_oscilloscope_a_calibration_says_that_the_drive_was_not_checked(name: str, tmp_path: Path) -> None:
+def test_drive_is_not_checked_without_oscilloscope(name: str, tmp_path: Path) -> None:
     run = vcfbench.run(name, UNSEEN, seed=3, settings={"rates_deg_s": (10.0, 0.0, -10.0), **QUICK}, runs=tmp_path)
     said = ("the drive signal: the bench has no oscilloscope",)
     waits = [each.step.seconds for each in vcfbench.dry_run(name, UNSEEN).steps if isinstance(each.step, Settle)]

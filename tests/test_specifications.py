@@ -34,15 +34,13 @@ METERS = (HP_34401A, KEYSIGHT_34461A, KEYSIGHT_34465A)
         (1000.0, (26_000.0, 45_000.0, 55_000.0)),
     ],
 )
-def test_errors_at_full_scale_are_the_test_limits_of_the_service_guide(
-    range_v: float, limits_uv: tuple[float, ...]
-) -> None:
+def test_errors_at_full_scale_are_service_guides_limits(range_v: float, limits_uv: tuple[float, ...]) -> None:
     """34401A Service Guide p. 69: 24 hours, 90 days, 1 year."""
     seen = [HP_34401A.accuracy_of(range_v, age).limit_v(-range_v, range_v) * 1e6 for age in (1, 90, 365)]
     assert seen == pytest.approx(limits_uv)
 
 
-def test_an_age_in_between_has_the_accuracy_of_the_longer_interval() -> None:
+def test_age_between_intervals_has_longer_accuracy() -> None:
     assert HP_34401A.accuracy_of(10.0, 30) == HP_34401A.accuracy_of(10.0, 90)
 
 
@@ -81,7 +79,7 @@ def test_every_meter_that_comes_along_has_its_own_sheet(row) -> None:  # type: i
 
 
 @pytest.mark.parametrize("row", [row for row in MODELS if "multimeter" in row.roles], ids=lambda row: row.name)
-def test_every_meter_that_comes_along_integrates_as_briefly_as_sines_ask(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
+def test_built_in_meters_integrate_briefly_enough_for_sines(row) -> None:  # type: ignore[no-untyped-def]  # noqa: ANN001
     assert {tones.NPLC, 1.0} <= set(driver_of(row).integration_times_nplc)
 
 

@@ -130,7 +130,7 @@ ALL_OF_A_STREAM: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("procedure", few(ALL_OF_A_STREAM, "turntable"))
-def test_the_report_of_a_stream_names_no_instrument_that_is_not_there(procedure: str, tmp_path: Path) -> None:
+def test_report_of_stream_names_present_instruments_only(procedure: str, tmp_path: Path) -> None:
     run = vcfbench.run(procedure, stream_bench("vn100"), settings=ALL_OF_A_STREAM[procedure], runs=tmp_path)
     text = vcfbench.text_of(full_report(run))
     found = [line for line in text.splitlines() if ABSENT.search(line) and not line.startswith("not checked: ")]
@@ -138,7 +138,7 @@ def test_the_report_of_a_stream_names_no_instrument_that_is_not_there(procedure:
 
 
 @pytest.mark.parametrize("unit", few(NUMBERS, "LSB"))
-def test_a_study_knows_the_truth_in_the_unit_of_the_stream(unit: str) -> None:
+def test_study_has_truth_in_unit_of_stream(unit: str) -> None:
     bench = stream_bench({**FRAME, **NUMBERS[unit]}, lsb_per_deg_s=5000.0)
     run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=None)
     assert run.values["scale_factor"].value == pytest.approx(truth_of(run, bench)["scale_factor"], rel=1e-4)
@@ -153,7 +153,7 @@ def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
-def test_of_increments_the_clock_of_the_device_is_in_the_budget(tmp_path: Path) -> None:
+def test_device_clock_is_in_budget_of_increments(tmp_path: Path) -> None:
     runs = {
         ppm: vcfbench.run("turntable", stream_bench("dsp1760", clock_ppm=ppm), seed=1, settings=QUICK, runs=tmp_path)
         for ppm in (0.0, 150.0)
@@ -190,9 +190,7 @@ class Later:
         ("vn100", "few bits", 0.0),
     ),
 )
-def test_a_fault_is_told_or_refused_and_never_a_wrong_number(
-    profile: str, fault: str, at_s: float, tmp_path: Path
-) -> None:
+def test_stream_fault_never_gives_wrong_number(profile: str, fault: str, at_s: float, tmp_path: Path) -> None:
     def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
         bench = SimulatedBench.build(description, seed, clock)
         attended: Any = bench.clock
@@ -235,7 +233,7 @@ def test_frames_that_are_no_measurement_are_refused_with_the_reason(errors: dict
             [bench.multimeter.read_voltage_v() for _ in range(3)]
 
 
-def test_a_reading_is_of_frames_that_began_after_it_was_asked_for() -> None:
+def test_reading_uses_frames_after_its_start() -> None:
     with open_bench(stream_bench("adis16495", latency_s=0.001), seed=1, needs=["multimeter"]) as bench:
         assert bench.adjust is not None
         before = bench.multimeter.read_voltage_v()
@@ -304,7 +302,7 @@ def test_words_about_the_output_have_its_unit() -> None:
     assert in_unit(said, "LSB") == "rate +5 deg/s: +0.3 LSB off, 2e-05 LSB of V_Vc"
 
 
-def test_a_run_that_was_broken_off_goes_on_with_its_stream(tmp_path: Path) -> None:
+def test_broken_run_resumes_with_its_stream(tmp_path: Path) -> None:
     run = vcfbench.run("turntable", stream_bench("adis16495"), seed=1, settings=QUICK, runs=tmp_path / "whole")
     again = vcfbench.resume(cut(run, tmp_path, 2), runs=tmp_path)
     assert again.status is Status.COMPLETE

@@ -70,9 +70,7 @@ def test_a_calibration_without_noise_and_errors_gives_the_closed_form(tmp_path: 
     "settings", few([{"earth": "rate"}, {"earth": "rate", "k_vc_by": "plus-minus"}], {"earth": "rate"})
 )
 @pytest.mark.parametrize("procedure", few(["turntable", "virtual-coriolis"], "turntable"))
-def test_the_earth_s_rate_that_was_added_is_in_no_true_bias(
-    procedure: str, settings: dict[str, Any], tmp_path: Path
-) -> None:
+def test_added_earth_rate_is_not_in_true_bias(procedure: str, settings: dict[str, Any], tmp_path: Path) -> None:
     """Without noise and errors the values are the true ones: 0.0026 deg/s, 32 uV, are a hundred times what is left."""
     truth = study()
     bench = tmp_path / "bench.toml"
@@ -90,7 +88,7 @@ def test_the_earth_s_rate_that_was_added_is_in_no_true_bias(
 
 
 @pytest.mark.exhaustive
-def test_a_match_of_outputs_as_they_are_is_held_against_k_vc(tmp_path: Path) -> None:
+def test_absolute_match_is_compared_with_k_vc(tmp_path: Path) -> None:
     run = vcfbench.run("virtual-coriolis", "lab", seed=1, settings={"match": "absolute"}, runs=tmp_path)
     true = truth_of(run, load_bench("lab"))
     assert true["k_vc"] == pytest.approx(150.0, rel=0.01)

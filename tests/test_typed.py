@@ -63,6 +63,6 @@ def test_one_thread_at_a_time() -> None:
 
 
 @pytest.mark.exhaustive
-def test_four_threads_that_read_a_bench_file_at_once_end_well() -> None:
+def test_four_threads_read_bench_file_at_once() -> None:
     """Without care for it msgspec ends the interpreter by a signal, more often than not."""
     subprocess.run([sys.executable, "-c", AT_ONCE], check=True, timeout=60)  # noqa: S603

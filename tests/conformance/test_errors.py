@@ -194,7 +194,7 @@ def test_number_for_a_string_gives_the_error_of_the_manual(model: str) -> None:
     ("message", "bit"),
     [("FOO", 32), ("*ESE 256", 16), ("*IDN?;*ESE?", 4)],
 )
-def test_the_class_of_an_error_is_a_bit_of_the_event_status(model: str, message: str, bit: int) -> None:
+def test_error_class_sets_bit_of_event_status(model: str, message: str, bit: int) -> None:
     bench = walk.bench(model)
     bench.write("*CLS")
     bench.write(message)
@@ -272,7 +272,7 @@ OVERFLOW = {
 
 
 @pytest.mark.parametrize("model", walk.MODELS)
-def test_the_newest_entry_of_a_full_queue_tells_that_it_was(model: str) -> None:
+def test_full_queue_has_overflow_as_newest_entry(model: str) -> None:
     bench, (depth, words) = walk.bench(model), OVERFLOW[model]
     bench.write("*CLS")
     for _ in range(depth):

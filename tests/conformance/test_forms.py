@@ -31,7 +31,7 @@ def test_the_forms_of_manuals_are_answered(model: str, question: str, begins: st
     assert bench.error() == 0
 
 
-def test_a_word_that_no_command_has_is_too_long_beyond_twelve_letters() -> None:
+def test_unknown_word_beyond_twelve_letters_is_too_long() -> None:
     bench = walk.bench("dmm6500")
     for header, number in ((":SENS:VOLT:INPUTIMPEDANC 1", -112), (":SENS:VOLT:NONSENSE 1", -113)):
         bench.write(header)

@@ -97,9 +97,7 @@ def test_an_instrument_answers_in_the_same_bytes(model: str) -> None:
         for column, wires in enumerate(WIRES)
     ],
 )
-def test_a_run_over_wires_has_the_bytes_of_one_in_process(
-    procedure: str, wires: str, bench: str, tmp_path: Path
-) -> None:
+def test_run_over_wires_has_bytes_of_run_in_process(procedure: str, wires: str, bench: str, tmp_path: Path) -> None:
     with serving(wired_bench(tmp_path, bench), *everywhere(wires), "--seed", "7") as served:
         require_wires(served, wires)
         assert wired_hashes(procedure, served, seed=None) == GOLDEN["wired"][f"{procedure} {bench}"]

@@ -49,7 +49,7 @@ def test_a_run_is_right_at_its_first_try(tmp_path: Path, monkeypatch: pytest.Mon
     assert slope(tmp_path) == pytest.approx(clean, rel=2e-4)
 
 
-def test_a_probe_of_another_factor_ends_the_run_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_probe_factor_ends_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     left_behind(monkeypatch, {"oscilloscope": ":CHAN1:PROB 10"})
     with pytest.raises(InstrumentError, match="its probe factor is not what"):
         slope(tmp_path)

@@ -33,9 +33,7 @@ def test_discovery_writes_every_one_of_them_into_a_bench_file() -> None:
 
 
 @pytest.mark.parametrize("procedure", few(["turntable", "virtual-coriolis"]))
-def test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process(
-    procedure: str, bench: Path, tmp_path: Path
-) -> None:
+def test_calibration_over_tcp_has_bytes_of_process(procedure: str, bench: Path, tmp_path: Path) -> None:
     alone = answer(tmp_path, procedure, "--bench", str(bench), "--seed", "7")
     assert alone["status"] == "complete"
     with serving(bench, "--wires", "tcp", "--seed", "7") as served:
@@ -52,4 +50,4 @@ def test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process(
 def test_so_does_one_with_another_of_them(model: str, other: str, bench: Path, tmp_path: Path) -> None:
     path = tmp_path / "bench.toml"
     path.write_text(bench.read_text(encoding="utf-8").replace(f'"{model}"', f'"{other}"'), encoding="utf-8")
-    test_a_calibration_over_tcp_gives_the_same_bytes_as_in_one_process("virtual-coriolis", path, tmp_path)
+    test_calibration_over_tcp_has_bytes_of_process("virtual-coriolis", path, tmp_path)

@@ -35,9 +35,7 @@ def seen(python: Path, folder: Path, resource: str, library: str) -> Seen:
 
 @pytest.mark.exhaustive  # minutes: a question that gets no answer takes 2 s
 @pytest.mark.parametrize(("client", "model"), [("instro_meter.py", "34401A"), ("sinstruments_meter.py", "2000")])
-def test_a_served_instrument_is_recorded_and_what_it_has_not_is_found(
-    foreign: Path, tmp_path: Path, client: str, model: str
-) -> None:
+def test_kit_records_served_instrument_and_finds_gaps(foreign: Path, tmp_path: Path, client: str, model: str) -> None:
     words = [str(foreign), str(CLIENTS / client), *(["HEWLETT-PACKARD,34401A,0,10-5-2"] if model == "34401A" else [])]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as server:  # noqa: S603
         assert server.stdout is not None
