@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-DOCS = Path(__file__).parents[1] / "docs"
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
 CODE = re.compile(r"^```.*?^```|`[^`]*`|\$[^$]*\$|\]\([^)]*\)", re.MULTILINE | re.DOTALL)
 HABITS = {
     "a clause as a noun": (r"what", 3.5),
@@ -31,3 +32,13 @@ def test_habit_is_rare(habit: str) -> None:
     words, limit = HABITS[habit]
     found = len(re.findall(rf"\b(?:{words})\b", prose(), re.IGNORECASE))
     assert 1000.0 * found / len(re.findall(r"[A-Za-z]+", prose())) <= limit
+
+
+MOST_WORDS = 70_000
+
+
+def test_pages_by_hand_stay_short() -> None:
+    """Who adds a page takes a repeated one away: the changelog and pages of others do not count."""
+    folders = [path for name in ("docs", "simrack", "examples", "experiments") for path in (ROOT / name).rglob("*.md")]
+    pages = [*(path for path in ROOT.glob("*.md") if path.name != "CHANGELOG.md"), *folders]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in pages) <= MOST_WORDS
