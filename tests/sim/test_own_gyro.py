@@ -15,6 +15,7 @@ from msgspec import structs
 
 import vcfbench
 from tests.sim.gyro.plain import rate_response as integrated
+from vcfbench.analysis.rate_band import split_guess_hz
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet, noise_bandwidth_hz, own_gyro, peak_response, rate_response
@@ -157,6 +158,16 @@ def test_a_drawn_output_is_free_of_its_end(seed: int) -> None:
     white_deg_s = sheet.angle_random_walk_deg_sqrt_h / 60.0
     noise_deg_s = white_deg_s * math.sqrt(2.0 * noise_bandwidth_hz(sheet, 0.0))
     assert most_v + 4.0 * noise_deg_s * abs(sheet.scale_factor_v_per_deg_s) < sheet.swing_v
+
+
+@pytest.mark.parametrize("size_hz", [3.0, 24.8, 60.0, 76.0, 78.5, 80.0])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_split_is_guessed_from_the_frequencies_that_are_written(size_hz: float, sign: float) -> None:
+    sheet = DataSheet(drive_hz=3488.9, split_hz=sign * size_hz, q_sense=5000.0)
+    keys = parse_bench(own_gyro_bench(sheet, "own"), "own").procedure_table["bandwidth"]
+    gyro, at_hz = own_gyro(sheet, imperfections=False, latitude_deg=0.0), keys["frequencies_hz"]
+    guess_hz = split_guess_hz(at_hz, [rate_response(gyro, each) for each in at_hz])
+    assert guess_hz == pytest.approx(size_hz, rel=0.08)
 
 
 @pytest.mark.exhaustive

@@ -231,7 +231,11 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
     sines = {
         "sine_amplitude_v": _round(max(LEAST_SINE_V, peak_v)),
         "split_guess_hz": _round(min(abs(sheet.split_hz), _HIGHEST_HZ)),
-        "frequencies_hz": [_round(each * finer) for each in _ROUGH_HZ if 0.05 <= each * finer <= _HIGHEST_HZ],
+        "frequencies_hz": [
+            min(_round(each * finer), _HIGHEST_HZ)  # that near the split too, or the last one is far below the peak
+            for each in _ROUGH_HZ
+            if 0.05 <= each * finer < 1.03 * _HIGHEST_HZ
+        ],
         **filters,
     }
     return {
