@@ -47,6 +47,13 @@ def test_a_run_with_its_budget_loads_no_scipy(procedure: str, values: int, tmp_p
     assert done.stdout.splitlines()[-1] == f"{values} []"
 
 
+def test_plans_load_no_numpy() -> None:
+    """It takes 0.1 s, and commands that read plans or records do not need it."""
+    command = [sys.executable, "-c", "import sys, vcfbench.steps; print('numpy' in sys.modules)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    assert done.stdout == "False\n"
+
+
 @pytest.mark.exhaustive
 def test_a_run_makes_no_dataclass(tmp_path: Path) -> None:
     """A frozen dataclass takes 0.7 ms to make, a struct 0.02 ms."""

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -33,6 +34,12 @@ class Ramp(Struct, frozen=True, eq=False):
     rate_deg_s: Floats
     came_s: Floats
     number: Floats
+
+    @classmethod
+    def of_looks(cls, looks: Sequence[tuple[float, float, float]], came_s: Floats, number: Floats) -> "Ramp":
+        """Return the ramp by each look at the table: when it was asked and answered, s, and its rate, deg/s."""
+        asked_s, answered_s, rate_deg_s = np.array(looks).T
+        return cls(asked_s, answered_s, rate_deg_s, came_s, number)
 
     @property
     def latency(self) -> Latency | None:
@@ -83,6 +90,31 @@ def _half_way(t_s: Floats, value: Floats) -> tuple[float, float] | None:
     left = t_s[on] - design @ coefficients
     variance = float(left @ left) / (len(on) - 2) * float(np.linalg.inv(design.T @ design)[0, 0])
     return float(coefficients[0]), math.sqrt(variance)
+
+
+def course_by_counter(
+    frames: Sequence[tuple[float, int, float]], *, period_s: float, numbers: int, of_angle: bool, turn: float
+) -> tuple[Floats, Floats]:
+    """Return arrivals by the counter, s (n,), and numbers of frames (n,), of an angle its growth a frame.
+
+    Args:
+        frames: bench time of finding it (s), counter and number of each frame.
+        period_s: time from frame to frame, s.
+        numbers: numbers of the counter, after which it begins anew.
+        of_angle: whether the number is an angle.
+        turn: angle at which it begins anew; 0: never.
+    """
+    counter, came_s, value = [0], list[float](), list[float]()
+    for (_, before, number_before), (t_s, at, number) in pairwise(frames):
+        if gone := (at - before) % numbers:
+            grown = number - number_before
+            grown -= turn * round(grown / turn) if turn else 0.0
+            counter.append(counter[-1] + gone)
+            came_s.append(t_s)
+            value.append(grown / gone if of_angle else number)
+    if not value:
+        return np.empty(0), np.empty(0)
+    return instants_by_counter(counter[1:], np.array(came_s), period_s), np.array(value)
 
 
 def instants_by_counter(counter: Sequence[int], came_s: Floats, period_s: float) -> Floats:

@@ -1,22 +1,21 @@
 """Latency of a stream: the table ramps up and back, and both are watched."""
 
 from collections.abc import Mapping
-from itertools import pairwise
+from typing import TYPE_CHECKING
 
-import numpy as np
 from msgspec import Struct
 
-from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.latency import Ramp, instants_by_counter, mean_latency
 from vcfbench.clock import Clock
 from vcfbench.drivers.streams.decoder import Sample
-from vcfbench.drivers.streams.description import Stream
 from vcfbench.drivers.streams.reader import StreamReader
 from vcfbench.interfaces import RateTable
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does, problem
 from vcfbench.steps.table import AwaitRate, SetRate
+
+if TYPE_CHECKING:
+    from vcfbench.analysis.latency import Ramp
 
 _REST_S = 0.5
 """Time before and after each ramp that is watched too, beside the latency that the bench file tells, s."""
@@ -72,6 +71,8 @@ class MeasureLatency(Step, Struct, frozen=True):
 
     def of_all(self, contexts: Mapping[str, Context]) -> dict[str, LatencySeen]:
         """Do it once for all devices on the table; return the result of each."""
+        from vcfbench.analysis.latency import mean_latency  # noqa: PLC0415  # numpy takes longer than all else
+
         readers = {name: _reader(each) for name, each in contexts.items()}
         context = next(iter(contexts.values()))
         table, clock = context.bench.rate_table, context.bench.clock
@@ -96,7 +97,7 @@ def _reader(context: Context) -> StreamReader:
 
 def _followed(
     ramp: SetRate, readers: Mapping[str, StreamReader], table: RateTable, clock: Clock, context: Context
-) -> dict[str, Ramp]:
+) -> "dict[str, Ramp]":
     """Do a ramp, with some rest before and after it; return read-backs and frames by device."""
     frames: dict[str, _Frames] = {name: [] for name in readers}
     looks: list[tuple[float, float, float]] = []
@@ -115,25 +116,19 @@ def _followed(
     watch(clock.now() + rest_s)
     ramp.command(context.bench)
     watch(clock.now() + ramp.ramp_s + rest_s)
-    asked_s, answered_s, rate_deg_s = np.array(looks).T
-    return {
-        name: Ramp(asked_s, answered_s, rate_deg_s, *course_of(each.stream, frames[name]))
-        for name, each in readers.items()
-    }
+    return {name: _ramp(each, looks, frames[name]) for name, each in readers.items()}
 
 
-def course_of(stream: Stream, frames: _Frames) -> tuple[Floats, Floats]:
-    """Return arrivals of frames by their counter, s (n,), and their rates or increments (n,)."""
-    counter, turn = stream.counter, stream.turn
-    numbers, came_s, values = list[int](), list[float](), list[float]()
-    for (_, before), (t_s, each) in pairwise(frames):
-        gone = 1 if counter is None else ((each.counter or 0) - (before.counter or 0)) % counter.numbers
-        if gone:
-            grown = each.value - before.value
-            grown -= turn * round(grown / turn) if turn else 0.0
-            numbers.append((numbers[-1] if numbers else 0) + gone)
-            came_s.append(t_s)
-            values.append(grown / gone if stream.kind == "angle" else each.value)
-    if not numbers or counter is None:
-        return np.empty(0), np.empty(0)
-    return instants_by_counter(numbers, np.array(came_s), 1.0 / stream.sample_rate_hz), np.array(values)
+def _ramp(reader: StreamReader, looks: list[tuple[float, float, float]], frames: _Frames) -> "Ramp":
+    from vcfbench.analysis.latency import Ramp, course_by_counter  # noqa: PLC0415  # as above
+
+    stream = reader.stream
+    frames = frames if stream.counter is not None else []  # without one nothing tells when a frame had come
+    came_s, number = course_by_counter(
+        [(t_s, each.counter or 0, each.value) for t_s, each in frames],
+        period_s=1.0 / stream.sample_rate_hz,
+        numbers=1 if stream.counter is None else stream.counter.numbers,
+        of_angle=stream.kind == "angle",
+        turn=stream.turn,
+    )
+    return Ramp.of_looks(looks, came_s, number)
