@@ -69,7 +69,7 @@ def test_that_of_its_class_is_said_to_be_assumed() -> None:
     assert drive.moved_k == pytest.approx(2.0)
     assert (drive.temperature_c, drive.assumed) == (None, "-30 ppm/K assumed")
     said = Conditions((10.0, -10.0), None, drive).words
-    assert "drive 3499.89 Hz, moved by +2.0 K (U95 1.2 K, -30 ppm/K assumed) during the run" in said
+    assert "drive 3499.89 Hz; during the run the device warmed by +2.0 K (U95 1.2 K, by -30 ppm/K assumed)" in said
 
 
 def test_run_without_last_record_has_frequency_without_change() -> None:

@@ -84,12 +84,13 @@ class Drive(Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """Return it in words: ``drive 3488.93 Hz, moved by +0.1 K (U95 0.5 K) during the run``."""
+        """Return ``drive 3488.93 Hz; during the run the device warmed by +0.1 K (U95 0.5 K)``."""
         said = f"drive {self.frequency_hz:.2f} Hz"
         if self.moved_k is None:
             return said
-        by = f", {self.assumed}" if self.assumed else ""
-        return f"{said}, moved by {self.moved_k:+.1f} K (U95 {2.0 * (self.u_moved_k or 0.0):.1f} K{by}) during the run"
+        by = f", by {self.assumed}" if self.assumed else ""
+        u95_k = 2.0 * (self.u_moved_k or 0.0)
+        return f"{said}; during the run the device warmed by {self.moved_k:+.1f} K (U95 {u95_k:.1f} K{by})"
 
 
 class Conditions(Struct, frozen=True):
@@ -108,7 +109,7 @@ class Conditions(Struct, frozen=True):
     @property
     def words(self) -> str:
         """Return the conditions in words: ``23.5 degC, rails +10, -10 V``."""
-        said = ["a temperature that nobody told" if self.temperature_c is None else f"{self.temperature_c:.4g} degC"]
+        said = ["a temperature that was not stated" if self.temperature_c is None else f"{self.temperature_c:.4g} degC"]
         if self.drive is not None and self.temperature_c is not None and self.temperature_c == self.drive.temperature_c:
             said = [f"{said[0]} (U95 {2.0 * (self.drive.u_temperature_k or 0.0):.1f} K, by the drive's frequency)"]
         said += [] if self.rails_v is None else ["rails " + ", ".join(f"{each:+g}" for each in self.rails_v) + " V"]
