@@ -42,7 +42,7 @@ class AtlDialect(TableDialect):
         self._steady = SteadyRate()
 
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
-        """Read the angle: there is no question for the identity, but somebody must answer."""
+        """Read the angle as a proof of presence, because the language has no query for the identity."""
         self.angle_deg(line, deadline)
         return Identity("Ideal Aerosmith (presumed)", "table language, experimental", "", "")
 
@@ -58,7 +58,7 @@ class AtlDialect(TableDialect):
         return not data.replace(_PROMPT.encode("ascii"), b"").strip()
 
     def stop_words(self, acceleration_deg_s2: float | None) -> tuple[bytes, ...]:
-        """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
+        """Send ``STO`` after a carriage return, which ends a half command before it."""
         if acceleration_deg_s2 is None or not math.isfinite(acceleration_deg_s2):
             return (b"\rSTO\r",)
         return b"\rSTO\r", f"ACL{decimal(acceleration_deg_s2, 4)}\r".encode("ascii"), b"STO\r"
@@ -70,7 +70,7 @@ class AtlDialect(TableDialect):
         self._servo = True
 
     def hold(self, line: TableLine, deadline: Deadline) -> None:
-        """Send ``STO`` after a carriage return, which ends whatever half a command stands before it."""
+        """Send ``STO`` after a carriage return, which ends a half command before it."""
         self._steady.demand(0.0)
         self._command(line, "STO", deadline, b"\rSTO\r", at_once=True)
 
@@ -97,7 +97,7 @@ class AtlDialect(TableDialect):
         return self._servo
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell from readings of the rate: users contradict each other about ``MCO``."""
+        """Return True by readings of the rate, because users contradict each other about ``MCO``."""
         return self._steady.reached(self.rate_deg_s(line, deadline))
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:

@@ -1,4 +1,4 @@
-"""A table language that is told in TOML: one axis, driven by a :class:`~vcfbench_tables.profile.Profile`.
+"""A table language in TOML: one axis, driven by a :class:`~vcfbench_tables.profile.Profile`.
 
 What every dialect owes holds here whatever a profile says: nothing that is not finite or not within limits is sent,
 stopping is repeated and questions are, commands are not; what does not parse is an error and never a zero; the servo
@@ -31,7 +31,7 @@ _READINGS = 8
 
 
 class ConfigurableDialect(TableDialect):
-    """One axis of a table whose language `profile` tells.
+    """One axis of a table with the language of `profile`.
 
     Limits are checked before anything is sent. No profile tells the effect of opening the servo on a table that turns:
     it has no shutdown words.
@@ -135,7 +135,7 @@ class ConfigurableDialect(TableDialect):
         self.perform(line, "local", deadline)
 
     def close_servo(self, line: TableLine, deadline: Deadline) -> None:
-        """Power on, stop whatever was demanded and see that it stands, close the servo.
+        """Power on, stop any motion and check rest, close the servo.
 
         A table that refuses its stop, or whose rate is read from elsewhere, is found before it can turn.
 
@@ -210,25 +210,25 @@ class ConfigurableDialect(TableDialect):
             self.perform(line, name, generous)
 
     def servo_closed(self, line: TableLine, deadline: Deadline) -> bool:
-        """Return True if the servo is closed; a table that does not say is taken to be as it was last told."""
+        """Return True if the servo is closed; by default its last commanded state."""
         return self.flag(line, "enabled", deadline) if "enabled" in self.profile.status else self._servo
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell by the table's own flag, else by readings of the rate."""
+        """Return True by the table's own flag, else by readings of the rate."""
         wanted = "at_rate" if self._steady.demanded_deg_s else "stopped"
         if wanted in self.profile.status:
             return self.flag(line, wanted, deadline)
         return self._steady.reached(self.rate_deg_s(line, deadline))
 
     def stands(self, line: TableLine, deadline: Deadline) -> bool:
-        """Tell by the profile's flag of rest or of motion, where it has one."""
+        """Return True by the profile's flag of rest or of motion, if it has one."""
         status = self.profile.status
         if "stopped" in status:
             return self.flag(line, "stopped", deadline)
         return "moving" not in status or not self.flag(line, "moving", deadline)
 
     def rate_deg_s(self, line: TableLine, deadline: Deadline) -> float:
-        """Read the rate; where the table does not tell it, watch the angle."""
+        """Read the rate, or calculate it from the angle if the table does not report it."""
         if "rate" in self.profile.fields:
             return self.profile.units.sign * self.number(line, "rate", deadline)
         return self.profile.units.sign * self._slope(line, "position", _SPAN_S, deadline)

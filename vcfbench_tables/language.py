@@ -1,4 +1,4 @@
-"""Keys of a profile, a table language told in TOML: frozen strict structs.
+"""Keys of a profile, a table language in TOML: frozen strict structs.
 
 :mod:`~vcfbench_tables.profile` reads and checks one,
 :class:`~vcfbench_tables.configurable.ConfigurableDialect` does what it says.
@@ -192,7 +192,7 @@ class Safety(_Part, frozen=True, kw_only=True):
 
 
 class Profile(_Part, frozen=True, kw_only=True):
-    """A table language. `twin` names the simulated table that stands in for it on a simulated bench."""
+    """A table language. `twin` names the simulated table that replaces it on a simulated bench."""
 
     title: _Name  # name of the table
     evidence: str  # source of the profile

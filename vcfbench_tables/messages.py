@@ -1,4 +1,4 @@
-"""Messages of a table language told in TOML: templates, numbers in bytes, checksums, frames.
+"""Messages of a table language in TOML: templates, numbers in bytes, checksums, frames.
 
 A template of text is in Python's format language: ``3{dir}{acc:04d}{abs_rate:09.4f}``. One of bytes is hexadecimal,
 each place with its type and the factor to its whole numbers: ``01 0C {rate:i32*1e5} {acc:i32*1e5}``.

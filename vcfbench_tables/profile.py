@@ -1,4 +1,4 @@
-"""Reading of table languages told in TOML: every mistake is one line with file, key and expectation.
+"""Reading of table languages in TOML: every mistake is one line with file, key and expectation.
 
 What a profile can say is in :mod:`vcfbench_tables.language`.
 """
@@ -44,7 +44,7 @@ def profile_text(name: str) -> str:
 
 
 def parse_profile(text: str, source: str) -> Profile:
-    """Return the profile that the TOML `text` tells; `source` names it in errors (ConfigError)."""
+    """Return the profile of the TOML `text`; `source` names it in errors (ConfigError)."""
     raw = parse_toml(text, source)
     # Try the entries under names of the profile's choice one by one: msgspec's path would not tell the name
     for section, kind in _KEYED.items():

@@ -10,7 +10,7 @@ REST_DEG_S = 0.1
 
 
 class SteadyRate(Struct):
-    """Stands in for an at-rate flag: so many readings in a row within a tolerance of the demand."""
+    """Replaces an at-rate flag: so many readings in a row within a tolerance of the demand."""
 
     tolerance_deg_s: float = 0.02
     relative: float = 1e-4
@@ -19,7 +19,7 @@ class SteadyRate(Struct):
     _good: int = 0
 
     def demand(self, rate_deg_s: float) -> None:
-        """Begin anew with another demand."""
+        """Start again with another demand."""
         self.demanded_deg_s, self._good = rate_deg_s, 0
 
     def reached(self, rate_deg_s: float) -> bool:
