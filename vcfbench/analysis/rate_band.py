@@ -330,7 +330,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
     unknown = 0.8, known.in_phase_split_hz, 0.0
 
     def least(start: Floats, u: Floats) -> ModelFit:
-        """Return the better fit of two: a start far off ends beside the minimum, with a lag that nothing has."""
+        """Return the better of two fits, because a start far off can end at a wrong minimum with a false lag."""
         fits = [fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")]
         again = np.array([*fits[0].parameters[:3], *unknown])
         fits.append(fit_model(lambda p: _residuals(p, f, gain, u, known), again, "bandwidth"))

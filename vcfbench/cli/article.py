@@ -1,4 +1,4 @@
-"""``vcfbench article``: the paper's printed numbers beside those of the simulated bench, its figures and errata."""
+"""``vcfbench article``: the paper's printed numbers against those of the simulated bench, its figures and errata."""
 
 from pathlib import Path  # typer reads the annotation when it runs
 from typing import Annotated
@@ -21,7 +21,7 @@ def article(
     json: Json_ = False,
     quiet: Quiet_ = False,
 ) -> None:
-    """Make the paper's numbers, figures and errata again, each printed number beside ours with a mark.
+    """Make the paper's numbers, figures and errata again, with a mark at each printed number.
 
     Exit code 1: a number is not that of the paper.
     """

@@ -1,4 +1,4 @@
-"""``vcfbench compare``: runs beside each other."""
+"""``vcfbench compare``: differences between runs."""
 
 from pathlib import Path
 from typing import Annotated

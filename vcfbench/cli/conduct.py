@@ -61,7 +61,7 @@ class RunOptions(Struct, frozen=True, kw_only=True):
 
 
 def carry_out(request: Request, preparing: Preparing, options: RunOptions, ending: SignalsWithoutBench | None) -> None:
-    """Conduct a run: the answer goes to stdout, every error is raised for the command's caller to tell.
+    """Conduct a run: its output goes to stdout, errors are raised for the caller to print.
 
     `ending` is told when the code is known, while signals are still held: what comes later shall not change it.
     """

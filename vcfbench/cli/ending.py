@@ -1,4 +1,4 @@
-"""Ending of a command: a code that nothing can change any more, and words that reach somebody.
+"""Ending of a command: the final exit code, and a message on the first stream that takes it.
 
 A command may have lost its terminal, its reader or its disk, and signals may come as late as they like: what was found
 out about the bench stands. The worst that is known wins, whatever went wrong on the way out.
@@ -182,7 +182,7 @@ def _put(number: int, data: bytes) -> bool:
 
 
 def terminal_gone(error: OSError) -> bool:
-    """Return True if `error` is that of a terminal that was closed: nobody is there to read on."""
+    """Return True if `error` is that of a closed terminal."""
     with suppress(OSError, ValueError, AttributeError):
         return error.errno == errno.EIO and stat.S_ISCHR(os.fstat(sys.stdout.fileno()).st_mode)
     return False

@@ -1,4 +1,4 @@
-"""``vcfbench kit``: a program that records how somebody's instruments answer, and what comes of its recording."""
+"""``vcfbench kit``: a program that records how real instruments answer, and the comparison of its bundles."""
 
 from pathlib import Path
 from typing import Annotated

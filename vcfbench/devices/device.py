@@ -295,7 +295,7 @@ def _reference(name: str, record: devices.DeviceRecord) -> Reference | None:
 
 
 def level_for(curve: devices.KvcCurve, rate_deg_s: float, key: str) -> float:
-    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` is where the rate was asked for.
+    """Return the V_Vc that stands for a rate, by bisection; 0 V for none. `key` names the rate in errors.
 
     ConfigError: the curve does not go so far.
     """

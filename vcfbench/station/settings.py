@@ -83,7 +83,7 @@ class PlacedInstrument(Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return f"{self.name}{station}" + ("" if self.calibrated is None else f", {self.calibrated}")
 
     def answering(self, serial_number: str) -> Self:
-        """Return it as one that has told its own serial number, where the bench file tells none; 0 is none."""
+        """Return the meter with the serial number of its identity, if the bench file has none; 0 is none."""
         if self.station is None or serial_number in {"", "0"}:
             return self
         return structs.replace(self, where=f"no. {serial_number}", station=None)

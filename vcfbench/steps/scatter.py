@@ -81,7 +81,7 @@ class Scatter(Struct, frozen=True):
 
     @classmethod
     def of(cls, readings_v: Sequence[float], table_v2: float = 0.0) -> "Scatter | None":
-        """Return the scatter of equally spaced readings; None of fewer than three, which always stand on a line."""
+        """Return the scatter of equally spaced readings; None for fewer than three, which are always on a line."""
         n = len(readings_v)
         if n < 3:
             return None

@@ -23,7 +23,7 @@ def scale_v_per_div(amplitude_v: float) -> float:
 
 
 def downloaded(context: Context, channel: int, points: int = 1000) -> Waveform:
-    """Download the record of `channel`; it stands, so that it can be read twice."""
+    """Download the stopped record of `channel`, which can be read twice."""
     return context.believable(lambda: context.bench.oscilloscope.waveform(channel, points))
 
 

@@ -25,7 +25,7 @@ class Note(Step, Struct, frozen=True):
 
 
 class NotChecked(Step, Struct, frozen=True):
-    """Stands in a plan in place of a check that this bench does not allow; nothing is done, and the answer says so."""
+    """Replaces a check that this bench does not allow; it only records that."""
 
     what: str
     reason: str

@@ -45,7 +45,7 @@ class Hysteresis(Struct, frozen=True):
 
 
 class SweepFound(Struct, frozen=True, kw_only=True):
-    """Results of the order in which the rates were visited; None where it does not tell them."""
+    """Results of the order in which the rates were visited; None if the order gives none."""
 
     order: schedule.Order
     zeros: schedule.Zeros

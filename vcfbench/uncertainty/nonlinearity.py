@@ -185,7 +185,7 @@ def line_statement(
     difference: str | None = None,
     levels_by: str = "",
 ) -> Statement:
-    """Return the statement of lines with the non-linearities that stand above errors, and a bound for the others.
+    """Return the statement of lines with the non-linearities beyond their errors, and a bound for the others.
 
     `sources` are those beside the `noise` of the windows and the circumstances `around`; `warming` is that of
     :func:`warming_v`; `meanings`, `difference` and `levels_by` are those of :func:`.statement`. The budget is done a

@@ -15,7 +15,7 @@ from vcfbench.values.value import Measurand, UncertaintyPart
 
 
 def windows_without_times(settings: ProcedureSettings) -> Iterator[InvalidValue]:
-    """Yield what is wrong with windows that keep their readings in the journal alone: nobody knows when they began."""
+    """Yield the windows without times, because their readings are in the journal alone."""
     if not fits_one_chunk(settings.samples, settings.sample_interval_s):
         yield InvalidValue("samples", "windows of 60 s and 1000 readings at most", settings.samples)
 

@@ -32,7 +32,7 @@ _PHI_D0: Final = 0.3
 
 
 class Erratum(Struct, frozen=True):
-    """A mistake in print: where it stands, its words and those that hold, what either gives, and what is true."""
+    """A mistake in print: its place, the printed and the right words, the numbers of both, and the truth."""
 
     where: str
     printed: str

@@ -14,7 +14,7 @@ Word = Literal["pass", "marginal", "fail"]
 
 
 class Rule(Enum):
-    """Decision rule that a verdict was found by, in the words that stand beside it."""
+    """Decision rule of a verdict, in the words printed with it."""
 
     SIMPLE = "simple acceptance"
     NO_U95 = "no U95: simple acceptance"

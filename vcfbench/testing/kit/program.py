@@ -77,7 +77,7 @@ def blotted(text: str) -> str:
 
 
 def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -> str:
-    """Return an answer without what could tell whose instrument it is.
+    """Return an answer without serial numbers and other marks of its owner.
 
     Kept are numbers, words of the list (with the number of a channel), and of ``*IDN?`` maker, model and firmware. Not
     kept is a whole number of more than five digits, or any in quotes, and whatever holds the serial number.
@@ -141,7 +141,7 @@ class Connection:
         self.connect()
 
     def connect(self) -> None:
-        """Open it, also anew."""
+        """Open the connection, or reopen it."""
         self.opened = opened = self.reopen()
         opened.timeout = 5000
         self.kind = str(getattr(opened.interface_type, "name", "instr")).upper()
@@ -300,7 +300,7 @@ def twice(model: str, script: Script, ask: Callable[[str], str]) -> bool:
 
 
 def at_the_terminal(words: str) -> str:
-    """Ask a person; where nobody can type, nothing was said."""
+    """Ask a person; return "" without a terminal."""
     try:
         return input(words)
     except EOFError:

@@ -279,7 +279,7 @@ def _surroundings(draw: Draw) -> Iterator[None]:
 
 
 def start(draw: Draw, life: int, clean: Clean, folder: Path, earlier: Path | None) -> Ended:
-    """Start the program, anew or to go on with the record `earlier`; its disk is left in `folder`.
+    """Start the program, or resume the record `earlier`; its disk is left in `folder`.
 
     Raises:
         Aborted: a signal came that was not drawn.
