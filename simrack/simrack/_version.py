@@ -1,3 +1,3 @@
-"""Version of both distributions, simrack and vcfbench: the one place where it stands."""
+"""Version of both distributions, simrack and vcfbench, in one place."""
 
 __version__ = "0.1.0"

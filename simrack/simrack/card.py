@@ -49,7 +49,7 @@ class Index(Struct, frozen=True):
 
 
 def spellings(header: str) -> Iterator[str]:
-    """Yield a header as printed in all that it stands for: `[:STATe]` there or not, each of `{LOWer|UPPer}`."""
+    """Yield all forms of a printed header: with and without `[:STATe]`, each of `{LOWer|UPPer}`."""
     pieces = re.split(r"(\[[^]]*\]|\{[^}]*\})", header)
     choices = [
         (piece[1:-1], "") if piece[:1] == "[" else piece[1:-1].split("|") if piece[:1] == "{" else (piece,)

@@ -9,7 +9,7 @@ _Method = TypeVar("_Method", bound="Callable[..., Any]")
 
 
 class Handlers(dict[Any, str]):
-    """Names of a class's methods by key: ``@COMMANDS.of("JOG")`` stands on a method."""
+    """Names of a class's methods by key; ``@COMMANDS.of("JOG")`` decorates a method."""
 
     def of(self, *keys: Any) -> Callable[[_Method], _Method]:
         """Register the method below for `keys`."""

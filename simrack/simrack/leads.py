@@ -135,7 +135,7 @@ class _LeadTrace:
 
 
 class Leads:
-    """The World as one instrument sees it: its inputs stand where the World has nodes.
+    """The World for one instrument, with the instrument's inputs in the place of the World's nodes.
 
     Args:
         world: the World.

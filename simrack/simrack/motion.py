@@ -76,7 +76,7 @@ class RateSegment(Struct, frozen=True):
         return left if self.flutter is None else left + self.shaking_deg_s * self.flutter.angle_at(instant_s)
 
     def askew(self, share: float) -> RateSegment:
-        """Return the rates as an axis at an angle sees them, that share of each; of the angle it tells nothing."""
+        """Return the rates along a tilted axis, each times that share; the angle is not simulated."""
         return replace(
             self,
             rate_deg_s=share * self.rate_deg_s,

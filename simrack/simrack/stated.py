@@ -1,4 +1,4 @@
-"""The version of an installed package, told before anything is loaded."""
+"""The version of an installed package, printed before other modules are loaded."""
 
 import os
 import sys

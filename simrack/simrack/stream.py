@@ -130,7 +130,7 @@ class StreamTwin:
         return part, False
 
     def wake_at(self) -> float | None:
-        """Return when the next frame is over or has arrived; None while nobody listens."""
+        """Return the instant of the end or arrival of the next frame; None without a listener."""
         if self._clock.now() > self._heard_s + _IDLE_S + 2.0 * self._period_s:
             return None
         self._make()

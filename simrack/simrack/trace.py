@@ -135,10 +135,10 @@ class Stretch(Protocol):
         """Return True if a node's voltage is put on it from outside the device."""
 
     def closed_form(self, node: str) -> Oscillation | None:
-        """Return the voltage of a node as undamped sines; None where only `at` tells."""
+        """Return the voltage of a node as undamped sines; None without a closed form."""
 
     def source(self, node: str) -> tuple[Played, float] | None:
-        """Return the source that plays on a node, and the part of it that is there; None where nothing plays."""
+        """Return the source that plays on a node, and its share there; None without one."""
 
 
 class History(Protocol):

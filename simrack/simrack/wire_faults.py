@@ -108,7 +108,7 @@ class _Near(Connection):
         self.wire.pass_on(self, data)
 
     def gone(self) -> None:
-        """Let the instrument hear all that was said before it learns that nobody is there any more."""
+        """Deliver all sent bytes to the instrument before it sees the end of the connection."""
         self.far.finish()
 
 
@@ -389,7 +389,7 @@ _ASRL = re.compile(r"ASRL(?P<path>/.+?)(?:::INSTR)?", re.IGNORECASE)
 
 @contextmanager
 def faulty_wire(resource: str) -> Iterator[FaultyWire]:
-    """Stand between a program and the instrument at `resource`; a program opens the yielded `resource`.
+    """Put a faulty wire between a program and the instrument at `resource`; the program opens the yielded one.
 
     Args:
         resource: ``TCPIP0::HOST::PORT::SOCKET``, ``socket://HOST:PORT``, ``ASRL/dev/...::INSTR`` or ``/dev/...``; the

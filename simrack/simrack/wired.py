@@ -132,7 +132,7 @@ class _Stretch(Struct, frozen=True):
         return self.signals[node].at(times_s)
 
     def finest_s(self, node: str) -> float:
-        """Return a time in which a cubic tells a node's voltage."""
+        """Return a time within which a cubic describes a node's voltage."""
         known = self.closed_form(node)
         return 0.0 if known is None else known.finest_s()
 

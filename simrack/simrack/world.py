@@ -95,10 +95,10 @@ class World(Protocol):
         """Return a key of the rails' currents: while it is equal, so are they; None while they change."""
 
     def load_ohm(self, rail: str) -> float:
-        """Return the load on `rail` beside the device, ohm; inf is none."""
+        """Return the load on `rail` parallel to the device, ohm; inf is none."""
 
     def set_load(self, rail: str, resistance_ohm: float) -> None:
-        """Put a load on `rail` beside the device; inf takes it off."""
+        """Put a load on `rail` parallel to the device; inf takes it off."""
 
     def load_node(self, who: Hashable, node: str, resistance_ohm: float) -> None:
         """Hang a resistance on `node` from now on in place of any former one of `who`; inf takes it off."""

@@ -342,7 +342,7 @@ class ServoAxis(TableAxis):
         self.advance()
 
     def oscillate(self, amplitude_deg: float, frequency_hz: float, phase_rad: float = 0.0) -> None:
-        """Oscillate about where the axis stands, at rest; the amplitude grows within two periods (unverified)."""
+        """Oscillate about the present angle, at rest; the amplitude grows within two periods (unverified)."""
         self.moves.cancel()
         slew_deg_s = amplitude_deg * frequency_hz / 2.0
         self._motion.oscillate(Swing(0.0, amplitude_deg, slew_deg_s, frequency_hz, phase_rad))

@@ -1,4 +1,4 @@
-"""Settings of an instrument: typed values, the command of one of them, and rows that stand on their handlers."""
+"""Settings of an instrument: typed values, the command of one of them, and rows that decorate their handlers."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def remembered(
 
 
 class Rows(list[Command]):
-    """Rows of a command table that stand on their handlers, for more than an expression.
+    """Rows of a command table that decorate their handlers.
 
     `@ROWS.do("*TRG", urgent=True)` above a function declares `Command("*TRG", do=function, urgent=True)`.
     """

@@ -61,7 +61,7 @@ class ServedClock:
             self._anchor()
 
     def restart(self) -> None:
-        """Stand at 0 again until :meth:`start`, unpaused; a lead goes on."""
+        """Return to 0 until :meth:`start`, unpaused; a leading run goes on."""
         self._now = 0.0
         self._started = self._paused = self.attended = False
         self._anchor()
@@ -91,7 +91,7 @@ class ServedClock:
         return reached
 
     def wall_until(self, instant_s: float) -> float:
-        """Return the wall seconds until bench time `instant_s`, inf while time stands still."""
+        """Return the wall seconds until bench time `instant_s`; inf while time is stopped."""
         if math.isinf(instant_s) or self._rate == 0:
             return math.inf
         return max(0.0, (instant_s - self.reached()) / self._rate)
@@ -113,7 +113,7 @@ class ServedClock:
 
     @property
     def paused(self) -> bool:
-        """True if time stands still."""
+        """True while time is stopped."""
         return self._paused
 
     @paused.setter

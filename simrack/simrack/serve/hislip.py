@@ -286,7 +286,7 @@ class _Session(Client):
         channel.post(_REMOTE_LOCAL_RESPONSE)
 
     def service_requested(self) -> None:
-        """Tell the client; bit 6 stays set until it asks for the status byte."""
+        """Send the client a service request; bit 6 stays set until it reads the status byte."""
         engine = self.instrument.engine
         if self._async is not None and engine is not None:
             self._async.post(_SERVICE_REQUEST, engine.status_now() | 64)

@@ -57,7 +57,7 @@ class LockstepPort:
         self._wire.close()
 
     def configure(self, frame: CharacterFrame, *, handshake: bool, xonxoff: bool = False) -> None:
-        """Set the speed and framing of the wire; nobody's handshake is of use where a leader waits for each byte."""
+        """Set the speed and framing of the wire; a handshake is not needed where the leader waits for each byte."""
         del handshake, xonxoff
         self._wire.baudrate, self._wire.bytesize = int(frame.baud), frame.data_bits
         self._wire.parity, self._wire.stopbits = frame.parity[0].upper(), frame.stop_bits

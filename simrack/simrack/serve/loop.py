@@ -99,7 +99,7 @@ class Passage(Protocol):
         """Return the wall seconds until bench time wants a turn; may let time jump, and then returns 0."""
 
     def idle(self) -> None:
-        """Called when nobody has said anything for as long as that."""
+        """Called after that time without a message."""
 
 
 class Loop:

@@ -46,7 +46,7 @@ class AttendedPassage:
         instrument.touched()
 
     def restart(self) -> None:
-        """Forget every errand; time begins anew at 0, at once if somebody is connected."""
+        """Forget every pending action; time starts at 0, at once if a client is connected."""
         self.errands.clear()
         self.clock.restart()
         if any(client.comes_and_goes for each in self.instruments for client in each.clients):
@@ -70,7 +70,7 @@ class AttendedPassage:
             self.pass_to(reached)
 
     def wait_s(self) -> float:
-        """Return the wall seconds until something is due; jump there instead if the clock does and somebody waits.
+        """Return the wall seconds until the next action; jump there instead if the clock does and a client waits.
 
         Whoever has spoken has been dealt with by now, so a slice is worked out here: nobody waits for two of them.
         """

@@ -1,4 +1,4 @@
-"""User at the other end of a connection within this host: TCP has no permissions, Linux tells a socket's owner."""
+"""User at the other end of a local connection: TCP has no permissions, but Linux reports a socket's owner."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def welcome_users() -> frozenset[int]:
 
 
 def user_of(connection: socket.socket) -> int | None:
-    """Return the number of the user whose socket is at the other end, None where the system does not tell."""
+    """Return the number of the user whose socket is at the other end, or None if the system does not report it."""
     if not sys.platform.startswith("linux"):
         return None
     try:

@@ -17,7 +17,7 @@ _WORD = struct.Struct(">I")
 
 
 class PortMapper:
-    """Tells clients the ports of programs, which are on TCP; of itself on UDP too.
+    """Answers clients with the ports of programs, which are on TCP; itself on UDP too.
 
     `rpcinfo -p` asks for all by DUMP. libtirpc asks by GETPORT over UDP before it connects.
     """

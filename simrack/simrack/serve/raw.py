@@ -220,7 +220,7 @@ class Pty(ByteStream):
     comes_and_goes = False
 
     def dropped(self) -> None:
-        """Go on after a mistake: a terminal cannot be opened anew."""
+        """Go on after an error, because a terminal cannot be reopened."""
         self.instrument.clear(self)
 
     def __init__(self, loop: Loop, instrument: ServedInstrument) -> None:
@@ -239,7 +239,7 @@ class Pty(ByteStream):
 
     @property
     def listens(self) -> bool:
-        """True if somebody reads: unasked messages must not pile up until the line is opened."""
+        """True if the line has a reader; without one, unasked messages must not pile up."""
         return super().listens and self._unread() < _UNREAD
 
     def _unread(self) -> int:

@@ -85,7 +85,7 @@ class ServedFaults:
                 self._end(ongoing)
 
     def close(self) -> None:
-        """Give back the connections that nobody serves any more."""
+        """Close the connections that are no longer served."""
         for dead in self._dead.values():
             for connection in dead:
                 connection.close()

@@ -364,7 +364,7 @@ class BenchServer:
         self.faults.begin()
 
     def begin_anew(self) -> None:
-        """Put the bench back to its beginning if time has passed there though nobody was here."""
+        """Reset the bench if time has passed without a client."""
         if not self.clock.attended and self.clock.now() > 0.0 and self.bench.rebuild is not None:
             self.reset(self.bench.seed)
 

@@ -139,7 +139,7 @@ class _Link(Client):
         self.connection.try_read(self)
 
     def service_requested(self) -> None:
-        """Tell the client on its interrupt channel, if it has enabled that."""
+        """Send the client a service request on its interrupt channel, if enabled."""
         if self.handle is not None and self.connection.interrupts is not None:
             self.connection.interrupts.request_service(self.handle)
 

@@ -24,7 +24,7 @@ def family_of(address: tuple[str, int]) -> socket.AddressFamily:
 
 
 class Bound:
-    """A bound socket to which anybody may come."""
+    """A bound socket that accepts connections."""
 
     def __init__(self, loop: Loop, bound: socket.socket) -> None:
         self._loop = loop
@@ -261,7 +261,7 @@ class DelayingWire(Protocol):
 
     @property
     def awaited(self) -> bool:
-        """True if anything is on its way that somebody may wait for, so that time may jump there."""
+        """True if a client may wait for something under way, so that time may jump there."""
 
     def go_on(self) -> None:
         """Let bytes arrive that are due by now."""

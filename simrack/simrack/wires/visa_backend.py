@@ -73,12 +73,12 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
 
     @classmethod
     def install_resolver(cls, resolver: Resolver) -> None:
-        """Let `resolver` make the benches that are not registered; the last one installed is asked."""
+        """Use `resolver` for benches that are not registered; the last installed one is used."""
         cls._resolvers.append(resolver)
 
     @staticmethod
     def get_library_paths() -> Iterable[LibraryPath]:
-        """Return the one path that stands for the embedded bench."""
+        """Return the one path of the embedded bench."""
         return (LibraryPath(_EMBEDDED),)
 
     @classmethod
@@ -131,7 +131,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
         return self.handle_return_value(cast("VISASession", session), status)
 
     def open_default_resource_manager(self) -> tuple[VISARMSession, StatusCode]:
-        """Open the resource manager; the bench is made or looked up now, so that a missing one is told at once."""
+        """Open the resource manager; a missing bench is an error at once."""
         self._bench()
         self._manager = VISARMSession(next(self._numbers))
         return self._manager, self._done(self._manager)
@@ -316,7 +316,7 @@ class SimVisaLibrary(highlevel.VisaLibraryBase):
     def lock(
         self, session: VISASession, lock_type: constants.Lock, timeout: int, requested_key: str | None = None
     ) -> tuple[str, StatusCode]:
-        """Take a lock, at once or not at all; a shared one is given to everybody, whatever their key."""
+        """Take a lock at once, or fail; a shared one is given to every client with any key."""
         del timeout
         opened = self._session(session)
         place = opened.place

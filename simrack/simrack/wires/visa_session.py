@@ -63,7 +63,7 @@ class VisaPlace:
         self.sharers: set[VISASession] = set()
 
     def locked_against(self, session: VISASession) -> bool:
-        """Return True if somebody else holds a lock in which `session` has no part."""
+        """Return True if another session holds a lock that `session` does not share."""
         if self.owner is not None:
             return self.owner != session
         return bool(self.sharers) and session not in self.sharers

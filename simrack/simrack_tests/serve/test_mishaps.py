@@ -77,7 +77,7 @@ def test_an_answer_read_in_pieces_counts_once(both: tuple[Served, Control]) -> N
 
 def test_only_what_spoils_answers_can_be_counted(both: tuple[Served, Control]) -> None:
     for kind, count in (("disconnect", 1), ("silent", 0)):
-        with pytest.raises(ControlError, match="a count is of answers"):
+        with pytest.raises(ControlError, match="expected a number of damaged answers"):
             both[1].request("fault", instrument="lamp", kind=kind, count=count)
 
 
@@ -245,6 +245,6 @@ def test_a_bench_that_cannot_be_built_anew_says_so() -> None:
     with (
         serving({"lamp": Lamp(clock)}, clock) as served,
         Control(served.server.control.port) as control,
-        pytest.raises(ControlError, match="cannot be built anew"),
+        pytest.raises(ControlError, match="cannot be reset"),
     ):
         control.request("reset")

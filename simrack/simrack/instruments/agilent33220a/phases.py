@@ -24,7 +24,7 @@ _SHIFTS = 1 << 12
 
 
 class SteadyRun(NamedTuple):
-    """A stretch of constant frequency: 0 Hz where the phase stands still."""
+    """A stretch of constant frequency; 0 Hz is a constant phase."""
 
     hz: float
     cycles: float

@@ -131,7 +131,7 @@ class _Behind:
         return np.asarray(np.interp(times_s, self._middles_s, self._slow_v[1]))
 
     def armed(self, instant_s: float, threshold_v: float) -> bool:
-        """Tell from a coarse look whether it was below the lower threshold after it was above the upper one."""
+        """Return True if coarse samples fell below the lower threshold after they were above the upper one."""
         before, across = self._slow_v
         past = (before - across)[self._middles_s < instant_s]
         beyond = past[np.abs(past) > threshold_v]

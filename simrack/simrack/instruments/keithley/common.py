@@ -99,7 +99,7 @@ def formula_commands(root: str, path: str, forms: tuple[str, ...], inner: str = 
 
 
 class SimulatedKeithley(SimulatedTruevolt):
-    """Common parts of both beside a Truevolt: filter and formula of each function, and a unit of voltages."""
+    """Common parts of both Keithley meters: filter and formula of each function, and a unit of voltages."""
 
     fast_apertures_s: ClassVar[Mapping[float, float]] = {}
     kept: dict[str, KeptOfFunction]

@@ -195,7 +195,7 @@ class SimulatedTrueform(SimulatedAgilent33220A):
         self.update()
 
     def tune_arbitrary(self) -> None:
-        """Take the frequency that the sample rate gives, where an arbitrary waveform is selected; of bits likewise."""
+        """Take the frequency of the sample rate if an arbitrary waveform is selected; of the bit rate for PRBS."""
         if self.state.function == "PRBS":
             self.state.frequency_hz = self.state.bit_rate_hz / PRBS_BITS
         if self.state.function == "USER":

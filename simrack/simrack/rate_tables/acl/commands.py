@@ -312,7 +312,7 @@ class Readback:
 
 
 class Registers:
-    """Status:CSR: the registers as they stand, by name."""
+    """Status:CSR: the present registers, by name."""
 
     _REGISTERS = Handlers()
 

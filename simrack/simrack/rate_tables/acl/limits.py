@@ -61,7 +61,7 @@ _POWER_ON_OVERALL = OverallLimits(-UNLIMITED_DEG, UNLIMITED_DEG, 1100.0, 5.0)
 
 
 class AclLimits:
-    """The limits as they stand."""
+    """The present limits."""
 
     def __init__(self) -> None:
         self._by_mode = dict.fromkeys(MODES, _POWER_ON)

@@ -40,7 +40,7 @@ class TrackTest:
         self.due_s = self._clock.now() + self._interval_s if self._interval_s else None
 
     def missed(self) -> bool:
-        """Tell, once, whether the demand that was due has not come."""
+        """Return True once if the due demand has not come."""
         if self.due_s is None or self._clock.now() < self.due_s:
             return False
         self.due_s = None
@@ -70,7 +70,7 @@ class OscillatorSetup(Struct, frozen=True):
 
 
 class Oscillator:
-    """Oscillates about where the axis stands, by the demanded magnitude, frequency and phase."""
+    """Oscillates about the present angle, by the demanded magnitude, frequency and phase."""
 
     _QUERIES = Handlers()
     _COMMANDS = Handlers()
@@ -201,7 +201,7 @@ class Profiler:
     # --- what the mode makes of the demand --------------------------------------------------------------------
 
     def select(self, mode: str) -> None:
-        """Take another mode, which uses the demand that stands."""
+        """Select another mode, which uses the present demand."""
         self.mode = mode
         self.track_test.stop()
         self.follow()
