@@ -205,7 +205,7 @@ def test_faults_are_ended_and_forgotten() -> None:
 
 @pytest.mark.parametrize("kind", ["error", "overload", "current_limit", "interlock"])
 def test_not_everything_can_suffer_everything(kind: str) -> None:
-    with pytest.raises(ValueError, match=f"x knows no '{kind}'"):
+    with pytest.raises(ValueError, match=f"x does not have the fault '{kind}'"):
         faulty(Fault("x", kind))  # type: ignore[arg-type]
 
 

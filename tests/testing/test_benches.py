@@ -169,7 +169,7 @@ def test_a_served_bench_answers_on_its_resource_strings() -> None:
         assert lab.resource("rate_table").startswith("socket://")
         assert lab.ask("set", name="applied_rate_deg_s", value=10.0) is not None
         lab.fault("multimeter", "silent", duration_s=1.0)
-        with pytest.raises(ControlError, match="multimeter knows no 'interlock'"):
+        with pytest.raises(ControlError, match="multimeter does not have the fault 'interlock'"):
             lab.fault("multimeter", "interlock")
         with pytest.raises(ConfigError, match="multimeter is not served on hislip"):
             lab.resource("multimeter", "hislip")
@@ -207,11 +207,14 @@ def test_a_served_short_circuit_and_a_served_interlock_end() -> None:
             assert lab.ask("status")["instruments"][role]["faults"] == [kind]
         lab.ask("clear_faults")
         assert all(each["faults"] == [] for each in lab.ask("status")["instruments"].values())
-        with pytest.raises(ControlError, match="rate_table knows no 'error'"):
+        with pytest.raises(ControlError, match="rate_table does not have the fault 'error'"):
             lab.fault("rate_table", "error")
 
 
 def test_a_script_that_the_bench_cannot_suffer_is_not_served() -> None:
     script = OVERLOAD.replace("multimeter", "power")
-    with pytest.raises(ValueError, match="power knows no 'overload'"), serve_simulated("ideal", faults=script):
+    with (
+        pytest.raises(ValueError, match="power does not have the fault 'overload'"),
+        serve_simulated("ideal", faults=script),
+    ):
         pass

@@ -295,7 +295,7 @@ def test_table_that_keeps_turning_is_aborted_and_not_safe() -> None:
         driver.line._wire = endless = _Turning([], clock=driver.clock)
         report = driver.make_safe(Deadline.after(driver.clock, 5.0))
         assert not report.safe
-        assert "do not both say that the table stands, last read at 7 deg/s" in report.detail
+        assert "do not both show a table at rest, last rate 7 deg/s" in report.detail
         assert "emergency stop" in report.detail
         assert ":Interlock:Open 1" in endless.sent
         assert endless.sent[0] == ":Demand:Rate 1,0"
