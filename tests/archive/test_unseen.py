@@ -14,8 +14,9 @@ from simrack_tests.cells import few
 
 import vcfbench
 from experiments.unseen import KINDS, Tried
+from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.archive.reported import full_report
-from vcfbench.archive.unseen import K_VC, V_VC_SET, _effect, in_records, refusable, unseen_of, unseen_words
+from vcfbench.archive.unseen import K_VC, V_VC_SET, _effect, in_records, named_from, refusable, unseen_of, unseen_words
 from vcfbench.belief import jumps
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
 from vcfbench.belief.unseen import Course, _probes
@@ -193,9 +194,39 @@ def test_a_long_run_is_evaluated_some_dozen_times(settings: int, visits: int, mo
 
 
 def test_record_at_rest_states_effect_of_fault_within_it(tmp_path: Path) -> None:
-    rows = unseen_of(taken(tmp_path, "zero", duration_s=200.0))
-    assert [(each.kind, each.size) for each in rows] == [("step", None), ("pulse", None), ("ramp", None)]
-    assert rows[0].effects["output_v"] == pytest.approx(0.5e-3, rel=0.02)
+    run = taken(tmp_path, "zero", duration_s=200.0)
+    rows = unseen_of(run)
+    assert [each.kind for each in rows] == ["step", "pulse", "ramp"]
+    assert [each.size is None for each in rows] == [False, False, True]
+    step_v = rows[0].size
+    assert step_v is not None
+    assert rows[0].effects["output_v"] == pytest.approx(0.5 * step_v, rel=0.02)
+    (*_, (_, said, _)) = unseen_words(run, rows)
+    assert said == "any size: it is the record's trend"
+
+
+@pytest.mark.parametrize("kind", ["step", "pulse"])
+def test_what_is_above_the_list_of_a_record_is_named_by_it(kind: str) -> None:
+    rng, at = np.random.default_rng(4), np.arange(1000)
+    shape = ((at >= 500) & ((at < 600) | (kind == "step"))).astype(float)
+    size = named_from(1e-4 * rng.standard_normal(at.size), shape)
+    assert size is not None
+    told = 0
+    for begin in rng.integers(100, 850, 20):
+        volts = 1e-4 * rng.standard_normal(at.size)
+        fault = (at >= begin) & ((at < begin + 100) | (kind == "step"))
+        told += len(doubts_of_record(volts + 1.5 * size * fault)) > len(doubts_of_record(volts))
+    assert told >= 19
+
+
+def test_fault_of_any_size_has_a_reason(limits: Tried) -> None:
+    why = {each.why for each in limits.rows if each.size is None and each.unit not in {K_VC, V_VC_SET}}
+    assert why == {"nothing is compared with these windows", "it looks like what is measured"}
+
+
+@pytest.mark.exhaustive
+def test_ramp_over_the_last_windows_has_a_size(tmp_path: Path) -> None:
+    assert all(each.size is not None for each in unseen_of(taken(tmp_path, "g-sensitivity")))
 
 
 def test_fault_in_records_is_step_or_gain() -> None:

@@ -1,5 +1,6 @@
 """Faults that a run cannot have seen, with their sizes; computed for a report, a certificate or on request."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
@@ -8,6 +9,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.archive.output_unit import in_output_unit, unit_of_record
 from vcfbench.archive.run import Run
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
@@ -54,6 +56,8 @@ _OF_STREAM: Final[dict[tuple[str, str], str]] = {  # No instrument reads the out
 _HALF: Final = 0.5  # Of a record: where its step is
 _LATE: Final = 0.85  # Of a run: where a change of a gain begins that shows little
 _SIZES: Final = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)  # Of a fault in records, V or shares
+_LADDER: Final = tuple((UNIT * np.geomspace(1e-3, 1e3, 31)).tolist())  # Of a fault within a record, V
+_PLACES: Final = (0.15, 0.4, 0.65, 0.85)
 _IN_RECORDS: Final = (
     *(("step", unit) for unit in (OFFSET, V_VC_OFFSET)),
     *((kind, unit) for unit in (GAIN, V_VC_GAIN) for kind in ("change", "pulse", "creep")),
@@ -119,16 +123,34 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
-    """Yield the effect of a fault of 1 mV within the one record: nothing is compared with it."""
-    readings = len(found.measured.readings.windows[0].t_s)
-    over = np.linspace(0.0, 1.0, readings)
+    """Yield the effects of faults within the one record, below the size from which the record itself tells them."""
+    volts = found.measured.readings.windows[0].voltage_v
+    over = np.linspace(0.0, 1.0, volts.size)
     step = (over >= _HALF).astype(float)
     shapes = {"step": step, "pulse": step * (over < _HALF + 0.1), "ramp": over}
     before = found.evaluated(found.settings, found.measured)
     for kind, shape in shapes.items():
-        after = found.evaluated(found.settings, found.measured.moved_within(UNIT * shape))
-        if moved := _beyond(found, before, after):
-            yield Unseen(kind, None, OFFSET, moved)
+        size = None if kind == "ramp" else named_from(volts, shape)
+        after = found.evaluated(found.settings, found.measured.moved_within((size or UNIT) * shape))
+        if moved := _beyond(found, before, after, MATTERS_UNREFUSED if size is None else MATTERS):
+            why = "it is the record's trend" if kind == "ramp" else "readings beside it tell none"
+            yield Unseen(kind, size, OFFSET, moved, "" if size else why)
+
+
+def named_from(volts: Floats, shape: Floats) -> float | None:
+    """Return the size in V from which on a record says that it has a fault of this shape, wherever it begins.
+
+    Of some places the last to be told counts, once more by half: noise may hide a part. None: at no size.
+    """
+    had, largest = len(doubts_of_record(volts)), 0
+    for begin in (round(place * volts.size) for place in _PLACES):
+        moved = np.roll(shape, begin) if shape[-1] == 0.0 else (np.arange(volts.size) >= begin).astype(float)
+
+        def is_named(at: int, moved: Floats = moved) -> bool:
+            return len(doubts_of_record(volts + _LADDER[at] * moved)) > had
+
+        largest = max(largest, bisect_left(range(len(_LADDER)), x=True, key=is_named))
+    return 1.5 * _LADDER[largest] if largest < len(_LADDER) else None
 
 
 def _in_records(found: Refusable) -> Iterator[Unseen]:
@@ -169,7 +191,9 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
         per = {name: max((abs(each[name]) for _, each in ends), default=0.0) for name in found.u95}
         most = {name: before[name] + (largest or UNIT) * each for name, each in per.items()}
         if moved := _beyond(found, before, most, share):
-            yield Unseen(kind, largest, unit, moved)
+            yield Unseen(
+                kind, largest, unit, moved, "records are not held against each other" if largest is None else ""
+            )
 
 
 def in_records(unit: str, sizes: Sequence[float]) -> Callable[[StepResult], StepResult]:
@@ -232,7 +256,8 @@ def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, 
     for each in found:
         factor, unit = offset if each.unit in OFFSETS else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
-        size, of = ("any size", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
+        why = f": {each.why}" if each.why else ""
+        size, of = (f"any size{why}", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
         yield known[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
 
 

@@ -52,13 +52,15 @@ class Unseen(Struct, frozen=True):
     """A possible fault of a run: below `size` the run does not refuse it.
 
     `size` is in V, or relative of a gain; None where none is refused, and `effects` are those of 1 mV, or 0.1 %.
-    `effects` has by name, in its unit, what may have moved each value by more than a third of its U95.
+    `effects` has by name, in its unit, what may have moved each value by more than a third of its U95. `why` says why
+    no size is refused.
     """
 
     kind: str
     size: float | None
     unit: str
     effects: Mapping[str, float]
+    why: str = ""
 
 
 class Course(Struct, frozen=True):
@@ -160,7 +162,27 @@ def unseen(
                 )
                 faults = _Faults(at, sizes[at] if refused else None)
                 if found := faults.worst(done, u95, bent, exactly):
-                    yield Unseen(kind, found[0], unit, found[1])
+                    size, effects, worst = found
+                    last = int(end[worst]) if worst < len(begin) else len(points)
+                    first = int(begin[worst]) if worst < len(begin) else int(marks[worst - len(begin)])
+                    moved = np.flatnonzero(per_v.any(axis=0))
+                    why = "" if refused else _why(course, first, last, frozenset(moved.tolist()))
+                    yield Unseen(kind, size, unit, effects, why)
+
+
+def _why(course: Course, first: int, last: int, moving: frozenset[int]) -> str:
+    """Return the reason for which a fault from window `first` to before `last` is refused at no size.
+
+    `moving` are the windows that move a value.
+    """
+    place = {id(each): at for walk, places in course.walks for each, at in zip(walk.windows, places, strict=True)}
+    parts = [frozenset(place[id(each)] for each in own) for walk, _ in course.walks for own in groups(walk)]
+    spoilt = moving & frozenset(range(first, last))
+    if not spoilt & frozenset().union(*parts):
+        return "nothing is compared with these windows"
+    if len(parts) > 1 and all(part <= spoilt or not part & spoilt for part in parts):
+        return "it comes between parts of the run that are not compared"
+    return "it looks like what is measured"
 
 
 def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:
@@ -186,6 +208,7 @@ def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:
             lasts_s = at_s[own[-1]] - at_s[own[0]]
             slopes = np.full(len(own) + 1, math.inf)
             slopes[: len(own) - 2] = smallest[len(found.begin) :] / lasts_s
+            slopes[len(own) - 2] = table[-2, -1] / (at_s[own[-1]] - at_s[own[-2]])  # what moves the last window alone
             walks = np.minimum(walks, slopes[at[:-1]] * np.maximum(at_s[-1] - at_s[marks[:-1]], 1e-9))
     return stretches, walks
 
@@ -202,8 +225,8 @@ class _Faults(Struct, frozen=True):
         u95: Mapping[str, float],
         bent: frozenset[str],
         exactly: Callable[[int, float], Mapping[str, float]],
-    ) -> tuple[float | None, Mapping[str, float]] | None:
-        """Return the size from which on all are refused that move a value, and the largest effect on each value.
+    ) -> tuple[float | None, Mapping[str, float], int] | None:
+        """Return the size from which on all are refused that move a value, the largest effects, and a fault of these.
 
         None where none moves any. `done` is what 1 of each does to each value, (m,). What is `bent` is evaluated with
         the worst fault of each such value, the first of all and one in their middle.
@@ -212,19 +235,21 @@ class _Faults(Struct, frozen=True):
         if not len(places):
             return None
         matters, share = np.zeros(len(places), dtype=bool), MATTERS_UNREFUSED if sizes is None else MATTERS
-        most, worst = dict[str, float](), {0, len(places) // 2}
+        most, worst, first = dict[str, float](), {0, len(places) // 2}, (0.0, 0)
         for (name, half), each in zip(u95.items(), done, strict=True):
             moved = each * (UNIT if sizes is None else sizes)
             matters |= moved > share * half
             most[name] = float(moved[at := int(moved.argmax())])
             worst |= {at} if name in bent else set()
+            first = max(first, (most[name] / half, int(places[at])))
         for at in worst if bent else ():
             whole = exactly(int(places[at]), UNIT if sizes is None else float(sizes[at]))
             most |= {name: max(most[name], whole[name]) for name in bent}
         effects = {name: most[name] for name, half in u95.items() if most[name] > share * half}
         if not effects:
             return None
-        return None if sizes is None else float((sizes[matters] if matters.any() else sizes).max()), effects
+        size = None if sizes is None else float((sizes[matters] if matters.any() else sizes).max())
+        return size, effects, first[1]
 
 
 def _moved(
