@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import ModelFit, fit_model, not_negative, propagated
 from vcfbench.analysis.sine_fit import fit_sine
-from vcfbench.errors import ConfigError
+from vcfbench.errors import ConfigError, MeasurementError
 
 _BINS = range(2, 9)
 """Lines of the spectrum either side of a tone that its noise is read from."""
@@ -121,8 +121,13 @@ def true_spacing_s(records: Sequence[tuple[float, ArrayLike]], interval_s: float
         stands += np.log1p(power[at] / (beside[at] + _ROUNDING * power.max() + _TINY))
         sizes.append(hz * np.sqrt(power[at]) / values.size)
     place = int(stands.argmax())
-    hz, volts = records[int(np.argmax([size[place] for size in sizes]))]
-    return fit_sine(volts, 1.0, hz * float(tried_s[place])).frequency_hz / hz
+    for each in np.argsort([-size[place] for size in sizes], kind="stable").tolist():
+        hz, volts = records[each]
+        with suppress(MeasurementError):
+            spacing_s = float(fit_sine(volts, 1.0, hz * float(tried_s[place])).frequency_hz / hz)
+            if abs(spacing_s - float(tried_s[place])) < late_s:  # else it walked away in the noise of a narrow mode
+                return spacing_s
+    raise ConfigError(f"no sine of {', '.join(f'{hz:g}' for hz, _ in records)} Hz was found")
 
 
 def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_hz: float, *, mains_hz: float) -> Tone:
