@@ -61,7 +61,7 @@ def test_with_the_papers_imperfections_comes_the_papers_noise(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--scale-factor", "100"), "range_deg_s: expected outputs within 8.5 V, got 20 V"),
+        (("--scale-factor", "100"), "range_deg_s: expected outputs within 8.5 V, V_Vc up to 10 % off, got 22 V"),
         (("--noise", "-0.2"), "angle_random_walk_deg_sqrt_h: expected 0 to 100, got -0.2"),
         (("--noise", "nan"), "angle_random_walk_deg_sqrt_h: expected 0 to 100, got nan"),
         (("--bandwidth", "-5"), "bandwidth_hz: expected 0.5 to 40, got -5"),
