@@ -301,8 +301,8 @@ def test_what_comes_after_late_answers_waits_for_them() -> None:
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"kind": "overload", "count": 1}, "a count is of answers"),
-        ({"kind": "late", "count": 0}, "a count is of answers"),
+        ({"kind": "overload", "count": 1}, "expected a number of damaged answers"),
+        ({"kind": "late", "count": 0}, "expected a number of damaged answers"),
         ({"kind": "current_limit", "load_ohm": 0.0}, "a load has more than 0 ohm"),
     ],
 )
