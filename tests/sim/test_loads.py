@@ -110,7 +110,7 @@ def test_recording_keeps_its_content_when_closed() -> None:
     capture, recording = world.capture(start, start + 1.0), world.record()
     clock.sleep_until(start + 0.5)
     early = start + np.linspace(0.0, 0.5, 7)
-    with pytest.raises(RuntimeError, match="not come so far"):
+    with pytest.raises(RuntimeError, match="has not reached"):
         recording.samples("drive", np.array([start + 0.6]))
     seen = recording.samples("drive", early)
     recording.close()
