@@ -133,6 +133,7 @@ def test_imports_point_downwards() -> None:
     assert wrong == []
 
 
+@pytest.mark.exhaustive
 def test_only_the_bench_knows_that_there_is_a_simulation() -> None:
     wrong = [
         f"{name} -> {target}"

@@ -42,6 +42,8 @@ KNOWN = {"sh", "sh ci", "sh hardware", "console", "python", "python hardware", "
 TUTORIALS = ROOT / "docs" / "tutorials"
 SITE = {each.name for folder in ("tutorials", "howto", "procedures") for each in (ROOT / "docs" / folder).iterdir()}
 LONG = {
+    "bench-file.md",
+    "console.md",
     "python.md",
     "records.md",
     "reports.md",

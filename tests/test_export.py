@@ -245,6 +245,7 @@ def test_what_is_no_file_is_not_replaced_by_one(run: Run, tmp_path: Path) -> Non
     assert (tmp_path / "pipe.csv").is_fifo()
 
 
+@pytest.mark.exhaustive
 def test_the_command_says_what_it_wrote(run: Run, tmp_path: Path) -> None:
     assert run.directory is not None
     runs = str(run.directory.parent)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,8 +16,6 @@ from vcfbench.cli.set_option import asked_by_command
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    import pytest
 
     from vcfbench import Run
 
@@ -64,6 +63,7 @@ def test_a_run_from_python_with_seed_0(tmp_path: Path, monkeypatch: pytest.Monke
     assert same(run, typed_again(run, tmp_path))
 
 
+@pytest.mark.exhaustive
 def test_a_run_of_a_batch(tmp_path: Path) -> None:
     (tmp_path / "plan.toml").write_text(
         'name = "b"\nbench = "ideal"\ndevices = ["G-1"]\n[[runs]]\nprocedure = "turntable"\n'

@@ -273,7 +273,10 @@ SWEEPS = [
 
 @pytest.mark.parametrize(
     ("case", "each"),
-    [(SWEEPS[0], 401), *(pytest.param(case, 197, marks=pytest.mark.exhaustive) for case in SWEEPS)],
+    [
+        pytest.param(case, each, marks=pytest.mark.exhaustive)
+        for case, each in ((SWEEPS[0], 401), *((s, 197) for s in SWEEPS))
+    ],
     ids=lambda value: getattr(value, "name", str(value)),
 )
 def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp_path: Any) -> None:

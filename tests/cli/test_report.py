@@ -66,6 +66,7 @@ def test_all_runs_of_a_tag_are_reported_by_one_template(folder: Path) -> None:
         assert said in text
 
 
+@pytest.mark.exhaustive
 def test_stopped_run_does_not_prevent_other_reports(folder: Path) -> None:
     """Of a lot, the certificates of those behind it are written; which has none is said, and the exit code too."""
     for seed in (4, 5, 6):
@@ -85,6 +86,7 @@ def test_stopped_run_does_not_prevent_other_reports(folder: Path) -> None:
     assert f"1 of 3 runs have no report: {stopped}" in " ".join(done.stderr.split())
 
 
+@pytest.mark.exhaustive
 def test_words_that_no_certificate_has_are_refused(folder: Path) -> None:
     for words, said in (
         (["--set", "custommer=x"], "got 'custommer'"),

@@ -125,6 +125,7 @@ def test_a_study_that_was_cut_anywhere_goes_on(whole: Path, tmp_path: Path, shar
     assert (tmp_path / "t.journal.jsonl").read_bytes() == journal
 
 
+@pytest.mark.exhaustive
 def test_what_is_done_is_not_done_again(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def never(_: object) -> RunRow:
         raise AssertionError

@@ -94,7 +94,7 @@ PROCEDURES = (
             "q": 1224.0,
             "in_phase_share": 0.147,
         },
-        slow=1,
+        slow=2,
     ),
     Held("rate-limits", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}),
     Held("g-sensitivity", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}, as_built=sensitive_to_g),

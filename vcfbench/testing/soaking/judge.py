@@ -4,14 +4,13 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from scipy.stats import t
-
 from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
 from vcfbench.records.journal import JournalRecord
 from vcfbench.records.schema import Status
 from vcfbench.records.stated import values_of
 from vcfbench.testing.soaking.draw import Draw
 from vcfbench.testing.soaking.trial import Clean, Ended
+from vcfbench.values.quantile import t_quantile
 
 _RATE_DEG_S, _V_VC_V, _RAIL_V = 0.05, 0.01, 0.5
 """Beyond these something turns or is on."""
@@ -39,8 +38,8 @@ def reaches_of(results: Any) -> dict[str, tuple[float, float]]:
 
 def _reach(u95: float, dof: float | None) -> float:
     """Return half of the noise that two runs may differ by: Student's t has longer tails the fewer the readings."""
-    student = t(math.inf if dof is None else dof)
-    return u95 * float(student.isf(_ONE_IN) / student.isf(0.025)) / math.sqrt(2.0)
+    dof = math.inf if dof is None else dof
+    return u95 * t_quantile(2.0 * _ONE_IN, dof) / t_quantile(0.05, dof) / math.sqrt(2.0)
 
 
 def wrong_of(ended: Ended, clean: Clean, *, spoilt: bool = False) -> Iterator[str]:
