@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from simrack.attendance import AttendedClock
 
 ADDRESS = 7
-ON_GPIB = ("e3631a", "hp34401a", "agilent33220a", "keysight34465a", "keysight33622a", "keithley2000", "dmm6500")
-"""The models that have GPIB and an expectation file; the E36312A has it as an option."""
+ON_GPIB = (*walk.MODELS, *walk.SUCCESSORS)
+"""All with an expectation file: each of them can have GPIB, some as an option or by a module."""
 PLENTY_S = 100.0
 CHECKS = (
     test_walk.test_reset_state_is_the_manuals,
