@@ -70,7 +70,7 @@ def certificate_words(run: Run, given: Mapping[str, str] | None = None) -> Certi
     if missing:
         words = "; ".join(f"{key} ({_NEEDED[key]})" if _NEEDED[key] else key for key in missing)
         raise ConfigError(
-            f"a calibration certificate of {run.name} needs {words}",
+            f"a calibration certificate of {run.name or 'a run without a record'} needs {words}",
             hint=f"{' '.join(f'--set {key}=...' for key in missing)}, or as --tag KEY=VALUE of the run",
         )
     if not re.fullmatch("[A-Z]{2}", found["country"]):
