@@ -276,7 +276,11 @@ def test_interval_covers_the_truth_as_often_as_it_says(correlation: float) -> No
 def test_a_sum_is_what_a_model_that_adds_is(drawn: list[tuple[float, float, bool]]) -> None:
     sources = [Source(str(n), 0.0, u, "V", dof, rectangular=own) for n, (u, dof, own) in enumerate(drawn)]
     model = evaluate(sources, lambda quantities: {"value": sum(quantities.values(), start=3.0)})
-    assert summed(sources, 3.0) == model.result("value")
+    found, expected = summed(sources, 3.0), model.result("value")
+    assert (found.name, found.value, found.dof) == (expected.name, expected.value, pytest.approx(expected.dof))
+    assert found.u == pytest.approx(expected.u)
+    shares, expected_shares = ({each.source: each.share for each in of.contributions} for of in (found, expected))
+    assert shares == pytest.approx(expected_shares)
 
 
 def test_a_number_alone_is_a_result_without_uncertainty() -> None:
