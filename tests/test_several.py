@@ -19,7 +19,8 @@ from tests.test_streams import FAULTS, LEFT_ALONE, TABLE
 from vcfbench.archive.lot import spread_of
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
-from vcfbench.errors import BenchError, ConfigError, PlanError
+from vcfbench.drivers.streams.reader import StreamReader
+from vcfbench.errors import BenchError, ConfigError, LinkLost, PlanError
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
@@ -126,6 +127,25 @@ def test_devices_are_calibrated_together_each_as_alone(whole: Run, tmp_path: Pat
         assert each.directory is not None
         assert verify_run(each.directory).wrong is None
     assert all(verify_run(str(each.directory)).notes == verify_run(str(alone.directory)).notes for each in run.devices)
+
+
+@pytest.mark.parametrize("lost", few([1, 2], 2))
+def test_stream_lost_in_the_ramps_costs_its_latency_alone(
+    lost: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frames = StreamReader.frames
+
+    def broken(reader: StreamReader, within_s: float) -> Any:
+        if reader.resource.endswith(f"USB{lost}"):
+            raise LinkLost("the connection broke")
+        return frames(reader, within_s)
+
+    monkeypatch.setattr(StreamReader, "frames", broken)
+    run = vcfbench.run("turntable", several(2, "adis16495"), seed=1, settings=QUICK, runs=tmp_path)
+    ((_, seen),) = [found for found in run.measured.found(EachResult) if found[1].kind == "LatencySeen"]
+    assert [name for name, each in seen.results.items() if each.trouble] == [f"G-{lost}"]
+    assert [name for name, each in seen.results.items() if each.latency_s] == [f"G-{3 - lost}"]
+    assert len([each for each in tmp_path.iterdir() if each.is_dir()]) == 3
 
 
 def test_one_pair_of_ramps_measures_the_latency_of_each(whole: Run, tmp_path: Path) -> None:

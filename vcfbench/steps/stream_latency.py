@@ -1,13 +1,13 @@
 """Latency of a stream: the table ramps up and back, and both are watched."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from msgspec import Struct
 
-from vcfbench.clock import Clock
 from vcfbench.drivers.streams.decoder import Sample
 from vcfbench.drivers.streams.reader import StreamReader
+from vcfbench.drivers.together import kept
 from vcfbench.interfaces import RateTable
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
@@ -25,14 +25,19 @@ _Frames = list[tuple[float, Sample]]
 
 
 class LatencySeen(StepResult, Struct, frozen=True):
-    """Age of the stream's numbers as they come, s, with its u; None where too little was seen of a ramp."""
+    """Age of the stream's numbers as they come, s, with its u; None where too little was seen of a ramp.
+
+    `trouble` is the error of a stream that failed; all was measured before, so it costs the latency alone.
+    """
 
     latency_s: float | None = None
     u_latency_s: float | None = None
+    trouble: str = ""
 
     def describe(self) -> str:
         if self.latency_s is None or self.u_latency_s is None:
-            return "latency not measured: too few frames, or too few read-backs of the table, within a ramp"
+            few = "too few frames, or too few read-backs of the table, within a ramp"
+            return f"latency not measured: {self.trouble or few}"
         return f"its numbers are {1e3 * self.latency_s:.1f} ms old as they come, u {1e3 * self.u_latency_s:.1f} ms"
 
 
@@ -75,14 +80,17 @@ class MeasureLatency(Step, Struct, frozen=True):
 
         readers = {name: _reader(each) for name, each in contexts.items()}
         context = next(iter(contexts.values()))
-        table, clock = context.bench.rate_table, context.bench.clock
+        table = context.bench.rate_table
         ramps: dict[str, list[Ramp]] = {name: [] for name in readers}
+        failed = dict[str, Any]()
         for each in self._ramps:
-            for name, ramp in _followed(each, readers, table, clock, context).items():
+            for name, ramp in _followed(each, readers, failed, table, context).items():
                 ramps[name].append(ramp)
             AwaitRate(each.rate_deg_s, 0.0, self.tolerance_deg_s, self.deadline_s).perform(context)
         found = {name: mean_latency(each, readers[name].stream.table_readback_s) for name, each in ramps.items()}
-        return {name: LatencySeen() if e is None else LatencySeen(e.latency_s, e.u_s) for name, e in found.items()}
+        lost = {name: LatencySeen(trouble=each.what) for name, each in failed.items()}
+        seen = {name: LatencySeen() if e is None else LatencySeen(e.latency_s, e.u_s) for name, e in found.items()}
+        return seen | lost
 
     def predict(self, gyro: LinearGyro) -> LatencySeen:
         return LatencySeen()
@@ -96,23 +104,30 @@ def _reader(context: Context) -> StreamReader:
 
 
 def _followed(
-    ramp: SetRate, readers: Mapping[str, StreamReader], table: RateTable, clock: Clock, context: Context
+    ramp: SetRate, readers: Mapping[str, StreamReader], failed: dict[str, Any], table: RateTable, context: Context
 ) -> "dict[str, Ramp]":
-    """Do a ramp, with some rest before and after it; return read-backs and frames by device."""
+    """Do a ramp, with some rest before and after it; return read-backs and frames by device.
+
+    A stream that fails is in `failed` with its error, and is read no more.
+    """
+    clock = context.bench.clock
     frames: dict[str, _Frames] = {name: [] for name in readers}
     looks: list[tuple[float, float, float]] = []
 
     def watch(until_s: float) -> None:
         while clock.now() < until_s:
             for name, each in readers.items():
-                frames[name] += each.frames(_TURN_S)
+                if name not in failed:
+                    with kept(failed, name):
+                        frames[name] += each.frames(_TURN_S)
             asked_s = clock.now()
             rate_deg_s = table.rate_deg_s()
             looks.append((asked_s, clock.now(), rate_deg_s))
 
     rest_s = _REST_S + max(each.stream.latency_s for each in readers.values())
-    for each in readers.values():
-        each.flush()
+    for name, each in readers.items():
+        with kept(failed, name):
+            each.flush()
     watch(clock.now() + rest_s)
     ramp.command(context.bench)
     watch(clock.now() + ramp.ramp_s + rest_s)
