@@ -3,21 +3,41 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import to_builtins
+from msgspec.structs import replace
+from simrack.faults import Fault
+from simrack.faulty_device import FaultInjector
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.golden.cases import BENCHES, SETTINGS
 from vcfbench.devices.drive import beyond_bearing, drive_of
+from vcfbench.errors import BenchError
 from vcfbench.instructions.titles import BUILT_IN
+from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
+from vcfbench.records.schema import Status
+from vcfbench.runs.conduct import conduct
+from vcfbench.runs.request import Request
+from vcfbench.safety.signals import StopSignals
+from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.settings import ProcedureSettings, Sources, Station
 from vcfbench.steps import DriveFrequency, DriveReading, MeasureDrive, MeasureDriveAgain
 from vcfbench.steps.measured import Measured
 from vcfbench.values.definition import Conditions, Drive
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vcfbench.clock import Clock
+    from vcfbench.station.description import BenchDescription
 
 KNOWN = Characteristics(
     temperature_c=Kept(value=20.0, u=0.5), drive_hz=Kept(value=3500.0, u=0.05), drive_ppm_k=Kept(value=-25.0, u=0.5)
@@ -50,6 +70,35 @@ def test_every_plan_measures_the_drive_first_and_last(name: str) -> None:
     looks = [type(each) for each in steps if isinstance(each, MeasureDrive | MeasureDriveAgain)]
     assert looks[0] is MeasureDrive
     assert MeasureDriveAgain in looks
+
+
+SHORT = {"zero": {"duration_s": 200.0}, "kvc": {"health": False}}
+LATE_S = 100.0
+"""After the first look at the drive, before the last."""
+FAULTS = ("disconnect", "silent", "error", "garbled", "truncated")
+
+
+@pytest.mark.parametrize("kind", few(FAULTS, "disconnect", "error"))
+@pytest.mark.parametrize("procedure", few(["turntable", "kvc", "zero"], "turntable"))
+def test_last_look_at_the_drive_costs_no_run_its_results(procedure: str, kind: str, tmp_path: Path) -> None:
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        built = SimulatedBench.build(description, seed, clock)
+        faults = FaultInjector(built.devices, built.clock, seed)
+        faults.add(Fault("oscilloscope", kind, at_s=LATE_S))
+        attended: Any = built.clock
+        attended.attend(*faults.devices.values())
+        return replace(built, devices=faults.devices)
+
+    asked = asked_in_python(SHORT.get(procedure, {}))
+    request = Request(PROCEDURES[procedure], load_bench("lab"), 1, asked, tmp_path, build=build)
+    with suppress(BenchError):  # of a link that is still down, at the end
+        conduct(request, StopSignals())
+    (record,) = (each for each in tmp_path.iterdir() if procedure in each.name)
+    run = vcfbench.load_run(record)
+    assert (run.status, run.no_results) == (Status.COMPLETE, None)
+    ((_, seen),) = run.measured.found(DriveFrequency)
+    assert f"the drive once more: {seen.trouble}"[:40] in vcfbench.text_of(run.report())
+    assert run.values
 
 
 def test_what_moves_is_told_by_the_device_s_own_coefficient() -> None:

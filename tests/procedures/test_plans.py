@@ -91,7 +91,7 @@ START_UP = [
 THE_ZERO = ["settle 2", "the zero"]
 
 SHUT_DOWN = [
-    *("# Shut down", "rate 0", "AwaitRate", "DisableTable", "ConfigureScope", "MeasureDriveAgain"),
+    *("# Shut down", "rate 0", "AwaitRate", "DisableTable", "MeasureDriveAgain"),
     *("DisableVvc", "DisableSupply"),
 ]
 

@@ -69,7 +69,7 @@ def evaluate(
     Raises:
         BenchError: the points give no result, or one that cannot be written.
     """
-    from vcfbench.devices.drive import beyond_bearing, drive_of  # noqa: PLC0415  # NumPy, and no list needs it
+    from vcfbench.devices.drive import drive_of, drive_remarks  # noqa: PLC0415  # NumPy, and no list needs it
 
     try:
         taken = measured.corrected(settings.station.sources)  # points that are kept are as they were read
@@ -97,8 +97,7 @@ def evaluate(
         said = f"each reading remembers the one before: u of means is {math.sqrt(taken.growth):.2g} times as large"
         report = Report([*report.parts, Text(f"{said} as of independent ones; a longer sample_interval_s helps")])
     report = report_in_output_unit(report, unit)
-    if drive and (said := beyond_bearing(settings, drive)):
-        report = Report([*report.parts, Text(said)])
+    report = Report([*report.parts, *map(Text, drive_remarks(settings, measured, drive))])
     if seen := measured.found(StreamSeen):
         late = [f"; {each.describe()}" for _, each in measured.found(LatencySeen)[-1:]]
         report = Report([*report.parts, Text(f"the stream: {seen[-1][1].describe()}{''.join(late)}")])

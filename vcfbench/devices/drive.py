@@ -1,6 +1,7 @@
 """The drive's frequency as a thermometer: at which temperature values hold, and how far that moved during a run."""
 
 import math
+from collections.abc import Iterator
 
 from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
 from vcfbench.records.device_values import Characteristics
@@ -49,6 +50,13 @@ def characteristics_of(settings: ProcedureSettings) -> Characteristics:
     """Return the characteristics of the device by earlier runs, of those in the settings."""
     of_certificate: Characteristics | None = getattr(getattr(settings.station, "known", None), "characteristics", None)
     return of_certificate or typed(settings.station.characteristics, Characteristics)
+
+
+def drive_remarks(settings: ProcedureSettings, measured: Measured, drive: Drive | None) -> Iterator[str]:
+    """Yield the remarks of a report on the drive: a last record that failed, and a device that warmed too much."""
+    yield from (f"the drive once more: {each.trouble}" for _, each in measured.found(DriveFrequency) if each.trouble)
+    if drive and (said := beyond_bearing(settings, drive)):
+        yield said
 
 
 def beyond_bearing(settings: ProcedureSettings, drive: Drive) -> str:

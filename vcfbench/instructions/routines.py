@@ -94,8 +94,8 @@ def look_again(settings: ProcedureSettings, seen: steps.DriveReading | None) -> 
     """Measure the frequency of the drive once more, if it was `seen`."""
     if seen is not None:
         channel = settings.station.channel_of("drive")
-        yield steps.ConfigureScope(one_two_five(1.0 / seen.frequency_hz), channel)
-        yield steps.MeasureDriveAgain(channel, float(f"{seen.amplitude_v:.2g}"), float(f"{seen.frequency_hz:.4g}"))
+        amplitude_v, frequency_hz = float(f"{seen.amplitude_v:.2g}"), float(f"{seen.frequency_hz:.4g}")
+        yield steps.MeasureDriveAgain(channel, amplitude_v, frequency_hz, one_two_five(1.0 / seen.frequency_hz))
 
 
 def ramp_to(settings: ProcedureSettings, rate_deg_s: float, *, previous_deg_s: float) -> Routine[None]:

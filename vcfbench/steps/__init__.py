@@ -1,6 +1,7 @@
 """The steps that come with the project, a page for each instrument."""
 
 from vcfbench.steps.chamber import AwaitTemperature, SetTemperature, StopFlow, TemperatureReading, set_air_by_hand
+from vcfbench.steps.drive_again import MeasureDriveAgain
 from vcfbench.steps.each import DeviceEnded, EachOf, EachResult
 from vcfbench.steps.meter import (
     Acquire,
@@ -28,7 +29,6 @@ from vcfbench.steps.scope import (
     FindAmplitudes,
     FindDrive,
     MeasureDrive,
-    MeasureDriveAgain,
     RotationRecord,
     Rotations,
     ScopeReady,

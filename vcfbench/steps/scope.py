@@ -229,7 +229,7 @@ class MeasureDrive(Step, Struct, frozen=True):
             )
         except MeasurementError as error:
             return DriveReading(0.0, 0.0, 0.0, clock.now(), error.what)
-        fitted = _frequency(context, self.drive_channel, self.drive_v, measured[0])
+        fitted = drive_frequency(context, self.drive_channel, self.drive_v, measured[0])
         return DriveReading(*measured, clock.now(), fitted=None if fitted.trouble else fitted)
 
     def predict(self, gyro: LinearGyro) -> DriveReading:
@@ -237,28 +237,7 @@ class MeasureDrive(Step, Struct, frozen=True):
         return DriveReading(*self.expected, 0.0)
 
 
-@does(Effect.MEASURES, "drive signal", overhead_s=0.3)
-class MeasureDriveAgain(Step, Struct, frozen=True):
-    """Take one record of the drive at the end of a run; amplitude (V) and frequency (Hz) are known roughly."""
-
-    channel: int
-    amplitude_v: float
-    expected_hz: float
-
-    def describe(self) -> str:
-        return "oscilloscope: frequency of the drive once more"
-
-    def perform(self, context: Context) -> DriveFrequency:
-        scope = context.bench.oscilloscope
-        scope.configure_channel(self.channel, scale_v_per_div(self.amplitude_v))
-        scope.acquire(self.channel)
-        return _frequency(context, self.channel, self.amplitude_v, self.expected_hz)
-
-    def predict(self, gyro: LinearGyro) -> DriveFrequency:
-        return DriveFrequency(self.expected_hz, 0.0)
-
-
-def _frequency(context: Context, channel: int, amplitude_v: float, near_hz: float) -> DriveFrequency:
+def drive_frequency(context: Context, channel: int, amplitude_v: float, near_hz: float) -> DriveFrequency:
     """Return the frequency of a drive at about `near_hz` in the present record, on a screen for `amplitude_v`.
 
     Of a sine that fills the digits without noise their errors go with it: a thousand of them count at most.
