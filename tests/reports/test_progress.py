@@ -44,7 +44,7 @@ def test_plain_display_has_one_line_per_step() -> None:
         "    28.0 s     217 s left  average 10 readings, one every 1 s: +200 deg/s, V_Vc +0 V -> "
     )
     assert averaged.endswith("-> -2.54200 V, s 0.0e+00 V")
-    assert len(lines) == 13 + 1 + 2 + 17 * 4 + 2 + 2 + 6 + 2  # the drive is looked at before it is off
+    assert len(lines) == 13 + 1 + 2 + 17 * 4 + 2 + 2 + 5 + 2  # the drive is looked at before it is off
     assert all(line.isascii() for line in lines)
 
 
