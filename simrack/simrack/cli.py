@@ -69,12 +69,9 @@ def serve(
         wires = {**rack.wires, **only}
         pages = {role: page for role, offers in wires.items() if lxi and offers & {"vxi11", "hislip"}}
         settings = ServerSettings(host, port, offers=pages, only=only, port_mapper=port_mapper, faults=plan.faults)
-    except (OSError, ValueError) as error:
-        raise typer.BadParameter(str(error)) from error
-    try:
         server = BenchServer(rack, clock, settings)
     except (OSError, ValueError) as error:
-        raise typer.BadParameter(f"cannot serve on {host}: {error}") from error
+        raise typer.BadParameter(str(error)) from error
     with server:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: server.stop())

@@ -15,7 +15,6 @@ import pytest
 
 import vcfbench
 from vcfbench.clock import WallClock, sleep
-from vcfbench.errors import ConfigError
 from vcfbench.page.view import View
 from vcfbench.safety.control import RunControl
 
@@ -364,15 +363,6 @@ def test_page_stops_the_run_that_it_names(tmp_path: Path) -> None:
             assert "second" not in said
         assert ask(f"{address}/stop", params={"run": "second"}).status_code == 200
         assert second.stop_by == "the page"
-
-
-def test_a_machine_without_sockets_is_refused_by_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refused(*_: object, **__: object) -> None:
-        raise PermissionError(1, "Operation not permitted")
-
-    monkeypatch.setattr(socket, "socket", refused)
-    with pytest.raises(ConfigError, match="the page cannot use this port: Operation not permitted"):
-        LivePage(tmp_path, tmp_path, 0)
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="the descriptors of a process are counted there")

@@ -59,17 +59,29 @@ def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
     rails = rails_of(settings)
     if not rails:
         yield steps.NotChecked("power and when it came on", "the bench has no supply: the device feeds itself")
-        yield steps.Settle(wait_s, "the device has been on for a time that nobody measured")
+        yield from under_power(settings, wait_s, "the device has been on for a time that nobody measured")
         return
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield steps.EnableSupply()
-    yield steps.Settle(wait_s, "rails up, drive loop starts")
-    yield steps.CheckRails(rails, settings.rail_tolerance_v)
+    yield from under_power(settings, wait_s, "rails up, drive loop starts")
+
+
+def under_power(settings: ProcedureSettings, wait_s: float, reason: str) -> Routine[None]:
+    """Wait, then read the rails back; before a long wait also look at rails and drive, lest it be in vain."""
+    soon_s = settings.drive.start_up_s
+    if wait_s > soon_s:
+        yield steps.Settle(soon_s, reason)
+        yield from check_rails(settings)
+        if settings.station.oscilloscope is not None:
+            yield from check_drive(settings)
+        wait_s, reason = wait_s - soon_s, "warm-up"
+    yield steps.Settle(wait_s, reason)
+    yield from check_rails(settings)
 
 
 def check_rails(settings: ProcedureSettings) -> Routine[None]:
-    """Read the rails back once more, where the bench has a supply."""
+    """Read the rails back, where the bench has a supply."""
     if settings.rails:
         yield steps.CheckRails(rails_of(settings), settings.rail_tolerance_v)
 

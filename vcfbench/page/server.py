@@ -29,9 +29,8 @@ _TAKEN_AT_ONCE: Final = 8
 
 def _bound(port: int) -> socket.socket:
     """Return a socket on `port` of this machine, 0 for any that is free; ConfigError where it is taken."""
-    listening = None
+    listening = socket.socket()
     try:
-        listening = socket.socket()
         if hasattr(socket, "SO_EXCLUSIVEADDRUSE"):  # Windows, where the other one would share it
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_EXCLUSIVEADDRUSE, 1)
         else:
@@ -39,8 +38,7 @@ def _bound(port: int) -> socket.socket:
         listening.bind((LOOPBACK, port))
         listening.listen()  # who comes before the server is there waits for it
     except OSError as error:
-        if listening is not None:
-            listening.close()
+        listening.close()
         raise ConfigError(
             f"--port {port}: the page cannot use this port: {error.strerror}", hint="choose another, or 0 for any"
         ) from error

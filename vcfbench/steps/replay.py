@@ -187,20 +187,26 @@ def start_up_again(steps: Sequence[Step], settings: ProcedureSettings) -> Routin
     """Bring a bench that was made safe to where `steps` had brought it.
 
     Of all steps that set the same the last is done again, in the order of the plan, with the waits after it and the
-    checks. What was set before the supply was switched on is set before that again, and where something was measured
-    since, the gyroscope is given `warm_again_s` under power.
+    checks. What was set before the supply was switched on is set before that again. The gyroscope is given as long
+    under power as the plan had given it, `warm_again_s` at most, and that where something was measured since.
     """
     powered = powered_after(steps)
-    waited = next((n for n in range(powered, len(steps)) if steps[n].effect is not Effect.WAITS), len(steps))
-    cold_s = settings.warm_again_s - sum(step.physical_s for step in steps[powered:waited])
-    if powered and cold_s > 0.0 and any(step.effect is Effect.MEASURES for step in steps[waited:]):
-        steps = [*steps[:waited], Settle(cold_s, "as warm as before the break"), *steps[waited:]]
-    for step in _to_repeat(steps, powered):
-        if isinstance(step, FindDrive | MeasureDrive):
+    waits_s = {n: step.physical_s for n, step in enumerate(steps) if step.effect is Effect.WAITS and n >= powered}
+    measured = any(step.effect is Effect.MEASURES for step in steps[powered:])
+    warm_s = settings.warm_again_s if measured else min(settings.warm_again_s, sum(waits_s.values()))
+    repeated = [*_to_repeat(steps, powered)]
+    cold_s = warm_s - sum(waits_s.get(number, 0.0) for number in repeated) if powered else 0.0
+    for number in repeated:
+        if cold_s > 0.0 and number >= powered and steps[number].effect not in {Effect.WAITS, Effect.CHECKS}:
+            yield Settle(cold_s, "as warm as before the break")
+            cold_s = 0.0
+        if isinstance(steps[number], FindDrive | MeasureDrive):
             yield from check_drive(settings)
         else:
-            for each in step.again():  # noqa: UP028  # a tuple cannot be sent results
+            for each in steps[number].again():  # noqa: UP028  # a tuple cannot be sent results
                 yield each
+    if cold_s > 0.0:
+        yield Settle(cold_s, "as warm as before the break")
 
 
 def set_again(steps: Sequence[Step], disturbed: AbstractSet[str]) -> Routine[None]:
@@ -239,8 +245,8 @@ def powered_after(steps: Sequence[Step]) -> int:
     return powered
 
 
-def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[Step]:
-    """Yield those of `steps` that are done again; of the looks at the drive signal the first stands for them all."""
+def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[int]:
+    """Yield the numbers of the steps that are done again; the first look at the drive signal stands for all."""
     lasting = _lasting(steps, 0, powered) | _lasting(steps, powered, len(steps))
     left_out, is_repeated, looked = set[str](), False, False
     for number, step in enumerate(steps):
@@ -256,7 +262,7 @@ def _to_repeat(steps: Sequence[Step], powered: int) -> Iterator[Step]:
                 is_repeated = number >= powered and not (looked if looks else rails_differ)
                 looked = looked or (looks and number >= powered)
         if is_repeated and step.effect is not Effect.NOTHING:
-            yield step
+            yield number
 
 
 def _lasting(steps: Sequence[Step], first: int, end: int) -> set[int]:

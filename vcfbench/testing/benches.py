@@ -10,7 +10,7 @@
 
 import threading
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,11 +19,11 @@ from msgspec.structs import replace
 from simrack.attendance import AttendedClock
 from simrack.faults import Fault, FaultScript
 from simrack.faulty_device import FaultInjector
-from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, ServedClock, ServerSettings, Wires
+from simrack.serve import MAX_SPEED, BenchServer, Control, ServedClock, ServerSettings, Wires
 
 from vcfbench.bench.bench import Bench, open_bench
 from vcfbench.clock import Clock
-from vcfbench.errors import ConfigError, ConnectFailed
+from vcfbench.errors import ConfigError
 from vcfbench.files import dotted, parse_toml
 from vcfbench.procedures.bench_file import described
 from vcfbench.sim.builder import SimulatedBench
@@ -173,22 +173,13 @@ def serve_simulated(
     """Serve a simulated bench from a thread of this process; `faults` is a fault script, a file or TOML text.
 
     Without `speed` (times real time) bench time jumps to whatever a client waits for.
-
-    Raises:
-        ConnectFailed: this machine lets nobody serve, or connect to what it serves itself.
     """
     script = FaultScript(()) if faults is None else _script(faults)
     settings = ServerSettings(control_port=0, faults=script)  # a free one: at 20220 others may look for a bench
     description = described(bench)
     used = chosen_seed(description, seed)
     clock = ServedClock(MAX_SPEED if speed is None else speed)
-    built = build_served(description, used, clock)
-    with ExitStack() as until_done:
-        try:
-            server = until_done.enter_context(BenchServer(built, clock, settings))
-            Control(server.control.port).close()  # the system takes it: the server need not run for it
-        except (OSError, ControlError) as error:
-            raise ConnectFailed(f"this machine has no sockets for a served bench: {error}") from error
+    with BenchServer(build_served(description, used, clock), clock, settings) as server:
         worker = threading.Thread(target=server.run, daemon=True)
         worker.start()
         try:

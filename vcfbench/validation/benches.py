@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import random
 import shutil
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from statistics import fmean, stdev
@@ -17,7 +16,7 @@ from scipy.stats import binom
 
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.verified import verify_run
-from vcfbench.errors import BenchError, ConfigError, ConnectFailed, MeasurementError
+from vcfbench.errors import BenchError, ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.stated import values_of
 from vcfbench.runs.conduct import run
@@ -30,7 +29,7 @@ from vcfbench.testing.gyroscopes import drawn_bench
 from vcfbench.validation.check import Check, Found, check, same
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from vcfbench.archive.run import Run
     from vcfbench.station.description import BenchDescription
@@ -131,58 +130,44 @@ def _state(lab: ServedLab) -> str:
     return ", ".join(live) or "at rest and off"
 
 
-def _on_wires(answer: Callable[[ServedLab], Found]) -> Callable[[], Found]:
-    """Return the answer of a served bench; a machine without sockets of its own has none."""
-
-    def served() -> Found:
-        with ExitStack() as stack:
-            try:
-                lab = stack.enter_context(serve_simulated("paper", seed=_SEED))
-            except ConnectFailed as error:
-                return Found("a bench served on this machine", error.what, passed=None)
-            return answer(lab)
-
-    return served
-
-
 @check("faults", "Is a number given that cannot be true, or the bench left on?", "docs/safety.md")
-@_on_wires
-def _faults(lab: ServedLab) -> Found:
+def _faults() -> Found:
     came, wrong = [], []
-    for words, fault in _FAULTS:
-        lab.reset(_SEED)
-        lab.fault(**fault, at_s=_AT_S)
-        try:
-            run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
-            ended = "results were given"
-        except BenchError as error:
-            ended = type(error).__name__
-        came.append(f"{words}: {ended}, {_state(lab)}")
-        if ended == "results were given" or _state(lab) != "at rest and off":
-            wrong.append(words)
+    with serve_simulated("paper", seed=_SEED) as lab:
+        for words, fault in _FAULTS:
+            lab.reset(_SEED)
+            lab.fault(**fault, at_s=_AT_S)
+            try:
+                run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
+                ended = "results were given"
+            except BenchError as error:
+                ended = type(error).__name__
+            came.append(f"{words}: {ended}, {_state(lab)}")
+            if ended == "results were given" or _state(lab) != "at rest and off":
+                wrong.append(words)
     return Found("no result, and the bench at rest and off, after each", "; ".join(came), passed=not wrong)
 
 
 @check("wires", "Does the bench give the same over TCP as in this process?", "the run in this process")
-@_on_wires
-def _wires(lab: ServedLab) -> Found:
-    over = run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
-    left = _state(lab)
+def _wires() -> Found:
+    with serve_simulated("paper", seed=_SEED) as lab:
+        over = run("turntable", lab.on_wires(), runs=None, settings=_SHORT)
+        left = _state(lab)
     inside = run("turntable", "paper", seed=_SEED, runs=None, settings=_SHORT)
     outputs = [[f"{point.output_v:.7f}" for point in each.points] for each in (inside, over)]
     return same(f"{', '.join(outputs[0])} V; at rest and off", f"{', '.join(outputs[1])} V; {left}")
 
 
 @check("limits", "Is a rate above the limit refused before anything moves?", "docs/safety.md")
-@_on_wires
-def _limits(lab: ServedLab) -> Found:
+def _limits() -> Found:
     above = {**_SHORT, "rates_deg_s": [100, 0, -5000]}
-    try:
-        run("turntable", lab.on_wires(), runs=None, settings=above)
-        ended = "it was measured"
-    except ConfigError as error:
-        ended = f"refused ({error.what})"
-    return Found("refused, at rest and off", f"{ended}, {_state(lab)}", passed=ended.startswith("refused"))
+    with serve_simulated("paper", seed=_SEED) as lab:
+        try:
+            run("turntable", lab.on_wires(), runs=None, settings=above)
+            ended = "it was measured"
+        except ConfigError as error:
+            ended = f"refused ({error.what})"
+        return Found("refused, at rest and off", f"{ended}, {_state(lab)}", passed=ended.startswith("refused"))
 
 
 class _StopsAfter:

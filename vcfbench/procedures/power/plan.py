@@ -125,8 +125,7 @@ def plan(settings: PowerSettings) -> steps.Plan:
         yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
         for rail in second:
             yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
-    yield steps.Settle(settings.start_up_s, "warm-up")
-    yield steps.CheckRails(rails, settings.rail_tolerance_v)
+    yield from routines.under_power(settings, settings.start_up_s, "warm-up")
     seen = yield from routines.look_at_drive(settings)
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield steps.Note("Steady currents")
