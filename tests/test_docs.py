@@ -241,6 +241,12 @@ def test_readme_has_the_two_commands_that_ci_runs() -> None:
     assert [line for line in text.splitlines() if re.search(found[1], line)] == commands
 
 
+def test_first_link_of_the_readme_is_the_paper() -> None:
+    head = "\n".join((ROOT / "README.md").read_text(encoding="utf-8").splitlines()[:10])
+    assert re.findall(r"\]\(([^)]+)\)", head)[0] == "docs/evidence/article.md"
+    assert "`vcfbench article`" in head
+
+
 def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     """Same words in the same lines; the digits may differ with the seed and the numerical libraries."""
     shown = next(block.body for block in blocks(ROOT / "README.md") if block.body.startswith("quantity"))

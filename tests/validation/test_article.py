@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING
+import re
+from pathlib import Path
 
 import pytest
 from msgspec import structs
@@ -15,9 +16,7 @@ from vcfbench.validation import article as module
 from vcfbench.validation.article import Article, Mark, article_report
 from vcfbench.validation.errata import executed
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+PAGE = Path(__file__).parents[2] / "docs" / "evidence" / "article.md"
 HOLDS = Mark("section 4.2", "drive", "Hz", 3488.9, 0.05, 3488.93, 0.1)
 
 
@@ -54,4 +53,8 @@ def test_the_command_makes_the_paper_again(seed: int, tmp_path: Path) -> None:
     assert done.exit_code == 0, [each for each in answer["marks"] if abs(each["ours"] - each["printed"]) > 1.0]
     assert answer["holds"]
     assert len(answer["marks"]) == 57
+    made = {(each["where"], each["what"]): f"{each['printed']:.6g} | {each['ours']:.6g}" for each in answer["marks"]}
+    shown = re.findall(r"^\| (.+?) \| (.+?) \| (-?\d.*)", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert seed != 1 or [each for each in shown if not each[2].startswith(made[each[:2]])] == []
+    assert len(shown) == 10
     assert all(name in page.read_text(encoding="utf-8") for name in ("Figure 3", "Figure 6", "Figure 7"))
