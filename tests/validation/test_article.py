@@ -44,6 +44,12 @@ def test_number_beyond_both_uncertainties_is_named() -> None:
     assert "Not so: drive." in text_of(article_report(found))
 
 
+def test_number_without_uncertainty_shows_none() -> None:
+    found = Article(1, (structs.replace(HOLDS, ours_u95=0.0),), executed(), {}, 1.0)
+    (row,) = (line for line in text_of(article_report(found)).splitlines() if "drive" in line and "3488.93" in line)
+    assert row.split() == ["section", "4.2", "drive", "3488.9", "0.05", "3488.93", "-", "Hz", "holds"]
+
+
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_command_makes_the_paper_again(seed: int, tmp_path: Path) -> None:

@@ -154,7 +154,9 @@ def _column(done: Run, step: int, name: str, fitted: ScaleFactorResult, printed_
     ours = characterise(paper.RATES_DEG_S, [points[rate].output_v for rate in paper.RATES_DEG_S])
     yield Mark(
         *("section 4.2", f"non-linearity by {name}", "ppm", fitted.nonlinearity_ppm["max_span_rounded"] or 0.0),
-        *(2e6 * scatter_v / (max(printed_v) - min(printed_v)), ours.nonlinearity_ppm["max_span_rounded"] or 0.0, 0.0),
+        2e6 * scatter_v / (max(printed_v) - min(printed_v)),
+        ours.nonlinearity_ppm["max_span_rounded"] or 0.0,
+        done.values[f"{name}.nonlinearity"].u95 or 0.0,
     )
     for rate_deg_s, volts in zip(paper.RATES_DEG_S, printed_v, strict=True):
         point = points[rate_deg_s]
@@ -213,7 +215,10 @@ def article_report(found: Article) -> Report:
     """Return the article as a document."""
     failed = [each.what for each in found.marks if not each.holds] + [e.where for e in found.errata if not e.shown]
     rows = [
-        (each.where, each.what, each.printed, each.printed_u95, each.ours, each.ours_u95, each.unit, _said(each.holds))
+        (
+            *(each.where, each.what, each.printed, each.printed_u95),
+            *(each.ours, each.ours_u95 or None, each.unit, _said(each.holds)),
+        )
         for each in found.marks
     ]
     mistakes = [
