@@ -1,16 +1,21 @@
 """Whether U95 holds where the output is a stream of numbers: drawn devices, lines and frames, known true values.
 
-Each turntable has a bench of its own: instruments and table drawn, a device clock within 200 ppm, up to 20 ms of delay,
-1 % of the frames dropped, 1 % with a wrong bit, 16-bit rates in LSB or deg/s, or 32-bit increments. True values are
-those of the closed form. Records at rest likewise, their mean against the true output.
+Each seed is three benches, one of each kind of number: 16-bit rates in LSB or deg/s, 32-bit increments. Instruments
+and table are drawn, a device clock within 200 ppm, up to 20 ms of delay; 1 % of the frames are dropped, 1 % have a
+wrong bit.
+True values are those of the closed form. Records at rest likewise: their mean against the true output, and N.
 
-    python experiments/stream_coverage.py [TURNTABLES] [RECORDS]
+    python experiments/stream_coverage.py 0:40 0:10                       seeds of turntables, of records at rest
+    python experiments/stream_coverage.py 0:400 0:100 --lines lines.jsonl     goes on where it was stopped
 """
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
-import sys
+from collections import defaultdict
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -20,7 +25,8 @@ from msgspec import structs
 import vcfbench
 from vcfbench.errors import BenchError
 from vcfbench.procedures.bench_file import checked_bench
-from vcfbench.sim.simulation import true_output
+from vcfbench.sim.gyro.data_sheet import DataSheet, noise_bandwidth_hz
+from vcfbench.sim.simulation import physical_parameters, true_output
 from vcfbench.station.description import BenchDescription
 from vcfbench.studies.truth import turntable_truth
 
@@ -32,7 +38,15 @@ KINDS: dict[str, dict[str, Any]] = {
 }
 RATES_DEG_S = (200.0, 100.0, 20.0, 0.0, -20.0, -100.0, -200.0)
 TURNTABLE = {"rates_deg_s": RATES_DEG_S, "samples": 5, "warm_up_s": 5400.0}
-AT_REST = {"duration_s": 200.0, "powered_s": 5400.0}
+BAND_HZ = noise_bandwidth_hz(DataSheet(), 0.5)
+"""Noise bandwidth of a reading of half a second, the paper's being that of another."""
+AT_REST = {
+    "duration_s": 200.0,
+    "powered_s": 5400.0,
+    "noise_bandwidth_hz": BAND_HZ,
+    "u_noise_bandwidth_hz": 0.015 * BAND_HZ,
+}
+TRUE_OF_LINE = ("scale_factor", "bias")
 ALONE = dict.fromkeys(("power", "rate_source", "multimeter", "oscilloscope"))
 
 
@@ -49,40 +63,62 @@ def drawn_bench(kind: str, seed: int) -> BenchDescription:
     return checked_bench({key: each for key, each in values.items() if each is not None}, "drawn")
 
 
-def main(turntables: int, records: int) -> None:
+def one_run(procedure: str, kind: str, seed: int) -> dict[str, Any]:
+    """Return the distance of each value from its true one in its U95, of N of a bound too."""
+    bench = drawn_bench(kind, seed)
+    settings = TURNTABLE if procedure == "turntable" else AT_REST
+    try:
+        run = vcfbench.run(procedure, bench, seed=seed, settings=settings, runs=None)
+    except BenchError as error:
+        return {"refused": str(error)}
+    rails = run.header["settings"]["positive_rail_v"], run.header["settings"]["negative_rail_v"]
+    output = true_output(bench, rails_v=rails)
+    truth = {"output_v": output(0.0, None)}
+    if procedure == "turntable":
+        truth = {key: value for key, value in turntable_truth(output, RATES_DEG_S).items() if key in TRUE_OF_LINE}
+    found = {
+        key: ((run.values[key].value or 0.0) - true) / (run.values[key].u95 or math.nan) for key, true in truth.items()
+    }
+    if procedure == "zero":
+        n, true = (
+            run.results.coefficient("angle random walk"),
+            60.0 * physical_parameters(bench).noise.angle_random_walk_deg_sqrt_s,
+        )
+        if n.value and n.u:
+            found["N"] = (n.value - true) / (1.96 * n.u)
+        found["N, bound"] = 0.0 if n.upper_95 >= true else 2.0
+    return found
+
+
+def main() -> None:
     """Run all of them and print the shares within U95, by kind, with the largest distances."""
-    refused: list[str] = []
-    for procedure, count in (("turntable", turntables), ("zero", records)):
-        for kind in KINDS:
-            inside, ratios = dict[str, int](), dict[str, list[float]]()
-            for seed in range(count // len(KINDS)):
-                bench = drawn_bench(kind, seed)
-                settings = TURNTABLE if procedure == "turntable" else AT_REST
-                try:
-                    run = vcfbench.run(procedure, bench, seed=seed, settings=settings, runs=None)
-                except BenchError as error:
-                    refused.append(f"{procedure} {kind} {seed}: {error}")
-                    continue
-                rails = run.header["settings"]["positive_rail_v"], run.header["settings"]["negative_rail_v"]
-                output = true_output(bench, rails_v=rails)
-                truth = turntable_truth(output, RATES_DEG_S)
-                truth = {key: truth[key] for key in ("scale_factor", "bias")}
-                if procedure == "zero":
-                    truth = {"output_v": output(0.0, None)}
-                for key, true in truth.items():
-                    found = run.values[key]
-                    ratio = ((found.value or 0.0) - true) / (found.u95 or math.nan)
-                    ratios.setdefault(key, []).append(ratio)
-                    inside[key] = inside.get(key, 0) + (abs(ratio) <= 1.0)
-            for key, of in ratios.items():
-                most, rms = max(map(abs, of)), math.sqrt(math.fsum(each * each for each in of) / len(of))
-                print(
-                    f"{procedure:9s} {kind:12s} {key:12s} {inside[key]:4d} of {len(of):4d} within U95, "
-                    f"rms {rms:.2f} U95, largest {most:.2f} U95",
-                    flush=True,
-                )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("turntables", nargs="?", default="0:40")
+    parser.add_argument("records", nargs="?", default="0:10")
+    parser.add_argument("--lines", type=Path, default=Path("/dev/null"))
+    asked = parser.parse_args()
+    done = dict(json.loads(line) for line in asked.lines.read_text("utf-8").splitlines())
+    with asked.lines.open("a", encoding="utf-8") as lines:
+        for procedure, seeds in (("turntable", asked.turntables), ("zero", asked.records)):
+            for seed in range(*map(int, seeds.split(":"))):
+                for kind in KINDS:
+                    if (key := f"{procedure} {kind} {seed}") not in done:
+                        done[key] = one_run(procedure, kind, seed)
+                        lines.write(json.dumps([key, done[key]]) + "\n")
+                        lines.flush()
+    ratios: dict[str, list[float]] = defaultdict(list)
+    for name, found in done.items():
+        for key, ratio in found.items():
+            if key != "refused":
+                ratios[f"{name.rpartition(' ')[0]:23s} {key}"].append(ratio)
+    for name, of in ratios.items():
+        inside, rms = sum(abs(each) <= 1.0 for each in of), math.sqrt(math.fsum(each * each for each in of) / len(of))
+        print(
+            f"{name:36s} {inside:4d} of {len(of):4d} within U95, rms {rms:.2f} U95, largest {max(map(abs, of)):.2f} U95"
+        )
+    refused = [f"{name}: {found['refused']}" for name, found in done.items() if "refused" in found]
     print(f"refused: {len(refused)}", *refused[:5], sep="\n  ")
 
 
 if __name__ == "__main__":
-    main(*(int(each) for each in sys.argv[1:3] or (120, 30)))
+    main()

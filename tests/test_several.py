@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from shutil import copytree, rmtree
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
+from simrack.faults import Fault
 from simrack_tests.cells import few
 
 import vcfbench
@@ -20,7 +22,7 @@ from vcfbench.archive.lot import spread_of
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
 from vcfbench.drivers.streams.reader import StreamReader
-from vcfbench.errors import BenchError, ConfigError, LinkLost, PlanError
+from vcfbench.errors import BenchError, ConfigError, DeadlineExceeded, LinkLost, PlanError
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
@@ -37,6 +39,7 @@ from vcfbench.station.writing import bench_text
 from vcfbench.steps.each import EachResult
 from vcfbench.studies.file import read_study
 from vcfbench.testing import serve_simulated
+from vcfbench.testing.benches import _Behind
 from vcfbench.values.sources import TABLE_RATE
 
 if TYPE_CHECKING:
@@ -49,6 +52,10 @@ if TYPE_CHECKING:
 LIMITS = {"max_rate_deg_s": 300.0, "max_acceleration_deg_s2": 200.0}
 QUICK = {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 4}
 GAINS = (1.0, 1.1, 0.9)
+METER_FAULTS = [
+    *("silent", "late", "garbled", "garbage", "truncated", "disconnect", "unreachable", "half_open", "power_cycle"),
+    *("error", "identity", "overload"),
+]
 
 
 def several(count: int = 3, profile: str = "vn100", **more: Any) -> BenchDescription:
@@ -179,15 +186,12 @@ def test_record_of_another_run_is_found(whole: Run, tmp_path: Path) -> None:
     few(
         [(device, fault, at_s) for device in (1, 2) for fault in FAULTS for at_s in (0.0, 20.0)],
         (1, "silent", 20.0),
+        (2, "silent", 0.0),
     ),
 )
 def test_a_device_with_a_fault_ends_for_itself(whole: Run, device: int, fault: str, at_s: float) -> None:
     bench, good = several(2), whole
-    try:
-        run = conducted(bench, with_fault(device, FAULTS[fault], at_s))
-    except BenchError:
-        assert at_s == 0.0  # it is not there when the bench is opened
-        return
+    run = conducted(bench, with_fault(device, FAULTS[fault], at_s))
     for number, (each, as_ever) in enumerate(zip(run.devices, good.devices, strict=True), 1):
         if each.error is not None:
             assert number == device
@@ -237,13 +241,53 @@ def test_a_device_that_jumps_ends_while_the_other_finishes(at_s: float, said: st
         vcfbench.resume(run.devices[1])
 
 
-@pytest.mark.exhaustive
-def test_where_all_have_failed_the_run_has(tmp_path: Path) -> None:
-    bench = several(2)
-    with pytest.raises(BenchError, match="silent") as caught:
-        conducted(bench, _both(with_fault(1, FAULTS["silent"], 20.0), 20.0), tmp_path)
-    assert caught.value.run is not None
-    assert [each.status for each in caught.value.run.devices] == [Status.ABORTED] * 2
+@pytest.mark.parametrize("at_s", few([20.0, 0.0], 0.0))
+def test_where_all_have_failed_the_error_of_each_is_told(at_s: float, tmp_path: Path) -> None:
+    with pytest.raises(BenchError, match=r"G-1: .*ttyUSB1: .*silent.*G-2: .*ttyUSB2: .*silent") as caught:
+        conducted(several(2), _both(with_fault(1, FAULTS["silent"], at_s), at_s), tmp_path)
+    for number, each in enumerate(caught.value.run.devices, 1):
+        assert each.status is Status.ABORTED
+        assert re.fullmatch(f"stream at /dev/ttyUSB{number}: .*", str(each.error))
+
+
+@pytest.mark.parametrize(
+    ("device", "kind", "at_s"),
+    few(
+        [(device, kind, at_s) for device in (1, 2) for kind in METER_FAULTS for at_s in (0.0, 3.0, 15.0, 22.0)],
+        (1, "disconnect", 15.0),
+        (2, "late", 15.0),
+    ),
+)
+def test_a_meter_with_a_fault_costs_its_device_alone(device: int, kind: Any, at_s: float, tmp_path: Path) -> None:
+    def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
+        behind = _Behind()
+        made = behind(description, seed, clock)
+        behind.faults.add(Fault("multimeter" if device == 1 else "multimeter-2", kind, at_s=at_s))
+        return made
+
+    run = conducted(meters(), build, tmp_path)
+    other = run.devices[2 - device]
+    assert other.status is Status.COMPLETE
+    assert other.values["scale_factor"].value
+    assert verify_run(str(other.directory)).wrong is None
+
+
+def test_a_device_that_is_gone_when_a_run_is_resumed_ends_for_itself(
+    whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identify = StreamReader.identify
+
+    def gone(reader: StreamReader) -> Any:
+        if reader.resource.endswith("USB1"):
+            raise DeadlineExceeded("the stream is silent")
+        return identify(reader)
+
+    monkeypatch.setattr(StreamReader, "identify", gone)
+    with pytest.warns(UserWarning, match="G-1 cannot be read and ends for itself"):
+        again = vcfbench.resume(cut(whole, tmp_path, 2, mark=b'"points":'), runs=tmp_path)
+    assert [each.status for each in again.devices] == [Status.ABORTED, Status.COMPLETE]
+    assert [len(each.points) for each in again.devices] == [2, 3]
+    assert all(verify_run(str(each.directory)).wrong is None for each in (again, *again.devices))
 
 
 def _both(build: Any, at_s: float) -> Any:

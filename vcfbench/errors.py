@@ -23,6 +23,8 @@
 limits.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, ClassVar, TypedDict, Unpack
 
 _AT_ONCE_S = 0.001
@@ -44,6 +46,7 @@ class BenchError(Exception):
     """Any error of the bench that is shown to its user; the attributes say where and when it happened.
 
     `run` is the run that it ended, with the points that were kept (:class:`vcfbench.Run`); None outside of one.
+    `of_devices` are the errors of several gyroscopes, by name, where it is made of theirs.
 
     >>> try:
     ...     vcfbench.load_run("not-there")
@@ -54,6 +57,7 @@ class BenchError(Exception):
 
     exit_code: ClassVar[int] = 3
     run: Any = None
+    of_devices: Mapping[str, "BenchError"] = MappingProxyType({})
 
     def __init__(
         self,
@@ -90,6 +94,15 @@ class BenchError(Exception):
             parts.append("at once" if self.elapsed_s < _AT_ONCE_S else f"after {self.elapsed_s:.3g} s")
         text = ", ".join(parts)
         return f"{text}; {self.hint}" if self.hint else text
+
+    @classmethod
+    def joined(cls, of_devices: Mapping[str, "BenchError"]) -> "BenchError":
+        """Return the error of several devices that all failed: it tells that of each, and is of their kind."""
+        kinds = {type(each) for each in of_devices.values()}
+        said = "; ".join(f"{name}: {each}" for name, each in of_devices.items())
+        error = (kinds.pop() if len(kinds) == 1 else BenchError)(said)
+        error.of_devices = dict(of_devices)
+        return error
 
 
 class ConfigError(BenchError):

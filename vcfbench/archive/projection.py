@@ -26,7 +26,7 @@ def projected(lines: Iterable[Mapping[str, Any]], device: str) -> Iterator[dict[
         kind = line.get("type")
         if kind in NOT_OF_DEVICES:
             continue
-        own = {key: value for key, value in line.items() if key not in {"seal", "points", "device"}}
+        own = {key: value for key, value in line.items() if key not in {"seal", "points", "device", "of_devices"}}
         if line.get("step_kind") == _ENDED and kind == "step":
             if line["step"]["device"] == device:
                 return
@@ -65,7 +65,8 @@ def _own_step(line: Mapping[str, Any], device: str, chunks: int) -> dict[str, An
     said = (each.partition(": ") for each in line.get("asked_again", ()))
     own |= {"chunks": chunks or None, "asked_again": [words for name, _, words in said if name == device] or None}
     if line["type"] == "error":
-        return own
+        kind, said = line.get("of_devices", {}).get(device, (line["error_kind"], line["error"]))
+        return own | {"error_kind": kind, "error": said}
     result = line["result"]
     if (ended := result["ended"].get(device)) is None:
         own |= {"result_kind": result["kind"], "result": result["results"][device]}

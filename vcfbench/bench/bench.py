@@ -146,8 +146,8 @@ class Bench(Struct, frozen=True, eq=False):
         self.holding.safety.disbelieved[instrument] = why
 
     def seen_by(self, device: str) -> "Bench":
-        """Return the bench as one of its several gyroscopes has it: the output is its own."""
-        instruments = {**self.instruments, "multimeter": self.multimeter.of[device]}  # type: ignore[attr-defined]
+        """Return the bench as one of its several gyroscopes has it: the output is its own; raises what kept it shut."""
+        instruments = {**self.instruments, "multimeter": self.multimeter.of(device)}  # type: ignore[attr-defined]
         return _SeenBench(**{**asdict(self), "instruments": instruments})
 
     def close(self) -> None:

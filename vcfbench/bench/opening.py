@@ -10,7 +10,7 @@ from vcfbench.bench.ground import UnopenedBench
 from vcfbench.drivers.hands import BY_HAND
 from vcfbench.drivers.registry import open_instrument
 from vcfbench.drivers.streams.shared import sharing
-from vcfbench.drivers.together import Outputs, named
+from vcfbench.drivers.together import Outputs, kept
 from vcfbench.errors import BenchError
 from vcfbench.interfaces import Identity, Instrument
 from vcfbench.station.description import CALIBRATION_KEYS, BenchDescription
@@ -64,19 +64,26 @@ def open_role(
 def _outputs(
     description: BenchDescription, stand: UnopenedBench, more: Mapping[str, Any]
 ) -> tuple[Instrument, Identity]:
-    """Open the output of each of several gyroscopes; fields of one stream share its connection."""
+    """Open the output of each of several gyroscopes; fields of one stream share its connection.
+
+    One that does not answer is told to the person at the bench, and costs the others nothing.
+    """
     shared = {"shared": sharing()} if description.stream else {}
     opened: dict[str, Any] = {}
     found: dict[str, Identity] = {}
+    missing: dict[str, BenchError] = {}
     try:
         for name in description.several:
-            own = description.of_device(name)
-            with named(name):
-                opened[name], found[name] = open_role("multimeter", own, stand, **shared, **more)
+            with kept(missing, name):
+                opened[name], found[name] = open_role(
+                    "multimeter", description.of_device(name), stand, **shared, **more
+                )
     except BaseException:
         for each in opened.values():
             with suppress(BenchError):
                 each.close()
         raise
-    made: Any = Outputs(opened, found)
+    if not opened:
+        raise BenchError.joined(missing)
+    made: Any = Outputs(opened, found, missing)
     return made, made.identify()

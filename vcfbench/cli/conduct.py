@@ -85,10 +85,12 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
             ending.answered()
     if run.error is not None:
         raise run.error
-    for each in run.devices:
-        if each.error is not None:
-            each.error.what = f"device {each.metadata.dut} ended for itself, others finished: {each.error.what}"
-            raise each.error
+    if ended := {each.metadata.dut or "": each.error for each in run.devices if each.error is not None}:
+        error = BenchError.joined(ended)
+        error.what = (
+            f"{len(ended)} of {len(run.devices)} devices ended for themselves, the others finished: {error.what}"
+        )
+        raise error
     if any(each.verdict is not None and not each.verdict.passed for each in (run, *run.devices)):
         raise typer.Exit(1)  # no error: a limit of the results failed, whether or not anybody could read it
     if unwritten is not None:
@@ -201,7 +203,7 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
         if as_json:
             print_json({"procedure": name, "dry_run": True, "error": str(error)})
         raise
-    wired = prepared.description.rails_at
+    wired, devices = prepared.description.rails_at, list(prepared.description.several)
     if as_json:
         steps = [
             {"n": each.number, "t_s": each.t_s, "kind": type(each.step).__name__, "what": each.step.describe()}
@@ -209,13 +211,15 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
         ]
         times = {"estimated_bench_seconds": planned.bench_seconds, "physical_minimum_s": planned.physical_minimum_s}
         expected = to_builtins(planned.expected)
-        what = {"wiring": wired} if wired else {}
+        what = {**({"wiring": wired} if wired else {}), **({"devices": devices} if devices else {})}
         print_json(
             {"procedure": planned.procedure, "dry_run": True, **what, **times, "steps": steps, "expected": expected}
         )
         return
     if wired:
         typer.echo(f"wiring: {wired}")
+    if devices:
+        typer.echo(f"devices: {', '.join(devices)}; one that cannot be read or fails ends for itself")
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
     expectation = planned.expected

@@ -1,11 +1,11 @@
 """Outputs of several gyroscopes, read at the same time."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
-from vcfbench.clock import Deadline
+from vcfbench.clock import Clock, Deadline
 from vcfbench.drivers.streams.reader import StreamReader
 from vcfbench.errors import Aborted, BenchError, DeadlineExceeded, NotSafe
 from vcfbench.interfaces import BeginsReadings, Identity, SafeReport, UnprovedCommand
@@ -15,16 +15,28 @@ _TURN_S = 0.005
 
 
 class Outputs:
-    """The outputs of several gyroscopes, in the place of one multimeter; `of` has them by the names of the devices."""
+    """The outputs of several gyroscopes, in the place of one multimeter, by the names of the devices.
+
+    `missing` are those that could not be opened, set or asked for errors, each with its error.
+    """
 
     safe_words = ""
 
-    def __init__(self, of: Mapping[str, Any], identities: Mapping[str, Identity]) -> None:
+    def __init__(
+        self, of: Mapping[str, Any], identities: Mapping[str, Identity], missing: dict[str, BenchError]
+    ) -> None:
         first = next(iter(of.values()))
-        self.of = of
+        self._of = of
         self.identities = identities
+        self.missing = missing
         self.name: str = first.name
         self.resource = ", ".join(dict.fromkeys(each.resource for each in of.values()))
+
+    def of(self, device: str) -> Any:
+        """Return the output of a device; raises its error where it is missing."""
+        if device in self.missing:
+            raise self.missing[device]
+        return self._of[device]
 
     def identify(self) -> Identity:
         """Return the identity of the first: each was asked for its own when it was opened."""
@@ -32,47 +44,42 @@ class Outputs:
 
     def check_errors(self) -> None:
         """See that none has an error."""
-        for name, each in self.of.items():
-            with named(name):
-                each.check_errors()
+        self._have_each(lambda each: each.check_errors())
 
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Set range and integration time of each."""
-        for name, each in self.of.items():
-            with named(name):
-                each.configure_dc_voltage(range_v, nplc)
+        self._have_each(lambda each: each.configure_dc_voltage(range_v, nplc))
+
+    def _have_each(self, do: Callable[[Any], None]) -> None:
+        """Have each do something; one that fails is missing from then on, and raises where all are."""
+        for name, each in self._of.items():
+            if name not in self.missing:
+                with kept(self.missing, name):
+                    do(each)
+        if self._of.keys() <= self.missing.keys():
+            raise BenchError.joined(self.missing)
 
     def command_safe(self) -> UnprovedCommand:
         """Send each the words that make it safe."""
-        sent = [each.command_safe() for each in self.of.values()]
+        sent = [each.command_safe() for each in self._of.values()]
         return UnprovedCommand("", sent=all(each.sent for each in sent))
 
     def make_safe(self, deadline: Deadline) -> SafeReport:
         """Make each safe; the error names the first that is not."""
-        reports: list[SafeReport] = [each.make_safe(deadline) for each in self.of.values()]
+        reports: list[SafeReport] = [each.make_safe(deadline) for each in self._of.values()]
         return next((each for each in reports if not each.safe), reports[0])
 
     def close(self) -> None:
         """Close each."""
-        for each in self.of.values():
+        for each in self._of.values():
             each.close()
 
 
-@contextmanager
-def named(device: str) -> Iterator[None]:
-    """Put the name of the device into the words of its errors."""
-    try:
-        yield
-    except BenchError as error:
-        error.what = f"{device}: {error.what}"
-        raise
-
-
-def read_together(meters: Mapping[str, Any], within_s: float = math.inf) -> dict[str, float | BenchError]:
+def read_together(meters: Mapping[str, Any], clock: Clock, within_s: float = math.inf) -> dict[str, float | BenchError]:
     """Read each meter once, all at the same time as far as they can; return the reading, or the error, of each.
 
     Streams are read in turns, and one that has no reading `within_s` is not waited for. Meters that begin a reading
-    begin it together; others are read one after another.
+    begin it together; others are read one after another. One that takes longer than `within_s` is an error.
 
     Raises:
         Aborted: a person or a signal stopped it.
@@ -88,10 +95,19 @@ def read_together(meters: Mapping[str, Any], within_s: float = math.inf) -> dict
             asked[name] = each.read_voltage_v
     _read_streams({name: each for name, each in meters.items() if isinstance(each, StreamReader)}, within_s, found)
     for name, ask in asked.items():
-        if name not in found:
-            with kept(found, name):
-                found[name] = ask()
+        if name in found:
+            continue
+        asked_s = clock.now()
+        with kept(found, name):
+            found[name] = ask()
+            if (took_s := clock.now() - asked_s) > within_s:
+                raise late(meters[name], f"its reading took {took_s:.2g} s, the others are read every {within_s:g} s")
     return found
+
+
+def late(meter: Any, what: str) -> DeadlineExceeded:
+    """Return the error of a meter that the others do not wait for."""
+    return DeadlineExceeded(what, instrument=meter.name, resource=meter.resource)
 
 
 def _read_streams(streams: Mapping[str, StreamReader], within_s: float, found: dict[str, float | BenchError]) -> None:
@@ -108,7 +124,7 @@ def _read_streams(streams: Mapping[str, StreamReader], within_s: float, found: d
                 del under_way[name]
     for name in under_way:
         said = f"no reading in {within_s:g} s: the stream is silent, or too many frames are lost"
-        found[name] = DeadlineExceeded(said, instrument=streams[name].name, resource=streams[name].resource)
+        found[name] = late(streams[name], said)
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from vcfbench.archive.run import Run
 from vcfbench.bench.bench import open_bench
 from vcfbench.clock import today
+from vcfbench.drivers.together import Outputs
 from vcfbench.errors import Aborted, BenchError, ConfigError, NotSafe
 from vcfbench.files import shown
 from vcfbench.instructions.procedure import AnyProcedure
@@ -168,6 +169,10 @@ def _perform(under_way: UnderWay, signals: StopSignals) -> None:
             bench = watching.enter_context(opened)
             for each in sorted(set(bench.left_by.values())):
                 request.warn(f"{each} died with this bench, which stayed live; its table stands now")
+            if isinstance(outputs := bench.instruments.get("multimeter"), Outputs):
+                for name, error in outputs.missing.items():
+                    words = f"{name} cannot be read and ends for itself, the others are measured"
+                    request.warn(f"{words}: {error}")
             under_way.perform(bench, watchers, signals)
     except BaseException as error:
         under_way.take_error(_as_bench_error(error))

@@ -7,6 +7,7 @@ from typing import Any
 
 from vcfbench.archive.projection import ending, projected
 from vcfbench.archive.run import Run
+from vcfbench.errors import BenchError
 from vcfbench.records.directory import create_run
 from vcfbench.records.schema import Point, Status
 from vcfbench.runs.request import OneDevice, Prepared
@@ -34,8 +35,10 @@ def device_runs(whole: UnderWay) -> tuple[Run, ...]:
     """Make the record of each device of a run that has ended; return the run of each."""
     prepared, journal = whole.prepared, whole.journal
     if journal is None or whole.execution is None:
-        of = (each.metadata for each in prepared.devices)
-        return tuple(Run(prepared.name, Status.ABORTED, error=whole.error, metadata=metadata) for metadata in of)
+        return tuple(
+            Run(prepared.name, Status.ABORTED, error=_own(whole.error, each.name), metadata=each.metadata)
+            for each in prepared.devices
+        )
     lines = journal.lines()
     header = last = next(lines)
     ends: dict[str, EndedStep] = {}
@@ -59,13 +62,15 @@ def _device_run(
     own = UnderWay(_PreparedDevice(prepared, device, entries), key=whole.key, safe_reports=whole.safe_reports)
     if directory is not None:
         own.prepared.directory = create_run(directory.path.parent, prepared.name)
-    identities = {**whole.identities, **({"multimeter": found} if (found := whole.outputs.get(device.name)) else {})}
+    identities = {role: each for role, each in whole.identities.items() if role != "multimeter"}
+    if (found := whole.outputs.get(device.name)) is not None:
+        identities["multimeter"] = found
     own.journal = own.open_journal(identities, header["began_s"], header["planned_s"], planned=False)
     points = []
     for line in projected(journal.lines(), device.name):
         own.journal.write(line["type"], line)
         points += [Point.from_json(line["point"])] if "point" in line else []
-    error = whole.error if ended is None else ended.error
+    error = ended.error if ended is not None else whole.missing.get(device.name) or _own(whole.error, device.name)
     own.execution = Execution(
         Status.COMPLETE if error is None else Status.ABORTED,
         tuple(points),
@@ -79,3 +84,8 @@ def _device_run(
         own.take_error(error)
     own.close(None)
     return own.as_run()
+
+
+def _own(error: BenchError | None, device: str) -> BenchError | None:
+    """Return what an error of the run was for one device."""
+    return error and error.of_devices.get(device, error)

@@ -84,6 +84,8 @@ class UnderWay(Struct):
     identities: Mapping[str, Identity] = field(default_factory=dict)
     outputs: Mapping[str, Identity] = field(default_factory=dict)
     """Identities of the outputs of several devices, by the name of the device."""
+    missing: Mapping[str, BenchError] = field(default_factory=dict)
+    """Errors of those that could not be opened, set or asked for errors."""
 
     def take_error(self, error: BenchError) -> None:
         """Keep the first error, unless something is not safe: that comes before everything."""
@@ -170,7 +172,7 @@ class UnderWay(Struct):
         with signals.undivided():
             journal = self.open_journal(bench.identities, began_s, bench.clock.now() - began_s)
         if isinstance(outputs := bench.instruments.get("multimeter"), Outputs):
-            self.identities, self.outputs = bench.identities, outputs.identities
+            self.identities, self.outputs, self.missing = bench.identities, outputs.identities, outputs.missing
         # the caller's own, on a simulated bench the simulation, else a person if any
         operator = request.operator or simulated_operator(bench) or request.person or nobody
         self.watchdog = watchdog = bench.watchdog

@@ -110,10 +110,12 @@ class EachOf(Step, Struct, frozen=True):
         return {**result, "results": {name: self.steps[name].recorded(each) for name, each in of.items()}}
 
     def perform(self, context: Context) -> EachResult:
-        """Do the step of each together; one that fails ends for itself, the first error is raised where all have."""
-        contexts = {name: context.of_device(name) for name in self.steps}
+        """Do the step of each together; one that fails ends for itself; where all do, that is an error."""
+        contexts, missing = self.contexts(context)
         failed: dict[str, BenchError] = {}
         match self.first:
+            case _ if not contexts:
+                results: dict[str, StepResult] = {}
             case Acquire() as first:
                 results = self._windows(first, contexts, failed)
             case LookAtOutput() as first:
@@ -133,9 +135,19 @@ class EachOf(Step, Struct, frozen=True):
         for name, each in contexts.items():
             context.asked_again += (f"{name}: {said}" for said in each.asked_again)
         if not results:
-            raise next(iter(failed.values()))
-        ended = {name: EndedStep.by(error, contexts[name].readings) for name, error in failed.items()}
+            raise BenchError.joined(missing | failed)
+        ended = {name: EndedStep.by(error) for name, error in missing.items()}
+        ended |= {name: EndedStep.by(error, contexts[name].readings) for name, error in failed.items()}
         return EachResult(type(next(iter(results.values()))).__name__, results, ended)
+
+    def contexts(self, context: Context) -> tuple[dict[str, Context], dict[str, BenchError]]:
+        """Return the context of each device, and the error of each that has no output any more."""
+        contexts: dict[str, Context] = {}
+        missing: dict[str, BenchError] = {}
+        for name in self.steps:
+            with kept(missing, name):
+                contexts[name] = context.of_device(name)
+        return contexts, missing
 
     def _windows(
         self, first: Acquire, contexts: Mapping[str, Context], failed: dict[str, BenchError]
@@ -171,7 +183,9 @@ def _read(
 ) -> dict[str, float]:
     """Read the outputs of all that have not failed, at the same time; return the readings that came `within_s`."""
     meters = {name: each.bench.multimeter for name, each in contexts.items() if name not in failed}
-    found = read_together(meters, within_s)
+    bench = next(iter(contexts.values())).bench
+    typed = "multimeter" in bench.by_hand  # a person takes the time that it takes
+    found = read_together(meters, bench.clock, math.inf if typed else within_s)
     failed |= {name: each for name, each in found.items() if isinstance(each, BenchError)}
     return {name: each for name, each in found.items() if not isinstance(each, BenchError)}
 

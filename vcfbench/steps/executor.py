@@ -381,6 +381,8 @@ class Executor:
             "readings": readings,
             **self._seen(),
         }
+        if error.of_devices:
+            line["of_devices"] = {name: [type(of).__name__, str(of)] for name, of in error.of_devices.items()}
         if self._written < self._number:  # else it is done and on the disk: the stop came while it was told
             self._owed.append(line)
             with suppress(BenchError):  # a disk that is full must not keep the bench from being brought to rest
@@ -391,12 +393,15 @@ class Executor:
     def _keep(self, error: BenchError) -> None:
         """Keep the first error: those that follow while the bench comes to rest are consequences.
 
+        Of several devices the last has the errors of all.
+
         A plan knows roles only; where an instrument answers is added here.
         """
         if error.instrument is not None and error.resource is None:
             with suppress(BenchError):  # the instrument that the error is about may be one that the bench has not
                 error.resource = getattr(getattr(self.bench, error.instrument, None), "resource", None)
-        self._error = self._error or error
+        if self._error is None or (self._error.of_devices and error.of_devices):
+            self._error = error
 
     def _heard(self, reading: Reading) -> None:
         self._tell(ReadingTaken(self._now(), reading))

@@ -63,10 +63,9 @@ class TakenOver(Struct, frozen=True):
     def recall(self, context: Context) -> None:
         """Give the steps the recorded readings of their windows."""
         if isinstance(self.step, EachOf) and isinstance(self.result, EachResult):
-            for name, step in self.step.steps.items():
+            for name, seen in self.step.contexts(context)[0].items():
                 own = (each for each in self.chunks if each.get("device") == name)
-                last = self.line["result"]["results"].get(name, {})
-                _recall(step, own, last, context.of_device(name))
+                _recall(self.step.steps[name], own, self.line["result"]["results"].get(name, {}), seen)
         elif isinstance(self.result, Window):
             _recall(self.step, self.chunks, self.line["result"], context)
 

@@ -89,7 +89,7 @@ def together(plans: Mapping[str, Callable[[], Plan]]) -> Plan:
     """Perform the plans of several devices as one; each is made by a function, by the name of its device.
 
     Raises:
-        BenchError: no device came to its end; the error of the first that did not.
+        BenchError: no device came to its end; it tells the error of each.
     """
     parts = [_Part(name, begin, begin()) for name, begin in plans.items()]
     for each in parts:
@@ -115,7 +115,7 @@ def _lockstep(parts: list[_Part]) -> Plan:
         except BenchError as error:
             stopped = error
             for each in going:
-                each.answer(error)
+                each.answer(error.of_devices.get(each.name, error))
             continue
         for each in of:
             if isinstance(result, EachResult) and each.name in result.ended:
@@ -124,9 +124,9 @@ def _lockstep(parts: list[_Part]) -> Plan:
                 each.answer(result.results[each.name] if isinstance(result, EachResult) else result)
     if stopped is None:
         yield from _ended(parts, said)
-    failed = [each.error for each in parts if each.error is not None]
+    failed = {each.name: each.error for each in parts if each.error is not None}
     if len(failed) == len(parts):
-        raise stopped or failed[0]
+        raise stopped if stopped is not None and not stopped.of_devices else BenchError.joined(failed)
 
 
 def _ended(parts: list[_Part], said: set[str]) -> Iterator[Step]:
