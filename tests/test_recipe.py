@@ -34,5 +34,12 @@ def test_requirements_are_those_of_the_distribution(recipe: dict[str, Any], name
     assert found == wanted
 
 
+def test_rattler_build_renders_both_packages(recipe: dict[str, Any]) -> None:
+    """It refuses keys that it does not know, and specs that conda cannot read."""
+    rattler_build = pytest.importorskip("rattler_build", reason="pip install '.[dev]'")
+    rendered = rattler_build.Stage0Recipe.from_file(ROOT / "recipe" / "recipe.yaml").render()
+    assert [each.recipe.package.name for each in rendered] == [each["package"]["name"] for each in recipe["outputs"]]
+
+
 def test_version_is_that_of_the_release(recipe: dict[str, Any]) -> None:
     assert installed_version().startswith(recipe["context"]["version"])
