@@ -247,6 +247,14 @@ def test_first_link_of_the_readme_is_the_paper() -> None:
     assert "`vcfbench article`" in head
 
 
+def test_changelog_has_one_topic_per_line_and_no_history() -> None:
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased = text.split("\n## ")[1]
+    topics = {"New", "Changed", "Mended", "Removed", "Known limits"}
+    assert {each.split(":")[0] for each in re.findall(r"^### (.*)", unreleased, re.MULTILINE)} <= topics
+    assert len(unreleased.split()) < 5000
+
+
 def test_run_shown_in_the_readme_looks_like_one(tmp_path: Path) -> None:
     """Same words in the same lines; the digits may differ with the seed and the numerical libraries."""
     shown = next(block.body for block in blocks(ROOT / "README.md") if block.body.startswith("quantity"))
