@@ -16,7 +16,7 @@ from tests.procedures.test_kvc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.check import checked, health_parts, not_measured
+from vcfbench.procedures.health.check import MAY_HAVE, checked, health_parts, not_measured, unmeasured
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.records.device_values import Characteristics
@@ -154,6 +154,14 @@ def test_phase_of_few_noisy_records_is_refused_beyond_chance_alone() -> None:
     for moved_deg, refused in ((2.9, False), (5.0, True)):
         after = structs.replace(THEN, sense_phase_deg=Kept(value=moved_deg - 1.01, u=0.69, dof=14.0))
         assert bool(checked(before, after).refused) is refused
+
+
+def test_nothing_is_left_unmeasured_where_all_was_measured() -> None:
+    stated = SimpleNamespace(station=SimpleNamespace(sources=SimpleNamespace(k_vc_not_measured_ppm=300.0)))
+    names = [name for name, *_ in MAY_HAVE]
+    assert unmeasured(stated, names) == []  # type: ignore[arg-type]
+    (part,) = unmeasured(stated, names[1:])  # type: ignore[arg-type]
+    assert (part.u, part.rectangular) == (pytest.approx(300e-6 / math.sqrt(3.0)), True)
 
 
 def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:

@@ -267,3 +267,15 @@ def test_certificate_levels_off_the_line_enter_offset() -> None:
         return u**2
 
     assert squared(30e-6) - squared(0.0) == pytest.approx((20e-6) ** 2 / 3.0)
+
+
+@pytest.mark.parametrize(("level_v", "slope", "offset_v"), [(10.0, 8.8e-6, 0.0), (0.0, 0.0, 88e-6)])
+def test_certificate_levels_at_one_voltage_count_by_their_u(level_v: float, slope: float, offset_v: float) -> None:
+    """100 uV with U95 20 uV counts four times 40 uV with 40 uV."""
+    points = tuple(
+        CalibrationPoint(range_v=10.0, level_v=level_v, correction_v=correction_v, expanded_v=expanded_v)
+        for correction_v, expanded_v in ((100e-6, 20e-6), (40e-6, 40e-6))
+    )
+    worth = meter_worth("meter", HP_34401A, MeterKnown(calibration=points), 10.0, 10.0)
+    assert worth["meter_gain_correction"] == pytest.approx(slope)
+    assert worth["meter_offset_correction_v"] == pytest.approx(offset_v)

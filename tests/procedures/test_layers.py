@@ -189,6 +189,11 @@ def test_stated_age_overrides_day_of_calibration() -> None:
     assert usual.meter_age_from.startswith("assumed")
 
 
+@pytest.mark.parametrize("days", [0, -1])
+def test_a_meter_calibrated_today_or_where_it_is_tomorrow_has_no_age(days: int) -> None:
+    assert settings_of(TURNTABLE, on_day(days)).station.sources.meter_age_days == 0.0
+
+
 def test_ages_that_cannot_be_are_refused() -> None:
     assert "multimeter.calibrated: expected a day that is past" in refusal(lambda: settings_of(TURNTABLE, on_day(-3)))
     old = refusal(lambda: settings_of(TURNTABLE, on_day(0, stated=800.0)))

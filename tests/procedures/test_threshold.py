@@ -22,11 +22,13 @@ from vcfbench.procedures.threshold import (
     StepShare,
     ThresholdResult,
     ThresholdSettings,
+    _blocks_wanted,
     report,
     results,
 )
 from vcfbench.records.devices import DeviceStore
 from vcfbench.records.schema import Point
+from vcfbench.station.settings import Station
 from vcfbench.testing import simulated
 from vcfbench.uncertainty.measurand import measurand
 
@@ -182,6 +184,19 @@ def test_a_dead_band_wider_than_the_steps_is_told() -> None:
 def test_settings_that_cannot_be(settings: dict[str, Any], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         vcfbench.dry_run("threshold", "lab", settings=settings)
+
+
+@pytest.mark.parametrize(
+    ("smallest_deg_s", "noise_v", "times"), [(0.5, 2e-2, 1.0), (0.25, 2e-2, 4.0), (0.5, 4e-2, 4.0)]
+)
+def test_blocks_go_by_the_square_of_noise_over_the_smallest_step(
+    smallest_deg_s: float, noise_v: float, times: float
+) -> None:
+    bench = Station(meter_resolution_v=1e-6)
+    asked = ThresholdSettings(steps_deg_s=(2.0, 1.0, smallest_deg_s), at_most_s=1e6, station=bench)
+    largest = [asked.sizes_deg_s[0] * sign for sign in (0.0, 1.0, -1.0, -1.0, 1.0, 0.0)]
+    points = [Point(_AT_REST, level, 0.0, -0.0125 * level, noise_v, 10) for level in largest]
+    assert _blocks_wanted(asked, points) == pytest.approx(times * 100.0, rel=0.03)
 
 
 @pytest.mark.exhaustive

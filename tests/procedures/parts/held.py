@@ -85,10 +85,11 @@ class Run:
         self._bench, self._procedure, self._told = bench, PROCEDURES[procedure], told
         self._slopes: dict[int, dict[str, float]] = {}
         taken = self._taken(Change(1.0))
-        self.settings, self._lines, self.windows_s = taken.settings, taken.lines, taken.windows_s
+        self.settings, self.lines, self.windows_s = taken.settings, taken.lines, taken.windows_s
         self.points = [_scattering(each) for each in taken.points]
-        self.measured = Measured(self.points, lambda: self._lines)
+        self.measured = Measured(self.points, lambda: self.lines)
         self.results = self._procedure.results(self.settings, self.measured)
+        self.report = self._procedure.report(self.settings, self.measured, self.results)
         self.values = dict(values_of(self.results))
 
     def _taken(self, change: Change) -> _Taken:
@@ -131,7 +132,7 @@ class Run:
                 rows.append(dict.fromkeys(self.values, 0.0))
                 continue
             points[place] = structs.replace(point, **{key: before + step_v})
-            moved = dict(values_of(self._procedure.results(self.settings, Measured(points, lambda: self._lines))))
+            moved = dict(values_of(self._procedure.results(self.settings, Measured(points, lambda: self.lines))))
             rows.append({name: (moved[name].value - each.value) / step_v for name, each in self.values.items()})
         return {name: np.array([row[name] for row in rows]) for name in self.values}
 

@@ -12,6 +12,7 @@ LONG = (
     "four steps, by both signs",
     "four steps, by a curve",
     "K_Vc, levels as they are set",
+    "bandwidth",
 )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import sys
+from datetime import datetime
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
@@ -19,13 +20,17 @@ import vcfbench
 from tests.evaluation import require_raised
 from tests.procedures.parts.procedures import PROCEDURES
 from tests.procedures.parts.simulated import Bench, Change, quiet
+from vcfbench.archive.unseen import unseen_of
+from vcfbench.records.journal import lines_of
 from vcfbench.records.plain import plain
+from vcfbench.reports.document import Figure, Table
 from vcfbench.version import EVALUATION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from tests.procedures.parts.held import Run
+    from vcfbench.reports.document import Report
 
 FILE = Path(__file__).with_name("values.json")
 _EVALUATION = "evaluation"
@@ -64,6 +69,44 @@ def figures_of(values: Mapping[str, Any]) -> Figures:
     return {name: round(math.fsum(_logarithms(each, name)), 5) for name, each in found.items()}
 
 
+def figure_of_report(report: Report) -> float:
+    """Return a number of all numbers in the figures and tables of a report, likewise."""
+    groups: list[Sequence[Any]] = []
+    for part in report.parts:
+        if isinstance(part, Table):
+            groups += zip(*part.rows, strict=True)
+        elif isinstance(part, Figure):
+            groups += (each or () for of in part.series for each in (of.x, of.y, of.u_y, of.low, of.high))
+    return _sized(groups)
+
+
+def figure_of_steps(lines: Iterable[Mapping[str, Any]]) -> float:
+    """Return a number of all numbers in the steps that were done, likewise."""
+    return _sized([*_numbers(line["step"])] for line in lines if "step_kind" in line)
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    if isinstance(value, dict | list):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _numbers(each)
+    elif isinstance(value, int | float):
+        yield float(value)
+
+
+def _sized(groups: Iterable[Sequence[Any]]) -> float:
+    """Return the sum of all logarithms in groups of numbers, weighed by place; what rounding leaves is none."""
+    total = 0.0
+    for row, group in enumerate(groups):
+        held = [getattr(each, "value", each) for each in group]
+        numbers = [each if isinstance(each, int | float) else 0.0 for each in held]
+        least = max(1e-6 * max(map(abs, numbers), default=0.0), _NOTHING)
+        weights = Random(row)  # noqa: S311  # no secrets
+        total += math.fsum(
+            math.copysign(math.log(max(abs(each), least) / least), each) * weights.uniform(1.0, 2.0) for each in numbers
+        )
+    return round(total, 5)
+
+
 def differing(came: Figures, kept: Figures) -> list[str]:
     """Return the fields that are not as they were, to some parts in ten thousand of one of their numbers."""
     return [
@@ -99,6 +142,13 @@ NOISY: Mapping[str, tuple[tuple[str, str, Mapping[str, Any]], ...]] = MappingPro
             ("online", "quiet", {"duration_s": 300.0, "warm_up_s": 60.0}),
         ),
         "polarity": (("polarity", "lab", {}),),
+        "zero, with flicker": (
+            ("zero", "paper", {"warm_up_s": 60.0, "powered_s": 60.0, "duration_s": 3600.0}),
+            ("turntable", "paper", _SWEEP),
+        ),
+        "bandwidth": (("bandwidth", "lab", {"warm_up_s": 60.0}),),
+        "axes": (("axes", "lab", {"samples": 4}),),
+        "power, rails moved": (("power", "paper", {**_SHORT, "warm_up_s": 60.0}),),
         "repeatability": (
             ("repeatability", "paper", {"samples": 4, "power_cycles": 4, "off_s": 300.0, "warm_up_s": 60.0}),
         ),
@@ -131,22 +181,33 @@ def evaluation() -> int:
 
 def of_run(run: Run) -> Figures:
     """Return the figures of a run of the table of parts."""
-    return figures_of(plain(run.results))
+    found, steps = plain(run.results), figure_of_steps(run.lines)
+    quiet_response = "residual" in found  # so that its report holds last digits
+    more = {"steps": steps} if quiet_response else {"steps": steps, "report": figure_of_report(run.report)}
+    return figures_of(found) | more
 
 
 def noisy_runs(name: str) -> Figures:
     """Return the figures of runs on a bench, one after another, and of what is kept of their device."""
-    found: dict[str, Any] = {}
+    found, more = dict[str, Any](), Figures()
     with TemporaryDirectory() as folder:
         for procedure, bench, settings in NOISY[name]:
             one = Bench("lab", "paper's", quiet).described(Change(1.0)) if bench == "quiet" else bench
             of_device = {"dut": "G", "devices": folder} if len(NOISY[name]) > 1 else {}
             run = vcfbench.run(procedure, one, seed=5, settings={**settings, **of_device}, runs=folder)
             found |= {f"{procedure}: {key}": each for key, each in plain(run.results).items()}
+            assert run.directory is not None
+            more[f"{procedure}: report"] = figure_of_report(run.report())
+            more[f"{procedure}: steps"] = figure_of_steps(lines_of(run.directory / "journal.jsonl"))
+            more[f"{procedure}: not seen"] = _sized([*_numbers(plain(each))] for each in unseen_of(run))
             if run.device_entry is not None:
                 entry = json.loads(run.device_entry.read_text(encoding="utf-8"))
+                begins, ends = (entry.get(key) for key in ("issued" if "issued" in entry else "done", "valid_until"))
+                if ends is not None:
+                    valid = datetime.fromisoformat(ends) - datetime.fromisoformat(begins)
+                    more[f"{procedure}: valid"] = valid.total_seconds()
                 found[f"{procedure}: kept"] = {key: each for key, each in entry.items() if isinstance(each, dict)}
-    return figures_of(found)
+    return figures_of(found) | more
 
 
 def jobs() -> dict[str, Callable[[], Figures]]:
