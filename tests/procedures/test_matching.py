@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.procedures.fakes import make_settings
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.schema import Point
@@ -111,3 +112,9 @@ def test_output_that_ignores_table_gives_no_k_vc() -> None:
     assert matching.level_v == 0.0
     with pytest.raises(MeasurementError, match="does not answer to the table's rate"):
         _ = matching.k_vc
+
+
+@pytest.mark.parametrize("match_rate_deg_s", [-150.0, 150.0])
+def test_the_table_is_given_time_for_the_match_rate_of_either_sign(match_rate_deg_s: float) -> None:
+    asked = make_settings(rates_deg_s=(10.0, 0.0, -10.0), match_rate_deg_s=match_rate_deg_s, match_rates_deg_s=(5.0,))
+    assert asked.fastest_deg_s == 150.0
