@@ -154,6 +154,23 @@ def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
 
 
 @pytest.mark.exhaustive
+@pytest.mark.parametrize("dropped", [0.0, 0.02])
+def test_white_noise_behind_missing_frames_has_a_bound_alone(dropped: float) -> None:
+    settings = {"duration_s": 300.0, "powered_s": 10.0, "noise_bandwidth_hz": 1.17, "scale_factor_v_per_deg_s": 5000.0}
+    bench = stream_bench({**FRAME, **NUMBERS["LSB"]}, lsb_per_deg_s=5000.0, dropped=dropped)
+    run = vcfbench.run("zero", bench, seed=1, settings=settings, runs=None)
+    n = run.results.coefficient("angle random walk")
+    assert (n.u is None) is bool(dropped)
+    assert n.upper_95 > 0.21
+    assert ("of the frames are missing" in vcfbench.text_of(run.report())) is bool(dropped)
+
+
+def test_counts_at_rest_need_their_scale_factor() -> None:
+    with pytest.raises(ConfigError, match=r"scale_factor_v_per_deg_s: expected LSB/\(deg/s\) of this gyroscope"):
+        vcfbench.dry_run("zero", stream_bench({**FRAME, **NUMBERS["LSB"]}))
+
+
+@pytest.mark.exhaustive
 def test_device_clock_is_in_budget_of_increments(tmp_path: Path) -> None:
     runs = {
         ppm: vcfbench.run("turntable", stream_bench("dsp1760", clock_ppm=ppm), seed=1, settings=QUICK, runs=tmp_path)

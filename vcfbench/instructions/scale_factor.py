@@ -24,11 +24,11 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     """Settings that turn the output at rest into a rate."""
 
     scale_factor_v_per_deg_s: Annotated[
-        Annotated[float, ranged(-1e3, 1e3)] | None,
+        Annotated[float, ranged(-1e9, 1e9)] | None,
         said("of this gyroscope; default what is expected, else the paper's"),
     ] = None
     scale_factor_u_v_per_deg_s: Annotated[
-        Annotated[float, ranged(0.0, 1e3)] | None,
+        Annotated[float, ranged(0.0, 1e9)] | None,
         said("its standard uncertainty; without it a bias in deg/s is incomplete"),
     ] = None
 

@@ -15,7 +15,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
 from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.instructions.kept import KeptSettings
-from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
+from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used, tells_scale_factor
 from vcfbench.instructions.v_vc import away_from_warm_k
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.document import Report, Table, Text, heads
@@ -129,6 +129,8 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         if self.mode is Mode.GAPLESS and self.station.stream:
             expected = "corrected or dead-time: a stream has no memory for gapless bursts"
             yield InvalidValue("mode", expected, self.mode.value)
+        if self.station.output_unit == "LSB" and not tells_scale_factor(self):
+            yield InvalidValue("scale_factor_v_per_deg_s", "LSB/(deg/s) of this gyroscope: nothing else tells it", None)
         least_hz = 0.5 / self.aperture_s
         if self.mode is Mode.CORRECTED and (self.passed_hz or least_hz) < 0.99 * least_hz:
             expected = f"at least the {least_hz:g} Hz of an integration time of {self.aperture_s:g} s, or 0: not known"
@@ -401,8 +403,8 @@ def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
     elif results.mode == "corrected" and settings.passed_hz is None and results.white_noise_seen > 1.0:
         lines.append(
             "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
-            "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz, or measure it "
-            "with mode=gapless"
+            "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz"
+            + ("" if settings.station.stream else ", or measure it with mode=gapless")
         )
     lines += results.remarks
     return "\n".join(lines)
