@@ -12,10 +12,11 @@ import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.archive.unseen import refusable, unseen_of
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.interfaces import Waveform
-from vcfbench.procedures.phase import CaptureSense, PhaseSettings
+from vcfbench.procedures.phase import CaptureSense, PhaseSettings, in_turn
 from vcfbench.sim.simulation import true_output
 from vcfbench.steps import CaptureSines, ConfigureScope, SineRecord
 from vcfbench.testing import simulated
@@ -215,3 +216,24 @@ def test_sines_of_several_channels_are_captured_together() -> None:
 def test_rate_beyond_station_is_refused_setting() -> None:
     with pytest.raises(ConfigError, match="rate_deg_s: expected a rate of at most 300 deg/s either way"):
         vcfbench.dry_run("phase", settings={"rate_deg_s": 1000.0})
+
+
+def test_records_that_changed_are_refused_from_the_size_that_is_told(run: vcfbench.Run) -> None:
+    """What lies above the list is refused, or moves nothing; what is complete and moved has its size in it."""
+    found, rng = refusable(run), np.random.default_rng(3)
+    assert found is not None
+    before, rows = found.evaluated(found.settings, found.measured), list(unseen_of(run))
+    loose = [row for row in rows if row.size is None]
+    assert {row.why for row in loose} <= {"the records are too few"}
+    for each in in_turn(found.settings, found.measured):
+        size = max(row.size for row in rows if row.what == each.what and row.kind == "change" and row.size)
+        for larger in (0.3, 0.9, 1.5, 1.5, 3.0):
+            begin, end = np.sort(rng.choice(len(each.visits) + 1, 2, replace=False))
+            at = np.arange(len(each.visits))
+            fault = larger * size * ((at >= begin) & (at < end) & (end - begin < len(at)))
+            try:
+                after = found.with_records(each, fault)
+            except MeasurementError:
+                continue
+            off = max(abs(after[name] - before[name]) / u95 for name, u95 in found.u95.items())
+            assert off < 1.0 / 3.0 or larger < 1.0

@@ -11,7 +11,9 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.analysis.decays import RingingMode
-from vcfbench.errors import LimitError
+from vcfbench.archive.unseen import unseen_of
+from vcfbench.belief.in_turn import require_alike
+from vcfbench.errors import LimitError, MeasurementError
 from vcfbench.interfaces import Waveform
 from vcfbench.procedures.resonance import (
     DriveDecay,
@@ -20,6 +22,7 @@ from vcfbench.procedures.resonance import (
     SenseDecay,
     _s_per_div,
     combined,
+    in_turn,
     resonance_characteristics,
 )
 from vcfbench.testing import simulated
@@ -187,3 +190,29 @@ def test_what_is_kept_of_a_device_is_what_rang_down(run: vcfbench.Run) -> None:
     unseen = structs.replace(run.results, in_phase_q=None, in_phase_hz=None)
     without = resonance_characteristics(ResonanceSettings(), unseen)
     assert (without.q_in_phase, without.in_phase_split_hz) == (None, None)
+
+
+@pytest.mark.exhaustive
+def test_ring_downs_state_what_they_cannot_have_seen(run: vcfbench.Run) -> None:
+    told = {row.what for row in unseen_of(run)}
+    assert {"the split of the anti-phase mode", "the Q of the anti-phase mode", "the Q of the drive"} <= told
+
+
+@pytest.mark.parametrize("what", ["the split of the in-phase mode", "the Q of the anti-phase mode"])
+def test_ring_downs_of_another_mode_are_refused(what: str) -> None:
+    rng, modes = np.random.default_rng(1), (RingingMode(3464.0, 1200.0, 1.0), RingingMode(3342.0, 1230.0, 0.2))
+    decays = [
+        SenseDecay(
+            3489.0,
+            tuple(
+                structs.replace(mode, q=mode.q * (1.0 + each), frequency_hz=mode.frequency_hz * (1.0 + 1e-5 * each))
+                for mode, each in zip(modes, 3e-3 * rng.standard_normal(2), strict=True)
+            ),
+        )
+        for _ in range(8)
+    ]
+    require_alike(in_turn(decays, []))
+    (series,) = (each for each in in_turn(decays, []) if each.what == what)
+    spoilt = [series.spoilt(each, 0.3 * (at > 4)) for at, each in enumerate(decays)]
+    with pytest.raises(MeasurementError, match=f"{what} is another by .* in the records of visits"):
+        require_alike(in_turn(spoilt, []))

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -12,8 +13,19 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.archive.output_unit import in_output_unit, unit_of_record
 from vcfbench.archive.run import Run
+from vcfbench.belief.in_turn import DEG, InTurn
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET
-from vcfbench.belief.unseen import MATTERS, MATTERS_UNREFUSED, OFFSETS, UNIT, Course, Unseen, course_of, unseen
+from vcfbench.belief.unseen import (
+    MATTERS,
+    MATTERS_UNREFUSED,
+    OFFSETS,
+    UNIT,
+    Course,
+    Unseen,
+    course_of,
+    unseen,
+    unseen_in_turn,
+)
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
@@ -48,6 +60,7 @@ _WORDS: Final[dict[tuple[str, str], str]] = {
     ("pulse", V_VC_GAIN): "another gain of the meter on V_Vc for one record",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
+_IN_TURN: Final = {"change": "a change in some records of", "creep": "a creep, to the last record, of"}
 _OF_STREAM: Final[dict[tuple[str, str], str]] = {  # No instrument reads the output
     ("change", GAIN): "a change of the gyroscope's own gain",
     ("pulse", GAIN): "another gain of the gyroscope for one record",
@@ -84,6 +97,12 @@ class Refusable(Struct, frozen=True, eq=False):
         """Return the values with the points moved by volts, (n,), and V_Vc of the meter, V, (n,)."""
         return self.evaluated(self.settings, self.measured.moved(output_v.tolist(), v_vc_v.tolist()))
 
+    def with_records(self, each: InTurn, sizes: Floats) -> Mapping[str, float]:
+        """Return the values with a fault of so much in each visit, (n,)."""
+        at = {visit.result: size for visit, size in zip(each.visits, sizes.tolist(), strict=True)}
+        spoilt = self.measured.changed(lambda result: each.spoilt(result, at[result]) if at.get(result) else result)
+        return self.evaluated(self.settings, spoilt)
+
     def evaluated(self, settings: Any, measured: Measured) -> Mapping[str, float]:
         """Return the values by other settings or data; a bound has 0."""
         found = values_of(in_output_unit(self.procedure.results(settings, measured), settings.station.output_unit))
@@ -119,7 +138,16 @@ def unseen_of(run: Run) -> tuple[Unseen, ...]:
     bent = frozenset(name for name in found.u95 if run.values[name].form != "plus-minus")
     between = unseen(found.course, found.u95, found.values, bent) if windows > 1 else ()
     within = _in_a_record(found) if windows == 1 else ()
-    return (*between, *within, *_in_records(found), *_of_knowledge(found))
+    return (*between, *within, *_in_records(found), *_in_turn(found), *_of_knowledge(found))
+
+
+def _in_turn(found: Refusable) -> Iterator[Unseen]:
+    """Yield the effects of what changed between records of the oscilloscope."""
+    if found.procedure.in_turn is None:
+        return
+    before = found.evaluated(found.settings, found.measured)
+    for each in found.procedure.in_turn(found.settings, found.measured):
+        yield from unseen_in_turn(each, found.u95, before, partial(found.with_records, each))
 
 
 def _in_a_record(found: Refusable) -> Iterator[Unseen]:
@@ -254,11 +282,12 @@ def unseen_words(run: Run, found: Sequence[Unseen]) -> Iterator[tuple[str, str, 
     volts = unit_of_record(run.header)
     offset, known = ((1e3, "mV"), _WORDS) if volts == "V" else ((1.0, volts), _WORDS | _OF_STREAM)
     for each in found:
-        factor, unit = offset if each.unit in OFFSETS else (1e2, "%")
+        factor, unit = offset if each.unit in OFFSETS else (1.0, DEG) if each.unit == DEG else (1e2, "%")
         done = ", ".join(_effect(run.values[name], effect) for name, effect in each.effects.items())
         why = f": {each.why}" if each.why else ""
         size, of = (f"any size{why}", f"of {factor * UNIT:g} {unit}: ") if each.size is None else ("", "")
-        yield known[each.kind, each.unit], size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
+        what = known[each.kind, each.unit] if not each.what else f"{_IN_TURN[each.kind]} {each.what}"
+        yield what, size or f"below {grouped(factor * (each.size or 0.0))} {unit}", of + done
 
 
 def unseen_in_short(run: Run, found: Sequence[Unseen]) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.belief.patterns import Pattern, Patterns, patterns_of
+from vcfbench.belief.patterns import ONE_SIDED, Pattern, Patterns, patterns_of
 from vcfbench.belief.walk import Limits, Seen, Walk, sigmas
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.schedule import SEARCH, ZERO_DRIVEN, ZERO_TABLE, Order, SweepSettings
@@ -44,8 +44,6 @@ _CREEPS, _CREEP_TIMES = 3.0, 5
 """Longest time constant of a warm-up, in lengths of the run, and how many make any other between it and a window."""
 _EQUAL = 1e-9
 """Patterns that are equal but for rounding: the first of them counts."""
-_ONE_SIDED = 1.645
-"""Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _ANSWERS = 8.0
 """Standard uncertainties that the slope must be away from zero."""
 _ROUNDING_V = 1e-12
@@ -123,7 +121,7 @@ def groups(walk: Walk) -> Iterator[list[Seen]]:
 
 def refused_from(walk: Walk) -> float:
     """Return the size, in standard uncertainties, of a fault that is refused with 95 %."""
-    return _most(walk) + _ONE_SIDED
+    return _most(walk) + ONE_SIDED
 
 
 def _most(walk: Walk) -> float:

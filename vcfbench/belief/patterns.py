@@ -15,6 +15,8 @@ from vcfbench.analysis.arrays import Floats
 
 MOST_WINDOWS = 4000
 """Windows that are held against each other: 0.7 GB of memory."""
+ONE_SIDED = 1.645
+"""Quantile of the normal distribution for 95 %: what is found is as far from what is there as its noise has it."""
 _UNSEEN = 1e-4
 """A pattern of which the free terms leave less than this share (of its square) is not asked for."""
 

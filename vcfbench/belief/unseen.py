@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.belief.agreement import SLOPES
+from vcfbench.belief.in_turn import DEG, InTurn
 from vcfbench.belief.jumps import GAIN, OFFSET, V_VC_GAIN, V_VC_OFFSET, groups, patterns, refused_from
 from vcfbench.belief.patterns import MOST_WINDOWS
 from vcfbench.belief.walk import Limits, Seen, Walk
@@ -34,6 +35,8 @@ MATTERS_UNREFUSED = 0.1 * MATTERS
 """The same of what 1 mV, or 0.1 %, does where no size is refused: ten times as much is no rare fault."""
 _MOST_GAIN = 1.0 - SLOPES[0]
 """A larger change of gain is no share of what the run answers: the slope between neighbours tells it."""
+_MOST_DEG = 45.0
+"""The same of a phase."""
 _PROBE_V = 1e-6
 """By how much a window is moved to see what it does: values are as good as linear in it."""
 _MOST_PROBES = 32
@@ -51,7 +54,8 @@ Evaluated: TypeAlias = Callable[[Floats, Floats], Mapping[str, float]]
 class Unseen(Struct, frozen=True):
     """A possible fault of a run: below `size` the run does not refuse it.
 
-    `size` is in V, or relative of a gain; None where none is refused, and `effects` are those of 1 mV, or 0.1 %.
+    `size` is in V, or relative of a gain, or in `unit` of `what`; None where none is refused, and `effects` are those
+    of 1 mV, or 0.1 %.
     `effects` has by name, in its unit, what may have moved each value by more than a third of its U95. `why` says why
     no size is refused.
     """
@@ -61,6 +65,8 @@ class Unseen(Struct, frozen=True):
     unit: str
     effects: Mapping[str, float]
     why: str = ""
+    what: str = ""
+    """What is another, of records that are no windows."""
 
 
 class Course(Struct, frozen=True):
@@ -168,6 +174,34 @@ def unseen(
                     moved = np.flatnonzero(per_v.any(axis=0))
                     why = "" if refused else _why(course, first, last, frozenset(moved.tolist()))
                     yield Unseen(kind, size, unit, effects, why)
+
+
+def unseen_in_turn(
+    each: InTurn, u95: Mapping[str, float], before: Mapping[str, float], values: Callable[[Floats], Mapping[str, float]]
+) -> Iterator[Unseen]:
+    """Yield the faults between records that may have moved a value; `values` are those with each visit moved, (n,)."""
+    if (compared := each.compared()) is None:
+        return
+    found, states = compared.found, [visit.state for visit in each.visits]
+    per = np.zeros((len(u95), found.count))
+    for state in dict.fromkeys(states):  # visits of one state have the same weight
+        alike = np.array([own == state for own in states])
+        moved = values(_PROBE_V * alike)
+        per[:, alike] = np.array([(moved[name] - before[name]) / _PROBE_V / alike.sum() for name in u95])[:, None]
+    places, lasts = np.arange(found.count), max(found.count - 1, 1)
+    rise = np.maximum(0.0, places - places[: max(0, found.count - 2), None]) / lasts
+    sums = np.concatenate([np.zeros((len(per), 1)), np.cumsum(per, axis=1)], axis=1)
+    done = np.abs(np.concatenate([sums[:, found.end] - sums[:, found.begin], per @ rise.T], axis=1))
+    sizes = found.smallest(compared.refused_from)
+    walks, never = np.arange(done.shape[1]) >= len(found.begin), sizes > (_MOST_DEG if each.unit == DEG else _MOST_GAIN)
+    for kind, own in (("change", ~walks), ("creep", walks)):
+        for some, refused in ((own & ~never, True), (own & never, False)):
+            at = np.flatnonzero(some)
+            faults = _Faults(at, sizes[at] if refused else None)
+            if worst := faults.worst(done[:, at], u95, frozenset(), lambda *_: {}):
+                few = "the records are too few" if np.isfinite(sizes[at]).all() else "it looks like what is measured"
+                why = "" if refused else few
+                yield Unseen(kind, worst[0], each.unit, worst[1], why, each.what)
 
 
 def _why(course: Course, first: int, last: int, moving: frozenset[int]) -> str:

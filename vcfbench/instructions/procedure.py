@@ -18,7 +18,7 @@ from vcfbench.reports.generic import generic_report
 from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
     from datetime import datetime
 
     from vcfbench.records.devices import NewEntry
@@ -86,6 +86,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             store when the run is complete, recorded and safe.
         unforeseen: results whose U95 no dry run can expect, and why, by the last part of their names.
         watched: the windows that its plan holds against each other; None: nothing of a fault between them is seen.
+        in_turn: what its records of the oscilloscope showed in turn, which its results hold against each other.
         streams: whether its output may be a stream of numbers, not a voltage.
         several: whether several devices can be measured together: their plans must be the same.
         in_one_piece: why a run that was broken off cannot be resumed; empty: it can.
@@ -107,6 +108,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
     entry: Callable[[S, R, Provenance], NewEntry | None] | None = None
     unforeseen: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     watched: Watched | None = None
+    in_turn: Callable[[S, Measured], Iterable[Any]] | None = None
     in_one_piece: str = ""
     streams: bool = False
     several: bool = False

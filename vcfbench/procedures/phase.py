@@ -9,6 +9,7 @@ drive frequency and a little: :mod:`vcfbench.analysis.rotating`.
 import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from statistics import fmean, stdev, variance
 from typing import Annotated, Final
 
@@ -16,6 +17,7 @@ from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.rotating import reference_phase
+from vcfbench.belief.in_turn import DEG, SHARE, InTurn, Visit, require_alike
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.kept import Keeps, KeptSettings
 from vcfbench.instructions.procedure import Procedure, roles
@@ -65,6 +67,8 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
 
 _LARGEST_SCATTER_DEG = 5.0
 """Largest scatter of the demodulator's phase between records: mere noise scatters by 52 deg, a gyroscope by 0.01."""
+_WANDERS_DEG, _WANDERS = 0.01, 0.003
+"""How far a phase, deg, and the sense signal's size walk by a kelvin: Q by 0.2 %, a phase of 3 deg by as much."""
 
 
 class Phases(Struct, frozen=True):
@@ -211,9 +215,68 @@ def _response(
 
 def phase_results(settings: PhaseSettings, measured: Measured) -> Phases:
     """Return the phases from all that was captured."""
-    states = [(step, found) for step, found in measured.found(SineRecords) if isinstance(step, CaptureSense)]
     turned = [each for _, found in measured.found(Rotations) for each in found.records]
-    return phases_of(settings, states, turned)
+    phases = phases_of(settings, _captured(measured), turned)
+    require_alike(in_turn(settings, measured))
+    return phases
+
+
+def _captured(measured: Measured) -> list[tuple[CaptureSense, SineRecords]]:
+    return [(step, found) for step, found in measured.found(SineRecords) if isinstance(step, CaptureSense)]
+
+
+def in_turn(settings: PhaseSettings, measured: Measured) -> Iterator[InTurn]:
+    """Yield what the records showed in turn: phases of carrier and sense signal, the latter's size, the reference."""
+    states = _captured(measured)
+    first: dict[tuple[float, float], SineRecord] = {}
+    for step, found in states:
+        first.setdefault((step.rate_deg_s, step.v_vc_v), found.records[0])
+
+    def visits(moved: Callable[[SineRecord, SineRecord], float]) -> tuple[Visit, ...]:
+        levels = [(step.rate_deg_s, step.v_vc_v) for step, _ in states]
+        return tuple(
+            Visit(level, tuple(moved(each, first[level]) for each in found.records), found)
+            for level, (_, found) in zip(levels, states, strict=True)
+        )
+
+    for channel, what in ((1, "carrier"), (2, "sense signal")):
+        phases = visits(
+            lambda each, of, at=channel: math.remainder(each.phases_deg[at] - of.phases_deg[at], 360.0)  # type: ignore[misc]
+        )
+        yield InTurn(f"the phase of the {what}", DEG, _WANDERS_DEG, phases, partial(_spoilt, channel))
+    sizes = visits(lambda each, of: each.amplitudes_v[2] / of.amplitudes_v[2] - 1.0)
+    yield InTurn("the size of the sense signal", SHARE, _WANDERS, sizes, partial(_spoilt, 2, of_amplitude=True))
+    turned = [found for _, found in measured.found(Rotations)]
+    used = aimed([each for found in turned for each in found.records], settings.difference_hz)
+    turned = [
+        found for found in turned if all((each.difference_hz, each.reference_deg) in used for each in found.records)
+    ]
+    line = reference_phase(used)
+
+    def off_line_deg(each: RotationRecord) -> float:
+        return math.remainder(each.reference_deg - line.phase_deg - 360.0 * line.delay_s * each.difference_hz, 180.0)
+
+    references = tuple(
+        Visit(found.records[0].difference_hz > 0.0, tuple(map(off_line_deg, found.records)), found) for found in turned
+    )
+    yield InTurn("the phase of the demodulator", DEG, _WANDERS_DEG, references, _turned)
+
+
+def _spoilt(channel: int, result: SineRecords, size: float, *, of_amplitude: bool = False) -> SineRecords:
+    """Return records with a channel's phase off by deg, or its amplitude by a share."""
+
+    def off(each: SineRecord) -> SineRecord:
+        field = "amplitudes_v" if of_amplitude else "phases_deg"
+        values = list(getattr(each, field))
+        values[channel] = (1.0 + size) * values[channel] if of_amplitude else values[channel] + size
+        return structs.replace(each, **{field: tuple(values)})
+
+    return structs.replace(result, records=tuple(map(off, result.records)))
+
+
+def _turned(result: Rotations, size_deg: float) -> Rotations:
+    records = (structs.replace(each, reference_deg=each.reference_deg + size_deg) for each in result.records)
+    return structs.replace(result, records=tuple(records))
 
 
 NOT_HELD = (
@@ -427,6 +490,7 @@ PHASE = Procedure(
         Phases.__struct_fields__, "it is the scatter of the records, which go on until target_deg"
     ),
     entry=Keeps("phase", phase_characteristics),
+    in_turn=in_turn,
     needs={**roles(rate_source=FunctionGenerator), **roles("multimeter", "oscilloscope", "rate_table")},
     uses=roles("power"),
 )

@@ -6,7 +6,8 @@ holds it at resonance.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 from statistics import fmean
 from typing import Annotated, ClassVar
 
@@ -15,6 +16,7 @@ from msgspec import Struct, structs
 from vcfbench import steps
 from vcfbench.analysis.decays import RingingMode, fit_decays, fit_release
 from vcfbench.analysis.sine_fit import fit_sine
+from vcfbench.belief.in_turn import SHARE, InTurn, Visit, require_alike
 from vcfbench.errors import ClippedRecord, ConfigError, MeasurementError
 from vcfbench.instructions import routines
 from vcfbench.instructions.kept import Keeps
@@ -59,6 +61,9 @@ _LOOKS = 8
 """Ring-downs by which length and scale of the records are found, at most."""
 _PATIENCE, _SLOWEST = 3, 5.0
 """Ring-downs in which too few modes were seen, before a longer record is tried; and the longest, s/div."""
+
+_WANDERS = 0.002
+"""How far a quality factor walks by a kelvin; a split much less."""
 
 
 class ResonanceSettings(BandwidthSettings, frozen=True, kw_only=True):
@@ -302,18 +307,59 @@ def rang_down(measured: Measured, count: int, modes: int) -> list[SenseDecay]:
     return [found for _, found in measured.found(SenseDecay) if len(found.modes) >= modes][-count:]
 
 
+def _ring_downs(settings: ResonanceSettings, measured: Measured) -> tuple[list[SenseDecay], list[DriveDecay]]:
+    decays = rang_down(measured, settings.sense_ring_downs, modes=1)
+    return decays, [found for _, found in measured.found(DriveDecay)]
+
+
 def results(settings: ResonanceSettings, measured: Measured) -> Resonances:
     """Combine the records of each way, and compare the ways."""
-    decays = rang_down(measured, settings.sense_ring_downs, modes=1)
-    released = [found for _, found in measured.found(DriveDecay)]
-    return combined(band_of(settings, measured), decays, released)
+    decays, released = _ring_downs(settings, measured)
+    found = combined(band_of(settings, measured), decays, released)
+    require_alike(in_turn(decays, released))
+    return found
+
+
+def in_turn(decays: Sequence[SenseDecay], released: Sequence[DriveDecay]) -> Iterator[InTurn]:
+    """Yield what the ring-downs showed in turn, of modes that were seen every time: splits and quality factors."""
+    for place, name in enumerate(("anti-phase", "in-phase")):
+        if all(len(each.modes) > place for each in decays):
+            modes = [_near_first(each)[place] for each in decays]
+            splits_hz = [each.drive_hz - mode.frequency_hz for each, mode in zip(decays, modes, strict=True)]
+            for what, values in (("split", splits_hz), ("Q", [mode.q for mode in modes])):
+                spoilt = partial(_other_mode, place, of_q=what == "Q")
+                yield InTurn(f"the {what} of the {name} mode", SHARE, _WANDERS, _visits(values, decays), spoilt)
+    if not any(each.trouble for each in released):
+        yield InTurn(
+            "the Q of the drive", SHARE, _WANDERS, _visits([each.q for each in released], released), _other_drive
+        )
+
+
+def _visits(values: Sequence[float], results: Sequence[StepResult]) -> tuple[Visit, ...]:
+    return tuple(Visit(None, (value / values[0] - 1.0,), each) for value, each in zip(values, results, strict=True))
+
+
+def _near_first(decay: SenseDecay) -> list[RingingMode]:
+    return sorted(decay.modes, key=lambda mode: abs(mode.frequency_hz - decay.drive_hz))
+
+
+def _other_mode(place: int, decay: SenseDecay, share: float, *, of_q: bool) -> SenseDecay:
+    modes = _near_first(decay)
+    split_hz = decay.drive_hz - modes[place].frequency_hz
+    other = {"q": (1.0 + share) * modes[place].q} if of_q else {"frequency_hz": decay.drive_hz - (1 + share) * split_hz}
+    modes[place] = structs.replace(modes[place], **other)
+    return structs.replace(decay, modes=tuple(modes))
+
+
+def _other_drive(decay: DriveDecay, share: float) -> DriveDecay:
+    return structs.replace(decay, q=(1.0 + share) * decay.q)
 
 
 def combined(swept: Bandwidth, decays: Sequence[SenseDecay], released: Sequence[DriveDecay]) -> Resonances:
     """Return the resonances by either way; a quantity that was not seen every time is not reported."""
     seen = [found for found in released if not found.trouble]
     drive_hz = frequency_of([found.drive_hz for found in decays])
-    near_first = [sorted(each.modes, key=lambda mode: abs(mode.frequency_hz - each.drive_hz)) for each in decays]
+    near_first = list(map(_near_first, decays))
     anti_phase = [modes[0] for modes in near_first]
     in_phase = [modes[1] for modes in near_first if len(modes) > 1]
     split = frequency_of([each.drive_hz - mode.frequency_hz for each, mode in zip(decays, anti_phase, strict=True)])
@@ -399,6 +445,7 @@ RESONANCE = Procedure(
         ("drive_q", "sense_q_ring_down", "split_ring_down_hz", "in_phase_q"), "it is the scatter of a few ring-downs"
     ),
     entry=Keeps("resonance", resonance_characteristics),
+    in_turn=lambda settings, measured: in_turn(*_ring_downs(settings, measured)),
     needs={**roles("power", rate_source=FunctionGenerator, multimeter=SamplesVoltage), **roles("oscilloscope")},
     uses=roles("rate_table"),
 )
