@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
@@ -137,6 +137,30 @@ def test_nobody_is_ended_on_the_word_of_a_text(holder: subprocess.Popen[str], fo
             with pytest.raises(BenchError, match="the file is user 12345's and the process user 0's"):
                 owners_of([METER])
         victim.kill()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no lock of Windows is told")
+@pytest.mark.parametrize("told", [None, "", "1: POSIX  ADVISORY  WRITE 1 00:1a:23 0 EOF\n"])
+def test_nobody_is_ended_where_the_system_does_not_tell_who_holds_a_lock(
+    holder: subprocess.Popen[str], monkeypatch: pytest.MonkeyPatch, told: str | None
+) -> None:
+    """As without /proc, or where the holder is in another container, or on a file system of another device number."""
+    read_text = Path.read_text
+
+    def read(path: Path, *args: Any, **named: Any) -> str:
+        if path != Path("/proc/locks"):
+            return read_text(path, *args, **named)
+        if told is None:
+            raise FileNotFoundError(errno.ENOENT, "No such file or directory", str(path))
+        return told
+
+    monkeypatch.setattr(Path, "read_text", read)
+    with pytest.raises(BenchError, match="does not report which process holds"):
+        owners_of([METER])
+    holder.kill()
+    holder.wait()
+    if told is not None:
+        assert owners_of([METER]) == {}
 
 
 def test_end_of_local_owner_is_awaited_and_remote_one_unknown(
