@@ -529,7 +529,9 @@ def test_refusals_without_error_queue_are_read_from_event_status() -> None:
     """Bits 2 to 5 of it (IEEE 488.2, 11.5.1): power on and operation complete are no refusals."""
     with expected_exchange(OPEN, [("*ESR?", "+48"), ("*ESR?", "0"), ("*ESR?", "+129")]) as session:
         session.use_event_status()
-        with pytest.raises(InstrumentError, match='refused with 48 "execution error, command error"'):
+        with pytest.raises(
+            InstrumentError, match=r"""refused with 48 "execution error, command error", command '\*ESR\?'"""
+        ):
             session.check_errors()
         session.check_errors()
 

@@ -190,7 +190,7 @@ class Session(Conversation):
             f"refused with {', then '.join(said)}{endless}",
             number=number,
             words=words,
-            command=None if command is None else shown(command),
+            command=shown(command or self._error_question[0]),  # asked at a run's end: what was refused, nobody knows
             **self.where,
         )
 
