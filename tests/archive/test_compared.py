@@ -177,6 +177,15 @@ def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:
     comparison = compare_runs(run, structs.replace(run))
     assert {d.value for each in comparison.results for d in each.differences} == {0.0}
     assert comparison.settings == {}
+    assert "A and B are one record, which agrees with itself." in text_of(comparison.report())
+
+
+def test_a_copy_under_another_name_is_told_as_one(two: Path, tmp_path: Path) -> None:
+    first, last = vcfbench.list_runs(two / "runs")
+    copied = shutil.copytree(two / "runs" / str(last.name), tmp_path / "copied")
+    words = text_of(compare_runs(last, first, vcfbench.load_run(copied)).report())
+    assert words.count("A and C are one record, which agrees with itself.") == 1
+    assert "one record" not in text_of(compare_runs(first, last).report())
 
 
 def test_line_and_small_signal_slope_are_not_compared() -> None:

@@ -1,6 +1,7 @@
 """Comparison of runs: differences of their results, points, settings and equipment."""
 
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from itertools import chain, groupby
@@ -64,6 +65,13 @@ class RunComparison(Struct, frozen=True):
             "of_other_measurands": list(self.of_others),
         }
 
+    def _copies(self, letters: Sequence[str]) -> Iterator[str]:
+        """Yield the letters of runs that are copies of one, whatever their directories are called."""
+        alike = defaultdict[str, list[str]](list)
+        for letter, run in zip(letters, self.runs, strict=True):
+            alike[run.header.get("run", "")].append(letter)
+        return (" and ".join(own) for name, own in alike.items() if name and len(own) > 1)
+
     def report(self) -> Report:
         """Return tables of common and different values, and the figures of all runs laid over each other."""
         letters = [chr(ord("A") + place) for place in range(len(self.runs))]
@@ -78,6 +86,7 @@ class RunComparison(Struct, frozen=True):
             [
                 Heading("Comparison of runs"),
                 *([Notice(f"SIMULATED: {of_all}. Not measured.")] if simulated else []),
+                *(Notice(f"{copies} are one record, which agrees with itself.") for copies in self._copies(letters)),
                 Table(texts("", "run", "procedure", "device", "bench", "seed", "verdict"), rows),
                 *_results_part(self, letters),
                 *_points_part(self, letters),
