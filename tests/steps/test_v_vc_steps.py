@@ -71,6 +71,13 @@ def plan_of(*steps: Step) -> Plan:
         yield step
 
 
+def test_a_late_reading_may_be_that_of_either_meter() -> None:
+    bench = bench_at(0.5)
+    bench.v_vc_meter.reading_s = 1.7
+    with pytest.raises(MeasurementError, match=r"began 0\.7 s late: the meter, or that on V_Vc, cannot follow"):
+        window().perform(Context(bench, lambda _: None))
+
+
 def test_output_and_v_vc_are_read_on_one_grid() -> None:
     bench = bench_at(0.5)
     done = window().perform(Context(bench, lambda _: None))

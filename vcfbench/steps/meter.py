@@ -288,10 +288,11 @@ class Acquire(Step, Struct, frozen=True):
                 bench.clock.sleep_until(instant_s)
             t_s = bench.clock.now()
             if t_s - instant_s > 0.5 * self.interval_s and not typed:
+                meters = "the meter" if len(self.columns) == 1 else "the meter, or that on V_Vc,"
                 raise problem(
                     bench.multimeter,
                     f"reading {number + 1} of {self.samples} began {t_s - instant_s:.2g} s late: "
-                    f"the meter cannot follow one reading every {self.interval_s:g} s",
+                    f"{meters} cannot follow one reading every {self.interval_s:g} s",
                 )
             yield t_s
 
