@@ -9,7 +9,8 @@ A clean run of a simulated bench is taken once. Then its windows are moved by a 
 again with them: it refuses the run, or the run is evaluated again. Sizes go from 0.03 to 10 times that of the run's own
 list (vcfbench.archive.unseen); the fault begins, and ends, at drawn times. A complete run with a value beyond its U95
 must have kind and size in its list; and of what lies 1.5 times above a size of the list 95 % must be refused, or move
-nothing by a third of its U95. The exit code is 1 where one of the two does not hold. What stands in the file of --lines
+nothing by a third of its U95. What records of the oscilloscope show (`phase`, `resonance`) is changed, or creeps, from
+a drawn visit on. The exit code is 1 where one of the two does not hold. What stands in the file of --lines
 is not tried again.
 """
 
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from vcfbench.archive.run import Run
+    from vcfbench.archive.unseen import Refusable
 
     Line = dict[str, Any]
     InTime = Callable[[Any, float, float], Any]
@@ -205,6 +207,31 @@ class Tried:
             require_no_jump(again)
 
 
+def in_turn(run: Run, of: Refusable, rng: np.random.Generator, asked: argparse.Namespace) -> Iterator[Line]:
+    """Yield how the run ends where what its records of the oscilloscope showed changed, or crept, from a visit on."""
+    before, rows = of.evaluated(of.settings, of.measured), unseen_of(run)
+    for each in () if of.procedure.in_turn is None else of.procedure.in_turn(of.settings, of.measured):
+        at = np.arange(len(each.visits))
+        for kind in ("change", "creep"):
+            own = [row.size for row in rows if (row.what, row.kind) == (each.what, kind)]
+            told = max((size for size in own if size), default=0.0)
+            above = [1.5 * told] * (asked.just_above if told else 0)
+            for size in above if asked.just_above else np.geomspace(0.03, 10.0, asked.sizes) * (told or 1e-3):
+                begin, end = np.sort(rng.choice(at[1:], 2, replace=False)).tolist()
+                course = (
+                    np.maximum(0, at - begin + 1) / (at.size - 1) if kind == "creep" else (at >= begin) & (at < end)
+                )
+                line = {"told_size": told, "kind": f"{kind} of {each.what}", "size": float(size), "begin": begin}
+                try:
+                    after = of.with_records(each, float(rng.choice([-1.0, 1.0])) * size * course)
+                except BenchError as error:
+                    yield {**line, "outcome": "refused", "why": error.what[:80]}
+                    continue
+                off = max(abs(after[name] - before[name]) / u95 for name, u95 in of.u95.items())
+                is_told = None in own or float(size) <= told
+                yield {**line, "outcome": "complete", "off": round(off, 3), "told": is_told}
+
+
 def tried(name: str, kinds: Sequence[str], asked: argparse.Namespace) -> Iterator[Line]:
     """Yield how each faulty run of a procedure ends."""
     rng, seed, above = np.random.default_rng(asked.seed), asked.seed, asked.just_above
@@ -217,6 +244,8 @@ def tried(name: str, kinds: Sequence[str], asked: argparse.Namespace) -> Iterato
             settings |= device
         run = vcfbench.run(name, "lab", seed=seed, settings=settings, runs=directory)
         again = refusable(run)
+        for line in () if again is None else in_turn(run, again, rng, asked):
+            yield {"procedure": name, **line}
         if again is None or not (len(again.course.windows) > 1 or any(again.measured.found(each) for each in RECORDS)):
             yield {"procedure": name, "outcome": "no windows"}
             return
