@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from datetime import UTC, datetime
+from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -16,10 +17,12 @@ import vcfbench
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.kvc import KVC, UNSEEN
 from vcfbench.records.device_values import Characteristics, Conditions, Measured
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore
 from vcfbench.sim.simulation import physical_parameters
+from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -111,6 +114,31 @@ def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: s
     again = vcfbench.load_run(run.directory)
     assert again.results == run.results
     assert ("its leads moved by hand" in run.results.v_vc_by) == (by == "hand")
+
+
+def between_ranges(seed: int) -> tuple[BenchDescription, float]:
+    """Return a bench and a rate whose level, about 20 mV, lies between the ends of two ranges of its generator."""
+    chance = Random(seed)  # noqa: S311  # no secret
+    jump_v, rate_deg_s = chance.uniform(4e-3, 4.9e-3), chance.uniform(3.0, 3.3)
+    first = "{ upper_v = 0.1, gain_error = 0.0, offset_error_v = "
+    two = f"{{ upper_v = 0.02, gain_error = 0.0, offset_error_v = -{jump_v} }},\n    {first}{jump_v}"
+    return parse_bench(embedded_text("lab").replace(f"{first}0.0", two), "lab.toml"), rate_deg_s
+
+
+def test_one_match_between_ranges_is_refused_with_what_cures_it() -> None:
+    bench, rate_deg_s = between_ranges(0)
+    with pytest.raises(MeasurementError, match=r"does not reach the output of step 1.*give another match_rate_deg_s"):
+        vcfbench.run("virtual-coriolis", bench, settings={"match_rate_deg_s": rate_deg_s}, seed=0, runs=None)
+
+
+@pytest.mark.parametrize("seed", few(range(6), 0))
+def test_a_rate_whose_level_no_range_of_the_generator_has_is_matched(seed: int) -> None:
+    bench, rate_deg_s = between_ranges(seed)
+    settings = {**QUICK, "match_rates_deg_s": (rate_deg_s, 20.0, 50.0, 100.0, 200.0), "health": False}
+    found = vcfbench.run("kvc", bench, settings=settings, seed=seed, runs=None).results
+    _, k_vc = truth(warm(physical_parameters(bench)))
+    assert abs(found.k_vc.value - k_vc) < 3.0 * found.k_vc.u
+    assert found.curve.lack_of_fit_p > 1e-3
 
 
 @pytest.mark.parametrize("seed", few([7, 8, 9]))

@@ -23,7 +23,10 @@ from vcfbench.steps.step import Routine
 _CLOSE = 1e-3
 """Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""
 _USABLE = 0.1
-"""Largest residual of a usable null: more than the distance of the ends of two ranges of a generator."""
+"""Largest residual of a usable null."""
+_BETWEEN_RANGES = 0.5
+"""The same where the search came to either side: a small level may lie between the ends of two ranges of a generator,
+and their offsets make it a large share. The curve through all levels tells what is left."""
 
 _NOISES = 9.0
 """Standard deviations of a mean that a null may be off besides: V_Vc was chosen by noisy means, which are compared."""
@@ -45,6 +48,7 @@ def nulled(
     table: list[Point] = []
     driven: list[Point] = []
     levels_v: dict[float, float] = {}
+    usable: dict[float, tuple[float, float]] = {}
     for cycle in range(cycles):
         per_deg_s = 1.0 / settings.k_vc_guess_deg_s_per_v, 1.0 / settings.k_vc_guess_deg_s_per_v
         for rate_deg_s in magnitudes_deg_s:
@@ -54,7 +58,9 @@ def nulled(
             yield Note(f"Cycle {cycle + 1}, {rate_deg_s:g} deg/s: table at rest, V_Vc on")
             yield from v_vc_on(settings.settle_s)
             if cycle == 0:
-                found = yield from _search(settings, rate_deg_s, real, per_deg_s, (of_search, iterations))
+                found, usable[rate_deg_s] = yield from _search(
+                    settings, rate_deg_s, real, per_deg_s, (of_search, iterations)
+                )
                 levels_v[rate_deg_s], levels_v[-rate_deg_s] = found
                 per_deg_s = found[0] / rate_deg_s, -found[1] / rate_deg_s
             previous_v = 0.0
@@ -68,14 +74,16 @@ def nulled(
             virtual = block(driven[-len(CHOPPED) :])
             both = (*table[-len(CHOPPED) :], *driven[-len(CHOPPED) :])
             noise_v = _NOISES * pooled_std_v(both) / math.sqrt(min(each.n for each in both))
-            for got_v, want_v, way in zip(virtual.differences_v, real.differences_v, (1.0, -1.0), strict=True):
-                if not abs(got_v - want_v) <= _USABLE * abs(want_v) + noise_v:
+            differences = zip(virtual.differences_v, real.differences_v, usable[rate_deg_s], (1.0, -1.0), strict=True)
+            for got_v, want_v, share, way in differences:
+                if not abs(got_v - want_v) <= share * abs(want_v) + noise_v:
                     raise MeasurementError(
                         f"at {way * rate_deg_s:+g} deg/s the table moves the output by {want_v:+.6g} V, V_Vc by "
                         f"{got_v:+.6g}",
                         instrument="multimeter",
                         step=str(of_driven),
-                        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within 10 %",
+                        hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within "
+                        f"{100.0 * share:g} %",
                     )
             yield DisableVvc()
             yield Settle(settings.settle_s, "gyro settles after the generator went off")
@@ -126,15 +134,17 @@ def _search(
     table: Block,
     per_deg_s: tuple[float, float],
     terms: tuple[int, int],
-) -> Routine[tuple[float, float]]:
-    """Return the settings of V_Vc for the outputs on the table, one for each sign, nearest of those that were tried.
+) -> Routine[tuple[tuple[float, float], tuple[float, float]]]:
+    """Return the settings of V_Vc for the outputs on the table, one for each sign, and which residual is usable.
 
-    Each try goes along the chord through zero, which is within some per cent of the tangent, so two or three are
-    enough. Not so where a generator changes its range: levels between the ends of two ranges cannot be set.
+    The settings are the nearest of those that were tried. Each try goes along the chord through zero, which is within
+    some per cent of the tangent, so two or three are enough. Not so where a generator changes its range: levels between
+    the ends of two ranges cannot be set.
     """
     wanted, (step, iterations) = table.differences_v, terms
     levels = (per_deg_s[0] * rate_deg_s, -per_deg_s[1] * rate_deg_s)
     nearest = [(math.inf, level_v) for level_v in levels]
+    beyond: tuple[set[bool], set[bool]] = set(), set()
     for attempt in range(iterations):
         zero = yield from take_driven(settings, step, rate_deg_s=0.0, v_vc_v=0.0)
         seen = []
@@ -144,6 +154,8 @@ def _search(
             seen.append((set_v, point.output_v - zero.output_v))
         yield from set_v_vc(settings, 0.0)
         away = [abs(got - want) for (_, got), want in zip(seen, wanted, strict=True)]
+        for sides, (_, got), want in zip(beyond, seen, wanted, strict=True):
+            sides.add(abs(got) > abs(want))
         nearest = [min(had, (off, now[0])) for had, off, now in zip(nearest, away, seen, strict=True)]
         noise_v = 3.0 * math.sqrt(2.0) * zero.std_v / math.sqrt(zero.n)
         close = all(off <= max(noise_v, _CLOSE * abs(want)) for off, want in zip(away, wanted, strict=True))
@@ -152,7 +164,8 @@ def _search(
         levels = _chord(*seen[0], wanted[0], step), _chord(*seen[1], wanted[1], step)
     plus_v, minus_v = (level_v for _, level_v in nearest)
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
-    return plus_v, minus_v
+    usable_plus, usable_minus = (_BETWEEN_RANGES if len(sides) > 1 else _USABLE for sides in beyond)
+    return (plus_v, minus_v), (usable_plus, usable_minus)
 
 
 def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:

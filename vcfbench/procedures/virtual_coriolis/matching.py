@@ -112,10 +112,14 @@ class Matching(Struct, frozen=True):
         """Return True if the outputs are equal within their noise, or nearly enough to interpolate."""
         return abs(self.residual_v) <= max(3.0 * self.u_residual_v, _CLOSE_ENOUGH * abs(self.span_v))
 
+    def is_between(self) -> bool:
+        """Return True if tries lie on either side of the target."""
+        away_v = [attempt.output_v - self.target_v for attempt in self.tries]
+        return min(away_v) < 0.0 < max(away_v)
+
     def usable(self) -> bool:
         """Return True if the best try is near enough to the target for K_Vc to mean anything."""
-        away_v = [attempt.output_v - self.target_v for attempt in self.tries]
-        share = _BETWEEN_RANGES if min(away_v) < 0.0 < max(away_v) else _USABLE
+        share = _BETWEEN_RANGES if self.is_between() else _USABLE
         return abs(self.residual_v) <= max(3.0 * self.u_residual_v, share * abs(self.span_v))
 
     @property

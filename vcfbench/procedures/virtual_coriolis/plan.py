@@ -82,7 +82,9 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
             f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
             instrument="multimeter",
             step="2",
-            hint="check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
+            hint="the levels about it lie between two ranges of the generator: give another match_rate_deg_s"
+            if matching.is_between()
+            else "check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
         )
     agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     # The rest of the windows at 0 V and at the V_Vc that was found, in turn: one of each was taken on the way here
