@@ -23,7 +23,7 @@ from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, meter_worth, settings_of
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
-from vcfbench.specifications import HP_34401A
+from vcfbench.specifications import HP_34401A, KEITHLEY_DMM6500
 from vcfbench.station.file import embedded_text
 from vcfbench.station.parts import CalibrationPoint
 from vcfbench.station.settings import MeterKnown
@@ -279,3 +279,15 @@ def test_certificate_levels_at_one_voltage_count_by_their_u(level_v: float, slop
     worth = meter_worth("meter", HP_34401A, MeterKnown(calibration=points), 10.0, 10.0)
     assert worth["meter_gain_correction"] == pytest.approx(slope)
     assert worth["meter_offset_correction_v"] == pytest.approx(offset_v)
+
+
+@pytest.mark.parametrize("age_days", [50.0, 200.0, 365.0])
+def test_limits_of_a_sheet_for_a_year_grow_evenly_since_the_calibration(age_days: float) -> None:
+    """DMM6500: 25 ppm + 5 ppm of the range in a year, of which so much counts as of the year has passed."""
+    points = tuple(
+        CalibrationPoint(range_v=10.0, level_v=level_v, correction_v=0.0, expanded_v=1e-9) for level_v in (-10.0, 10.0)
+    )
+    worth = meter_worth("meter", KEITHLEY_DMM6500, MeterKnown(calibration=points, rectangular=True), 10.0, age_days)
+    passed = age_days / 365.0 / math.sqrt(3.0)
+    assert worth["meter_gain"] == pytest.approx(25e-6 * passed, rel=1e-3)
+    assert worth["meter_offset_v"] == pytest.approx(5e-6 * 10.0 * passed, rel=1e-3)
