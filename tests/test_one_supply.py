@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,16 +11,20 @@ from simrack.oscillation import Oscillation
 
 import vcfbench
 from tests.cells import few
+from vcfbench.archive.change import _by_rails
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.models import rail_terminals
 from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.characterize.data_sheet import SheetRow, _row_of
+from vcfbench.records.device_values import Measured
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
 from vcfbench.sim.gyro.electronics import OutputLimits
 from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.file import parse_bench
 from vcfbench.station.limits import LimitChecks
+from vcfbench.values.definition import Conditions
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -73,12 +78,36 @@ def test_only_the_one_rail_is_set_and_reported(bench: Path, tmp_path: Path) -> N
     report = vcfbench.write_report(run, tmp_path / "report.md")[0].read_text("utf-8")
     assert "positive_rail_v" in report
     assert "negative_rail_v" not in report
+    assert ", rail +5 V" in report
+    assert "+0 V" not in report
 
 
 @pytest.mark.parametrize("procedure", few(sorted(set(BUILT_IN) - LONG - {"self-calibration"}), "electrical", "power"))
 def test_a_procedure_ends_with_results(procedure: str, bench: Path) -> None:
     settings: dict[str, Any] = {"dut": "G-1"} if procedure == "kvc" else {}
-    assert vcfbench.run(procedure, bench, seed=2, settings=settings, runs=None).status == "complete"
+    run = vcfbench.run(procedure, bench, seed=2, settings=settings, runs=None)
+    assert run.status == "complete"
+    text = vcfbench.text_of(run.report()) + "".join(
+        each.step.describe() for each in vcfbench.dry_run(procedure, bench).steps
+    )
+    assert not re.search("both rails|negative rail|rails? [^;]*[+-]0 V", text)
+
+
+def test_the_rail_of_a_data_sheet_is_that_of_the_supply() -> None:
+    rows = [
+        SheetRow("time to valid output, the rail", 0.1, 0.01, 0.02, "s", "", "power"),
+        SheetRow("bias by the rail", 0.1, 0.01, 0.02, "(deg/s)/V", "", "power"),
+    ]
+    assert [
+        _row_of(rows, f"{name} both rails{end}", "")
+        for name, end in (("time to valid output,", " together"), ("bias by", ""))
+    ] == rows
+
+
+def test_one_rail_that_moved_is_corrected_by_what_is_known() -> None:
+    then, now = (Conditions(rails_v=(v, 0.0)) for v in (5.0, 5.4))
+    moved = _by_rails(then, now, Measured(value=100.0, u=1.0, dof=10.0), 0.1, slope=True)
+    assert "a rail of 5.4 V instead of 5 V" in str(moved)
 
 
 @pytest.mark.exhaustive

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from pathlib import Path
+from statistics import fmean
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -252,15 +253,17 @@ def _by_temperature(
 
 
 def _by_rails(
-    then: Conditions, now: Conditions, known: Measured | None, tolerance_v: float, *, slope: bool
+    before: Conditions, after: Conditions, known: Measured | None, tolerance_v: float, *, slope: bool
 ) -> _Moved | str:
-    then_v, now_v = then.rails_v, now.rails_v
+    then_v, now_v = before.rails_v, after.rails_v
     if then_v is None or now_v is None or then_v == now_v:
         return _Moved()
-    wider_v = now_v[0] - then_v[0], then_v[1] - now_v[1]
-    words = f"rails of {now_v[0]:g} and {now_v[1]:g} V instead of {then_v[0]:g} and {then_v[1]:g} V"
-    if slope and known is not None and abs(wider_v[0] - wider_v[1]) <= tolerance_v:
-        return _corrected(known, 0.5 * sum(wider_v), words)
+    single = not then_v[1] and not now_v[1]  # one supply
+    wider_v = [now_v[0] - then_v[0], *([] if single else [then_v[1] - now_v[1]])]
+    now, then = (" and ".join(f"{each:g}" for each in rails_v if each) for rails_v in (now_v, then_v))
+    words = f"{'a rail' if single else 'rails'} of {now} V instead of {then} V"
+    if slope and known is not None and max(wider_v) - min(wider_v) <= tolerance_v:
+        return _corrected(known, fmean(wider_v), words)
     if max(map(abs, wider_v)) <= tolerance_v * (1.0 + 1e-9):
         return _Moved()
     return f"{words}, and what rails change of the device is not known (vcfbench run power)"

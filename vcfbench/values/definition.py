@@ -112,7 +112,8 @@ class Conditions(Struct, frozen=True):
         said = ["a temperature that was not stated" if self.temperature_c is None else f"{self.temperature_c:.4g} degC"]
         if self.drive is not None and self.temperature_c is not None and self.temperature_c == self.drive.temperature_c:
             said = [f"{said[0]} (U95 {2.0 * (self.drive.u_temperature_k or 0.0):.1f} K, by the drive's frequency)"]
-        said += [] if self.rails_v is None else ["rails " + ", ".join(f"{each:+g}" for each in self.rails_v) + " V"]
+        if rails_v := [f"{each:+g}" for each in self.rails_v or () if each]:  # one supply has no negative rail
+            said.append(f"rail{'s' * (len(rails_v) > 1)} {', '.join(rails_v)} V")
         return ", ".join(said) + ("" if self.drive is None else f"; {self.drive.words}")
 
 

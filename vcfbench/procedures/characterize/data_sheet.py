@@ -1,5 +1,6 @@
 """The data sheet: every value with an uncertainty that results hold, and their own remarks."""
 
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -109,10 +110,11 @@ def line_of(rows: Sequence[SheetRow]) -> str:
 def _row_of(rows: Sequence[SheetRow], quantity: str, unit: str) -> SheetRow | None:
     """Return the row of a quantity, that of the first line before those of others: scale factor and bias are of one."""
     line = line_of(rows)
+    named = quantity, re.sub("both rails( together)?", "the rail", quantity)  # of one supply
     fitting = [
         each
         for each in rows
-        if each.quantity.removesuffix(_BOUND).rpartition(": ")[2] == quantity and each.unit.endswith(unit)
+        if each.quantity.removesuffix(_BOUND).rpartition(": ")[2] in named and each.unit.endswith(unit)
     ]
     return min(fitting, key=lambda each: each.procedure != line, default=None)
 

@@ -118,7 +118,8 @@ def plan(settings: PowerSettings) -> steps.Plan:
         if number:
             yield steps.DisableSupply()
             yield steps.Settle(settings.off_s, "rails and drive come to rest")
-        yield steps.Note(f"Power-on: {'both rails together' if order == 'together' else f'{order} rail first'}")
+        words = "the rail" if len(rails) == 1 else "both rails together"
+        yield steps.Note(f"Power-on: {words if order == 'together' else f'{order} rail first'}")
         second = [rail for rail in rails if order not in {"together", rail.rail}]
         for rail in rails:  # that which comes second is at 0 V first
             yield structs.replace(rail, voltage_v=0.0) if rail in second else rail

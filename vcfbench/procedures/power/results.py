@@ -180,16 +180,17 @@ class PowerResult(Struct, frozen=True):
 
     def stated(self) -> Iterator[Value]:
         """Yield its values."""
+        single = len(self.rails) == 1
         for rail in self.rails:
             yield titled(f"supply current, {rail.rail} rail", rail.current)
             yield titled(f"largest current at power-on, {rail.rail} rail", rail.inrush)
         yield titled("power", self.power)
         for on in self.power_on:
             if on.valid_output is not None:
-                yield titled(f"time to valid output, {_words_of(on.order)}", on.valid_output)
+                yield titled(f"time to valid output, {_words_of(on.order, single)}", on.valid_output)
         for effect in self.effects:
-            yield titled(f"scale factor by {_rails_words(effect.rails)}", effect.scale_factor)
-            yield titled(f"bias by {_rails_words(effect.rails)}", effect.bias)
+            yield titled(f"scale factor by {_rails_words(effect.rails, single)}", effect.scale_factor)
+            yield titled(f"bias by {_rails_words(effect.rails, single)}", effect.bias)
 
 
 def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
@@ -402,16 +403,19 @@ def _three(
     return made[0], made[1], made[2]
 
 
-def _words_of(order: str) -> str:
-    return "both rails together" if order == "together" else f"{order} rail first"
+def _words_of(order: str, single: bool) -> str:  # noqa: FBT001
+    return (
+        f"{_rails_words('both', single)}{' together' * (not single)}" if order == "together" else f"{order} rail first"
+    )
 
 
-def _rails_words(rails: str) -> str:
-    return "both rails" if rails == "both" else f"the {rails} rail"
+def _rails_words(rails: str, single: bool) -> str:  # noqa: FBT001
+    return "the rail" if single else "both rails" if rails == "both" else f"the {rails} rail"
 
 
 def power_report(settings: PowerSettings, _measured: Measured, results: PowerResult) -> Report:
     """Report power-on, currents and sensitivities."""
+    single = len(results.rails) == 1
     halves = Table(
         heads("<rails | step [V]:.4f | imbalance [V]:+.4f | < | lowered:.4g | u:.2g | raised:.4g | u:.2g | <unit"),
         [
@@ -426,16 +430,16 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
     )
     figures = [
         Figure(
-            f"Power-on, {_words_of(on.order)}",
+            f"Power-on, {_words_of(on.order, single)}",
             *(Axis("time", "s"), Axis("current", "A")),
             [Series(f"{rail} rail", on.t_s, currents) for rail, currents in on.current_a.items()],
         )
         for on in results.power_on
     ]
-    late = [each.order for each in results.power_on if each.valid_output is None]
+    late = [_words_of(each.order, single) for each in results.power_on if each.valid_output is None]
     scale = results.scale_factor_v_per_deg_s
     said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; "
     said += f"for deg/s {scale.value:.6g} V/(deg/s), {scale.source}"
     if late:
-        said += f"\nno valid output within {settings.log_s:g} s: {', '.join(map(_words_of, late))}"
+        said += f"\nno valid output within {settings.log_s:g} s: {', '.join(late)}"
     return Report([value_table(results.stated()), halves, Text(f"{said}\n{NOT_HELD}"), *figures])
