@@ -126,12 +126,13 @@ def installed(folder: Path, name: str, *files: str, version: str = "1.0", origin
 @pytest.mark.parametrize("changed", ["vcfbench/a.py", "vcfbench_tables/profiles/a.toml", "simrack/manuals/a.txt"])
 def test_changed_file_is_named(changed: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     cache, command = "vcfbench/__pycache__/a.cpython-311.pyc", "../bin/vcfbench"
+    installer = "vcfbench-1.0.dist-info/INSTALLER"  # conda writes its name over pip's
     lib = tmp_path / "lib"
     lib.mkdir()
-    installed(lib, "vcfbench", "vcfbench/a.py", "vcfbench_tables/profiles/a.toml", cache, command)
+    installed(lib, "vcfbench", "vcfbench/a.py", "vcfbench_tables/profiles/a.toml", cache, command, installer)
     installed(lib, "simrack", "simrack/manuals/a.txt")
     monkeypatch.syspath_prepend(lib)
-    for file in (cache, command):  # the interpreter's and the installer's
+    for file in (cache, command, installer):  # the interpreter's and the installer's
         (lib / file).write_text("else")
     sound = made("", installation.CHECKS[1])
     assert (sound.verdict, sound.came) == ("PASS", "3 files unchanged")

@@ -81,7 +81,8 @@ def _files() -> Found:
     wrong, count = [], 0
     for name in _OURS:
         for file in () if _from_working_tree(name) else distribution(name).files or ():
-            if file.hash is None or file.suffix == ".pyc" or file.parts[0] == "..":  # commands: the installer's
+            # the installer's own: commands, and its name, which conda writes over pip's
+            if file.hash is None or file.suffix == ".pyc" or file.parts[0] == ".." or file.name == "INSTALLER":
                 continue
             count += 1
             path = Path(str(file.locate()))
