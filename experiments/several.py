@@ -135,7 +135,7 @@ def faults(seeds: int, runs: Path) -> bool:
                         touched += off > (0.1 if at_s else 2.0)
                     elif each.error is None:
                         unseen += fault not in LEFT_ALONE and not at_s
-                        wrong += off > 1.0
+                        wrong += off > 2.0
         print(f"{fault}: so far {count} runs, {touched} touched, {unseen} not seen, {wrong} wrong", flush=True)
     return touched == unseen == wrong == 0
 
