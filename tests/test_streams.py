@@ -266,6 +266,12 @@ def test_what_needs_a_voltage_is_refused_with_what_there_is(procedure: str) -> N
         vcfbench.dry_run(procedure, stream_bench("vn100"))
 
 
+def test_a_bench_without_an_output_is_told_of_streams() -> None:
+    values = {key: each for key, each in TABLE.items() if each is not None}
+    with pytest.raises(ConfigError, match=r"\[multimeter\], or \[gyro.stream\] of a digital output"):
+        vcfbench.dry_run("turntable", checked_bench(values, "table.toml"))
+
+
 def test_a_stream_without_gaps_is_refused() -> None:
     with pytest.raises(ConfigError, match="mode: expected corrected or dead-time"):
         vcfbench.dry_run("zero", stream_bench("vn100"), settings={"mode": "gapless", "sample_interval_s": 1.0})

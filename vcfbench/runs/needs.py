@@ -36,7 +36,8 @@ def require_needs(procedure: AnyProcedure, description: BenchDescription) -> Non
         raise ConfigError(
             f"{procedure.name} needs {_listed(missing)}, which bench {description.name} does not have",
             hint=f"its bench file needs {'a table' if len(missing) == 1 else 'the tables'} {tables}"
-            + (coming if "power" in missing else ""),
+            + (coming if "power" in missing else "")
+            + (", or [gyro.stream] of a digital output" if procedure.streams and "multimeter" in missing else ""),
         )
     if procedure.either and all(getattr(description, role, None) is None for role in procedure.either):
         raise ConfigError(
