@@ -9,12 +9,9 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.errors import ConfigError
 
 _DETERMINED = 1e-12
-_AT_REST = 1e-9
-"""Step of Gauss's, relative to the scale of a parameter, below which the search ends."""
-_NO_MATTER = 1e-6
-"""And one that moves all residuals together by less of a standard uncertainty."""
-_ROUNDS = 50
-_HALVINGS = 20
+_STEP = 1e-6
+"""Of a difference, over the scale of its parameter."""
+_STEPS = 4000
 
 
 class ModelFit(Struct, frozen=True):
@@ -38,6 +35,8 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
     Raises:
         ConfigError: fewer points than parameters, or no minimum with a finite covariance.
     """
+    from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
     count = residuals(start).size
     if count < start.size:
         raise ConfigError(f"{what}: {count} points do not determine {start.size} parameters")
@@ -46,47 +45,20 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
     def scaled(parameters: Floats) -> Floats:
         return residuals(parameters * scale)
 
-    at_rest = _by_gauss(scaled, start / scale)
-    if at_rest is None:  # Levenberg's and Marquardt's steps, from where Gauss's go astray
-        from scipy.optimize import least_squares  # noqa: PLC0415 - SciPy costs more to import than all the rest
+    def slopes(at: Floats) -> Floats:
+        moved = np.diag(_STEP * np.maximum(1.0, np.abs(at)))
+        up, down = np.split(scaled(at + np.concatenate([moved, -moved])), 2)
+        return np.ascontiguousarray((up - down).T / (2.0 * moved.diagonal()))
 
-        solved = least_squares(scaled, start / scale, method="lm", xtol=1e-14, ftol=1e-14, max_nfev=4000)
-        if not solved.success:
-            raise ConfigError(f"{what}: the points do not determine the model")
-        at_rest = np.asarray(solved.x), np.asarray(solved.jac)
-    found, slopes = at_rest
-    _, sizes, directions = np.linalg.svd(slopes, full_matrices=False)
-    if not sizes[-1] > _DETERMINED * sizes[0]:
+    found = least_squares(
+        scaled, start / scale, slopes, x_scale="jac", xtol=1e-10, ftol=1e-12, gtol=None, max_nfev=_STEPS
+    )
+    _, sizes, directions = np.linalg.svd(np.asarray(found.jac), full_matrices=False)
+    if not (found.success and sizes[-1] > _DETERMINED * sizes[0]):
         raise ConfigError(f"{what}: the points do not determine the model")
     spread = directions.T / sizes
     covariance = spread @ spread.T * np.outer(scale, scale)
-    return ModelFit(found * scale, covariance, float(np.sum(scaled(found) ** 2)), count - start.size)
-
-
-def _by_gauss(scaled: Callable[[Floats], Floats], start: Floats) -> tuple[Floats, Floats] | None:
-    """Return the minimum by Gauss's steps, halved where they are too long, and the slopes there.
-
-    None: they come to no rest near by.
-    """
-    found, left = start, scaled(start)
-    for _ in range(_ROUNDS):
-        moved = np.diag(1e-6 * np.maximum(1.0, np.abs(found)))
-        up, down = np.split(scaled(found + np.concatenate([moved, -moved])), 2)
-        slopes = np.ascontiguousarray((up - down).T / (2.0 * moved.diagonal()))
-        step, _, _, sizes = np.linalg.lstsq(slopes, -left, rcond=None)
-        if not sizes[-1] > _DETERMINED * sizes[0]:
-            return None
-        if (np.abs(step) <= _AT_REST).all() or float(np.linalg.norm(slopes @ step)) <= _NO_MATTER:
-            return found, slopes
-        for _ in range(_HALVINGS):
-            after = scaled(found + step)
-            if after @ after <= left @ left:
-                break
-            step = 0.5 * step
-        else:
-            return None
-        found, left = found + step, after
-    return None
+    return ModelFit(found.x * scale, covariance, float(found.fun @ found.fun), count - start.size)
 
 
 def not_negative(design: Floats, values: Floats) -> Floats:
