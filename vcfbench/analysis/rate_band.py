@@ -1,14 +1,12 @@
-"""Rate response of an open-loop gyroscope from sampled sines: tones in records, and the closed form through them.
+"""Rate response of an open-loop gyroscope: the closed form through the tones of sampled sines.
 
-Each record holds one sine of known frequency. The meter's own time base is not known well enough, so the spacing of its
-samples is found from a strong one. The closed form has both side bands of both sense modes; what is not known of the
-gyroscope is free: share and place of the in-phase mode, phase of the demodulator.
+It has both side bands of both sense modes; what is not known of the gyroscope is free: share and place of the in-phase
+mode, phase of the demodulator.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from itertools import pairwise
 
 import numpy as np
 from msgspec import Struct
@@ -17,18 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import ModelFit, fit_model, not_negative, propagated
-from vcfbench.analysis.sine_fit import fit_sine
-from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.analysis.tone import BINS, HARMONICS, Tone
+from vcfbench.errors import ConfigError
+from vcfbench.values.quantile import chi_square_tail
 
-_BINS = range(2, 9)
-"""Lines of the spectrum either side of a tone that its noise is read from."""
-_FINER, _TINY = 16, 1e-300
-"""Lines of a spectrum for each that the record tells apart; power of no line."""
-_HARMONICS = 3
-_APART = 1.5
-"""Lines of the spectrum between sines that a record tells apart."""
 _CLOSE_HZ = 1e-10
-_TRIES = 100
 _NOISE_TO_HZ = 500.0
 """Beyond it no noise passes the filter of a gyroscope of some 100 Hz."""
 _ROUNDING = 1e-12
@@ -38,27 +29,11 @@ _LEAST_U = 5.0
 _FEW, _NOISE_ROUNDS = 3, 12
 _SEEN, _TELLS = 3.0, 9.0
 """The in-phase mode is seen by so many uncertainties of its part, a side of the drive by so much of chi-square."""
+_BY_CHANCE = 0.05
+"""Probability of a chi-square above which no more than noise need be off the closed form."""
 _LEAST_SHARE = 0.03
 """Least amplitude, relative to that at the lowest frequency. A smaller one lies in the dip where the modes cancel: its
 dependence on their shares is so far from linear that no fit ends there."""
-
-
-class Tone(Struct, frozen=True):
-    """One sine in a record, the aperture of the samples divided out; amplitudes in the unit of the samples."""
-
-    frequency_hz: float
-    amplitude: float
-    u_amplitude: float
-    """From the noise about this frequency in this record alone."""
-    third: float
-    """Third harmonic as the cube of the tone has it, with its sign: cos 3 phi where the tone is cos phi."""
-    spacing_s: float
-    """Spacing of the samples."""
-    noise_dof: float
-    noise_hz: tuple[float, ...] = ()
-    """Lines beside the tone from which the noise was read, Hz; none: the tone's own place."""
-    alone: bool = True
-    """Whether the spacing of the samples folds no harmonic onto the tone, another one or the mean."""
 
 
 class Known(Struct, frozen=True):
@@ -101,79 +76,6 @@ class RateBand(Struct, frozen=True):
     noise_dof: float
 
 
-def true_spacing_s(records: Sequence[tuple[float, ArrayLike]], interval_s: float, late_s: float = 1e-3) -> float:
-    """Return the interval of the samples, s, from sines of known frequency; at most `late_s` above `interval_s`.
-
-    All records have one spacing, at which most of them have a line that stands above what is beside it: the noise of a
-    narrow mode may be the strongest line of each. Where it is so is fitted in the strongest of these sines.
-
-    Raises:
-        ConfigError: fewer than 64 samples, a frequency that they do not hold, or no sine there.
-    """
-    highest_hz, most = max(hz for hz, _ in records), max(np.size(volts) for _, volts in records)
-    tried_s = interval_s + np.linspace(0.0, late_s, max(2, math.ceil(late_s * highest_hz * most / 0.2) + 1))
-    stands, sizes = np.zeros(tried_s.size), []
-    for hz, volts in records:
-        values = _checked(volts, interval_s + late_s, hz)
-        power = np.abs(np.fft.fft(values - values.mean(), _FINER * values.size)) ** 2
-        beside = np.mean([np.roll(power, sign * _FINER * step) for step in _BINS for sign in (-1, 1)], axis=0)
-        at = np.rint(hz * tried_s * power.size).astype(int)
-        stands += np.log1p(power[at] / (beside[at] + _ROUNDING * power.max() + _TINY))
-        sizes.append(hz * np.sqrt(power[at]) / values.size)
-    place = int(stands.argmax())
-    for each in np.argsort([-size[place] for size in sizes], kind="stable").tolist():
-        hz, volts = records[each]
-        with suppress(MeasurementError):
-            spacing_s = float(fit_sine(volts, 1.0, hz * float(tried_s[place])).frequency_hz / hz)
-            if abs(spacing_s - float(tried_s[place])) < late_s:  # else it walked away in the noise of a narrow mode
-                return spacing_s
-    raise ConfigError(f"no sine of {', '.join(f'{hz:g}' for hz, _ in records)} Hz was found")
-
-
-def fit_tone(samples: ArrayLike, spacing_s: float, aperture_s: float, frequency_hz: float, *, mains_hz: float) -> Tone:
-    """Fit a sine of known frequency, its harmonics and the mains to samples that are `spacing_s` apart.
-
-    Raises:
-        ConfigError: fewer than 64 samples, or a frequency that they do not hold.
-    """
-    values = _checked(samples, spacing_s, frequency_hz)
-    cycles = frequency_hz * spacing_s
-    steps = np.arange(values.size) - (values.size - 1) / 2.0
-    turns = [cycles * order for order in range(1, _HARMONICS + 1)]
-    seen_at = sorted(abs(math.remainder(each, 1.0)) for each in (0.0, *turns))
-    alone = min(after - before for before, after in pairwise(seen_at)) * values.size > _APART
-    turns = turns if alone else turns[:1]
-    if abs(frequency_hz - mains_hz) * spacing_s * values.size > 2.0:
-        turns.append(mains_hz * spacing_s)
-    angle = 2.0 * math.pi * np.outer(steps, turns)
-    basis = np.column_stack([np.ones_like(steps), steps / values.size, np.cos(angle), np.sin(angle)])
-    found, *_ = np.linalg.lstsq(basis, values, rcond=None)
-    tone, third = (complex(found[2 + n], -found[2 + len(turns) + n]) for n in (0, _HARMONICS - 1 if alone else 0))
-    # The variance that noise gives the amplitude, and the lines of the spectrum it is read from
-    width = 1.0 / values.size
-    places = np.array([turns[0] + sign * step * width for step in _BINS for sign in (-1.0, 1.0)])
-    folded = np.abs(np.mod(places + 0.5, 1.0) - 0.5)
-    keep = (places > 1.5 * width) & (places < 0.5 - width)
-    for other in turns[1:]:
-        keep &= np.abs(folded - abs(math.remainder(other, 1.0))) > 1.5 * width
-    if not keep.any():
-        raise ConfigError("no part of the spectrum about the tone shows the noise alone")
-    places = places[keep]
-    lines = np.exp(-2j * math.pi * np.outer(places, np.arange(values.size))) @ (values - basis @ found)
-    power = float(2.0 / values.size**2 * np.mean(np.abs(lines) ** 2))
-    swing = tone / abs(tone)
-    return Tone(
-        frequency_hz=frequency_hz,
-        amplitude=abs(tone) / float(np.sinc(frequency_hz * aperture_s)),
-        u_amplitude=math.sqrt(power) / float(np.sinc(frequency_hz * aperture_s)),
-        third=alone * (third * swing.conjugate() ** 3).real / float(np.sinc(_HARMONICS * frequency_hz * aperture_s)),
-        spacing_s=spacing_s,
-        noise_dof=2.0 * places.size,
-        noise_hz=tuple((places / spacing_s).tolist()),
-        alone=alone,
-    )
-
-
 def foreseen_tone(
     frequency_hz: float,
     record: tuple[int, float, float],
@@ -193,35 +95,39 @@ def foreseen_tone(
     (samples, spacing_s, aperture_s), (static, white) = record, static_and_white
     parameters = np.array(shape)
     width_hz = 1.0 / (samples * spacing_s)
-    beside = frequency_hz + width_hz * np.array([sign * step for step in _BINS for sign in (-1, 1)])
-    beside = beside[(beside > 1.5 * width_hz) & (beside < 0.5 / spacing_s - width_hz)]
     reach = math.ceil(_NOISE_TO_HZ * spacing_s)
-    folded = beside[:, None] + np.arange(-reach, reach + 1) / spacing_s
-    passed = _passed(folded, parameters, known) / _passed(np.zeros(1), parameters, known)
-    density = np.sum(passed * (_filter_gain(folded, known) * np.sinc(folded * aperture_s)) ** 2, axis=1)
+    at_rest = _passed(np.zeros(1), parameters, known)
+
+    def noise(at_hz: float) -> tuple[float, Floats]:
+        """Return u of an amplitude, and the lines beside it, Hz."""
+        beside = abs(math.remainder(at_hz, 1.0 / spacing_s)) + width_hz * np.array(
+            [s * n for n in BINS for s in (-1, 1)]
+        )
+        beside = beside[(beside > 1.5 * width_hz) & (beside < 0.5 / spacing_s - width_hz)]
+        folded = beside[:, None] + np.arange(-reach, reach + 1) / spacing_s
+        passed = _passed(folded, parameters, known) / at_rest
+        density = np.sum(passed * (_filter_gain(folded, known) * np.sinc(folded * aperture_s)) ** 2, axis=1)
+        variance = 2.0 * white**2 * float(density.mean()) * width_hz
+        return math.hypot(math.sqrt(variance), _ROUNDING * static), beside
+
+    u_amplitude, beside = noise(frequency_hz)
+    once, thrice = (abs(float(np.sinc(order * frequency_hz * aperture_s))) for order in (1, HARMONICS))
     gain = float(split_response(frequency_hz, known.drive_hz, parameters)[0]) * float(_filter_gain(frequency_hz, known))
-    variance = 2.0 * white**2 * float(density.mean()) * width_hz
     return Tone(
         frequency_hz=frequency_hz,
         amplitude=static * gain,
-        u_amplitude=math.hypot(math.sqrt(variance), _ROUNDING * static) / float(np.sinc(frequency_hz * aperture_s)),
+        u_amplitude=u_amplitude / once,
         third=0.0,
         spacing_s=spacing_s,
         noise_dof=2.0 * beside.size,
         noise_hz=tuple(beside.tolist()),
+        u_third=noise(HARMONICS * frequency_hz)[0] / thrice,
     )
 
 
 def _filter_gain(f: ArrayLike, known: Known) -> Floats:
     ratio = np.asarray(f, dtype=np.float64) / known.low_pass_hz
     return np.asarray(1.0 / np.sqrt(1.0 + ratio ** (2 * known.low_pass_order)))
-
-
-def _checked(samples: ArrayLike, spacing_s: float, frequency_hz: float) -> Floats:
-    values = np.asarray(samples, dtype=np.float64)
-    if values.size < 64 or 2.0 * frequency_hz * spacing_s > 0.95:
-        raise ConfigError(f"{values.size} samples, one every {spacing_s:g} s, hold no sine of {frequency_hz:g} Hz")
-    return values
 
 
 def split_guess_hz(frequency_hz: ArrayLike, gain: ArrayLike, low_pass: tuple[float, int] | None = None) -> float:
@@ -286,30 +192,30 @@ def _filtered(f: Floats, known: Known, shape: Floats) -> NDArray[np.complex128]:
     return np.asarray(passed / at_rest * through)
 
 
-def _straightened(tones: Sequence[Tone], known: Known, shape: Floats | None = None) -> Floats:
-    """Return the amplitudes without the compression of the output stage, which the third harmonics tell.
+def _straightened(tones: Sequence[Tone], known: Known, shape: Floats) -> tuple[Floats, Floats]:
+    """Return the amplitudes without the compression of the output stage, which the third harmonics tell, and its u.
 
     A cube of the output makes three times as much of the fundamental as of the third harmonic. The modulator makes a
     third harmonic too, the same at all frequencies, that passes through the modes: with the `shape` of the response it
-    is told from the other; without, tones near the peak tell enough.
+    is told from the other. The u, (tones,), are of one error: that of the cube.
     """
-    level, third, u = np.array([(tone.amplitude, tone.third, tone.u_amplitude) for tone in tones]).T
-    if shape is None:
-        high = level > 0.5 * level.max()
-        cube = float(third[high] @ level[high] ** 3) / float((level[high] ** 6).sum())
-    else:
-        f = np.array([tone.frequency_hz for tone in tones])
-        one, three = (_filtered(order * f, known, shape) for order in (1.0, 3.0))
-        columns = np.column_stack([level**3, (three * (one.conj() / np.abs(one)) ** 3).real]) / u[:, None]
-        cube = float(np.linalg.lstsq(columns, third / u, rcond=None)[0][0])
-    return np.asarray(level * (1.0 - 3.0 * cube * level**2))
+    f, level, third, u = np.array([(each.frequency_hz, each.amplitude, each.third, each.u_third) for each in tones]).T
+    one, three = (_filtered(order * f, known, shape) for order in (1.0, 3.0))
+    weight = 1.0 / np.maximum(u, _ROUNDING * level)
+    columns = np.column_stack([level**3, (three * (one.conj() / np.abs(one)) ** 3).real]) * weight[:, None]
+    size = np.linalg.norm(columns, axis=0)
+    inverse = np.linalg.pinv(columns / size)
+    cube = float(inverse[0] @ (third * weight)) / size[0]
+    u_cube = float(np.linalg.norm(inverse[0])) / size[0]
+    return level * (1.0 - 3.0 * cube * level**2), 3.0 * u_cube * level**3
 
 
 def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> RateBand:
     """Fit the closed form to tones that one amplitude at the input gave.
 
-    The output stage's compression is read from the third harmonics and taken out. The noise of each tone is that of
-    all tones with the same spacing of samples: part of it is flat, part passes through the modes as the response does.
+    The output stage's compression is read from the third harmonics and taken out; by how much it is off then is fitted
+    too, in its u. The noise of each tone is that of all tones with the same spacing of samples: part of it is flat,
+    part passes through the modes as the response does.
 
     A response shows how wide its peak is; the quality factor, which is the mode's frequency over that, differs by twice
     the split over the drive frequency between a mode below the drive and one above. On which side it is, the in-phase
@@ -326,31 +232,37 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         raise ConfigError(f"a response needs at least ten frequencies, got {len(ordered)}")
     f = np.array([tone.frequency_hz for tone in ordered])
     filter_gain = _filter_gain(f, known)
-    gain = _straightened(ordered, known) / filter_gain / amplitude
-    place = int(gain.argmax())
-    q = max(1.0, float(gain[place] / gain[0])) * known.drive_hz / f[place]
-    u = np.array([tone.u_amplitude for tone in ordered]) / filter_gain / amplitude
-    u = np.hypot(np.maximum(u, float(np.median(u / gain)) * gain), known.off_form * gain)
+    scale = filter_gain * amplitude
+    level = np.array([tone.amplitude for tone in ordered]) / scale
+    place = int(level.argmax())
+    q = max(1.0, float(level[place] / level[0])) * known.drive_hz / f[place]
+    u = np.array([tone.u_amplitude for tone in ordered]) / scale
+    u = np.hypot(np.maximum(u, float(np.median(u / level)) * level), known.off_form * level)
 
-    unknown = 0.8, known.in_phase_split_hz, 0.0
+    unknown = 0.8, known.in_phase_split_hz, 0.0, 0.0
+
+    def of_form(start: Floats, u: Floats) -> tuple[ModelFit, Floats]:
+        """Fit from a start whose shape tells the compression; return the gains without that, too."""
+        gain, bent = (each / scale for each in _straightened(ordered, known, _shape(start)))
+        fit = fit_model(lambda p: _residuals(p, f, (gain, bent, u), known), start, "bandwidth")
+        return fit, gain - fit.parameters[-1] * bent
 
     def least(start: Floats, u: Floats) -> ModelFit:
         """Return the better of two fits, because a start far off can end at a wrong minimum with a false lag."""
-        fits = [fit_model(lambda p: _residuals(p, f, gain, u, known), start, "bandwidth")]
-        again = np.array([*fits[0].parameters[:3], *unknown])
-        fits.append(fit_model(lambda p: _residuals(p, f, gain, u, known), again, "bandwidth"))
-        return min(fits, key=lambda fit: fit.chi_square)
+        first, _ = of_form(start, u)
+        again, _ = of_form(np.array([*first.parameters[:3], *unknown]), u)
+        return min(first, again, key=lambda fit: fit.chi_square)
 
     def without_lag(fit: ModelFit) -> Floats:
         """Return a start without a lag near 0, because its scale and slope would be rounding errors."""
-        return np.array([*fit.parameters[:-1], 0.0])
+        return np.array([*fit.parameters[:5], 0.0, 0.0])
 
     def fitted(side: float, u: Floats) -> tuple[ModelFit, Floats]:
-        start = np.array([side * f[place], q, gain[0], *unknown])
+        start = np.array([side * f[place], q, level[0], *unknown])
         for _ in range(2):
             fit = least(start, u)
             start = without_lag(fit)
-            u = np.hypot(_smooth_u(ordered, fit.parameters, known) / filter_gain / amplitude, known.off_form * gain)
+            u = np.hypot(_smooth_u(ordered, fit.parameters, known) / scale, known.off_form * level)
         return least(start, u), u
 
     sides: list[tuple[ModelFit, Floats]] = []
@@ -361,8 +273,7 @@ def fit_rate_band(tones: Sequence[Tone], amplitude: float, known: Known) -> Rate
         raise ConfigError("bandwidth: the points do not determine the model")
     best, *others = sorted(sides, key=lambda each: (each[0].parameters[3] < 0.0, each[0].chi_square))
     either = any(o.parameters[3] > 0.0 and o.chi_square < best[0].chi_square + _TELLS for o, _ in others)
-    gain = _straightened(ordered, known, _shape(best[0].parameters)) / filter_gain / amplitude
-    fit = fit_model(lambda p: _residuals(p, f, gain, best[1], known), without_lag(best[0]), "bandwidth")
+    fit, gain = of_form(without_lag(best[0]), best[1])
     dof = sum(tone.noise_dof for tone in ordered)
     return _band(fit, known.drive_hz, f, gain, best[1], noise_dof=dof, either_side=either)
 
@@ -371,10 +282,14 @@ def _shape(parameters: Floats) -> Floats:
     return parameters[..., [0, 1, 3, 4, 5]]
 
 
-def _residuals(parameters: Floats, f: Floats, gain: Floats, u: Floats, known: Known) -> Floats:
+def _residuals(parameters: Floats, f: Floats, seen: tuple[Floats, Floats, Floats], known: Known) -> Floats:
+    gain, bent, u = seen
     model = parameters[..., 2:3] * split_response(f, known.drive_hz, _shape(parameters))
     place = (parameters[..., 4:5] - known.in_phase_split_hz) / known.u_in_phase_split_hz
-    return np.concatenate([(model - gain) / u, place, parameters[..., 5:6] / known.u_phase_rad], axis=-1)
+    off = parameters[..., 6:7]
+    return np.concatenate(
+        [(model - gain + off * bent) / u, place, parameters[..., 5:6] / known.u_phase_rad, off], axis=-1
+    )
 
 
 def _smooth_u(tones: Sequence[Tone], parameters: Floats, known: Known) -> Floats:
@@ -425,10 +340,9 @@ def _band(
         return _points(drive_hz, parameters)
 
     model = fit.parameters[2] * split_response(f, drive_hz, _shape(fit.parameters))
-    dof = f.size + 2 - fit.parameters.size
-    # Gains that lie further off the form than their noise says are as uncertain as that (Birge 1932)
-    wider = max(1.0, fit.chi_square / dof)
-    fit = replace(fit, covariance=wider * fit.covariance)
+    dof = f.size + 3 - fit.parameters.size
+    if chi_square_tail(fit.chi_square, dof) < _BY_CHANCE:  # as uncertain as they lie off the form (Birge 1932)
+        fit = replace(fit, covariance=fit.chi_square / dof * fit.covariance)
     split, q, _, in_phase, *_ = zip(fit.parameters.tolist(), np.sqrt(np.diag(fit.covariance)).tolist(), strict=True)
     if either_side or in_phase[0] < _SEEN * in_phase[1]:
         q = q[0], math.hypot(q[1], 2.0 * abs(split[0]) / drive_hz * q[0] / math.sqrt(3.0))
@@ -445,7 +359,7 @@ def _band(
         peak_gain=peak_gain,
         minus_3_db_hz=minus_3_db,
         in_phase_share=share,
-        parameters=fit.parameters,
+        parameters=fit.parameters[:6],
         frequency_hz=f,
         gain=gain,
         u_gain=u,
@@ -461,6 +375,8 @@ def _points(drive_hz: float, parameters: Floats) -> Floats:
 
     That is of the static gain, by the stiffness that each mode has at the drive frequency.
     """
+    from scipy.optimize import brentq  # noqa: PLC0415 - SciPy costs more to import than all the rest
+
     shape = _shape(parameters)
     split = float(shape[0])
 
@@ -469,30 +385,17 @@ def _points(drive_hz: float, parameters: Floats) -> Floats:
 
     size = abs(split)
     near = 1e-4 * size
-    peak = _zero(lambda at: gain(at + near) - gain(at - near), 0.5 * size, 1.5 * size)
-    plus_3_db = _zero(lambda at: gain(at) - math.sqrt(2.0), 0.0, peak)
-    # The first one above the peak: the other mode may raise the gain again
-    steps = peak + 0.05 * peak * np.arange(1, 100)
-    below = split_response(steps, drive_hz, shape) < math.sqrt(0.5)
-    minus_3_db = _zero(lambda at: gain(at) - math.sqrt(0.5), peak, float(steps[below.argmax()]))
+    try:
+        peak = brentq(lambda at: gain(at + near) - gain(at - near), 0.5 * size, 1.5 * size, xtol=_CLOSE_HZ)
+        plus_3_db = brentq(lambda at: gain(at) - math.sqrt(2.0), 0.0, peak, xtol=_CLOSE_HZ)
+        # The first one above the peak: the other mode may raise the gain again
+        steps = peak + 0.05 * peak * np.arange(1, 100)
+        below = split_response(steps, drive_hz, shape) < math.sqrt(0.5)
+        minus_3_db = brentq(lambda at: gain(at) - math.sqrt(0.5), peak, steps[below.argmax()], xtol=_CLOSE_HZ)
+    except ValueError:
+        raise ConfigError(
+            "bandwidth: the fitted response has no peak, or never passes half of its static power"
+        ) from None
     near_stiffness, far_stiffness = ((drive_hz - each) ** 2 - drive_hz**2 for each in (split, parameters[4]))
     far = parameters[3] / far_stiffness
     return np.array([plus_3_db, peak, gain(peak), minus_3_db, far / (far + 1.0 / near_stiffness)])
-
-
-def _zero(value: Callable[[float], float], low: float, high: float) -> float:
-    """Return where `value` passes 0, by false position; an end that stays counts half (the Illinois rule)."""
-    below, above = value(low), value(high)
-    if not below * above < 0.0:
-        raise ConfigError("bandwidth: the fitted response has no peak, or never passes half of its static power")
-    at, side = low, 0
-    for _ in range(_TRIES):
-        before, at = at, (low * above - high * below) / (above - below)
-        if abs(at - before) < _CLOSE_HZ:
-            break
-        here = value(at)
-        if here * above > 0.0:
-            high, above, below, side = at, here, below * (0.5 if side > 0 else 1.0), 1
-        else:
-            low, below, above, side = at, here, above * (0.5 if side < 0 else 1.0), -1
-    return at

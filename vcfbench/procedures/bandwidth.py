@@ -15,6 +15,7 @@ from msgspec import Meta, Struct
 
 from vcfbench import steps
 from vcfbench.analysis import rate_band
+from vcfbench.analysis.tone import Tone
 from vcfbench.belief.one_gain import require_one_gain
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.kept import Keeps, KeptSettings
@@ -255,7 +256,7 @@ def _respond(settings: BandwidthSettings, frequencies_hz: Iterable[float]) -> Ro
     return found
 
 
-def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[rate_band.Tone]:
+def tones_of(settings: ProcedureSettings, found: Sequence[tuple[float, steps.SineResponse]]) -> list[Tone]:
     """Fit the sine in every record."""
     return sampling.fitted_tones([(hz, each, each.voltages_v) for hz, each in found], float(settings.station.mains_hz))
 

@@ -16,7 +16,8 @@ from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.model_fit import derivatives
 from vcfbench.analysis.modulation import flicker_share
-from vcfbench.analysis.rate_band import Tone, split_response
+from vcfbench.analysis.rate_band import split_response
+from vcfbench.analysis.tone import Tone
 from vcfbench.belief.jumps import watched
 from vcfbench.belief.walk import require_answer
 from vcfbench.instructions import routines

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from vcfbench.analysis.rate_band import Tone, fit_tone, true_spacing_s
+from vcfbench.analysis.tone import Tone, fit_tone, true_spacing_s
 from vcfbench.steps import ModulatedRecord, SineResponse
 
 NPLC = 0.2
