@@ -51,7 +51,7 @@ def fit_model(residuals: Callable[[Floats], Floats], start: Floats, what: str) -
         return np.ascontiguousarray((up - down).T / (2.0 * moved.diagonal()))
 
     found = least_squares(
-        scaled, start / scale, slopes, x_scale="jac", xtol=1e-10, ftol=1e-12, gtol=None, max_nfev=_STEPS
+        scaled, start / scale, slopes, x_scale="jac", xtol=1e-13, ftol=1e-15, gtol=None, max_nfev=_STEPS
     )
     _, sizes, directions = np.linalg.svd(np.asarray(found.jac), full_matrices=False)
     if not (found.success and sizes[-1] > _DETERMINED * sizes[0]):

@@ -24,6 +24,8 @@ _NOISE_TO_HZ = 500.0
 """Beyond it no noise passes the filter of a gyroscope of some 100 Hz."""
 _ROUNDING = 1e-12
 """Relative rounding error of an amplitude without noise."""
+_LEAST_THIRD = 1e-9
+"""Relative u of a third harmonic, at least: what is less is rounding, which weights must not follow."""
 _LEAST_U = 5.0
 """An amplitude of less than so many times its uncertainty is mostly noise, which has no sign there."""
 _FEW, _NOISE_ROUNDS = 3, 12
@@ -201,7 +203,7 @@ def _straightened(tones: Sequence[Tone], known: Known, shape: Floats) -> tuple[F
     """
     f, level, third, u = np.array([(each.frequency_hz, each.amplitude, each.third, each.u_third) for each in tones]).T
     one, three = (_filtered(order * f, known, shape) for order in (1.0, 3.0))
-    weight = 1.0 / np.maximum(u, _ROUNDING * level)
+    weight = 1.0 / np.maximum(u, _LEAST_THIRD * level)
     columns = np.column_stack([level**3, (three * (one.conj() / np.abs(one)) ** 3).real]) * weight[:, None]
     size = np.linalg.norm(columns, axis=0)
     inverse = np.linalg.pinv(columns / size)
