@@ -6,7 +6,9 @@ import math
 import re
 import tomllib
 from shutil import copytree, rmtree
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock
 
 import msgspec
 import pytest
@@ -22,7 +24,9 @@ from vcfbench.archive.lot import spread_of
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
 from vcfbench.drivers.streams.reader import StreamReader
+from vcfbench.drivers.together import Outputs
 from vcfbench.errors import BenchError, ConfigError, DeadlineExceeded, LinkLost, PlanError
+from vcfbench.interfaces import Identity
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
@@ -448,6 +452,17 @@ def test_multimeters_of_each_device_read_at_the_same_time(tmp_path: Path) -> Non
         vcfbench.dry_run("zero", bench, settings={"mode": "gapless"})
     with pytest.raises(ConfigError, match="kvc goes its own way with each device"):
         vcfbench.dry_run("kvc", bench)
+
+
+def test_each_devices_meter_is_told_by_the_serial_number_that_it_answered() -> None:
+    """What one meter is off by is common to all that it reads, and to no other."""
+    prepared = prepare(Request("turntable", msgspec.structs.replace(meters(), simulation=None)))
+    answered = {name: Identity("KEYSIGHT", "34465A", serial, "1.0") for name, serial in zip("AB", "12", strict=True)}
+    outputs = Outputs(dict.fromkeys("AB", Mock(resource="GPIB")), answered, {})
+    bench = SimpleNamespace(seed=None, identities={"multimeter": answered["A"]}, instruments={"multimeter": outputs})
+    prepared.take_bench(bench)  # type: ignore[arg-type]
+    owners = [each.settings.station.instruments["multimeter"].owner for each in prepared.devices]
+    assert ["no. 1" in owners[0], "no. 2" in owners[1]] == [True, True]
 
 
 def test_a_check_of_the_bench_tries_the_output_of_each() -> None:

@@ -14,10 +14,11 @@ from msgspec.structs import replace
 
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import Builder, checked_pace
+from vcfbench.drivers.together import Outputs
 from vcfbench.errors import ConfigError, PlanError
 from vcfbench.files import shown
 from vcfbench.instructions.procedure import AnyProcedure
-from vcfbench.interfaces import Operator
+from vcfbench.interfaces import Identity, Operator
 from vcfbench.procedures import bench_file, catalogue
 from vcfbench.procedures.layers import asked_in_python, of_device, settings_of, with_settings
 from vcfbench.procedures.own_code import file_of, mistake_of
@@ -229,17 +230,23 @@ class Prepared:
         its instruments go by its seed.
         """
         self.seed = bench.seed
-        self.settings = self._placed(self.settings, bench)
-        self.devices = tuple(replace(each, settings=self._placed(each.settings, bench)) for each in self.devices)
+        self.settings = self._placed(self.settings, bench, bench.identities)
+        outputs = bench.instruments.get("multimeter")
+        own = outputs.identities if isinstance(outputs, Outputs) else {}
+        identities = {name: {**bench.identities, "multimeter": each} for name, each in own.items()}
+        self.devices = tuple(
+            replace(each, settings=self._placed(each.settings, bench, identities.get(each.name, {})))
+            for each in self.devices
+        )
 
-    def _placed(self, of: ProcedureSettings, bench: Bench) -> ProcedureSettings:
+    def _placed(self, of: ProcedureSettings, bench: Bench, identities: Mapping[str, Identity]) -> ProcedureSettings:
         """Return settings with the instruments of `bench` told apart."""
         station, simulation = of.station, self.description.simulation
         placed = dict(station.instruments)
         for role, each in station.instruments.items():
             if not self.description.simulated:
-                if role in bench.identities:
-                    placed[role] = each.answering(bench.identities[role].serial)
+                if role in identities:
+                    placed[role] = each.answering(identities[role].serial)
             elif simulation is None or "drawn" in getattr(simulation.errors, role, ()):
                 placed[role] = each.drawn_by(bench.seed)
         return replace(of, station=replace(station, instruments=placed))
