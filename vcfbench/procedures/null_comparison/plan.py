@@ -24,9 +24,9 @@ _CLOSE = 1e-3
 """Largest residual of the search, relative to the output's span; it is interpolated, with a slope good to 1e-3."""
 _USABLE = 0.1
 """Largest residual of a usable null."""
-_BETWEEN_RANGES = 0.5
-"""The same where the search came to either side: a small level may lie between the ends of two ranges of a generator,
-and their offsets make it a large share. The curve through all levels tells what is left."""
+_BETWEEN_RANGES = 0.4
+"""What the search may have left besides, where it came to either side: a small level may lie between the ends of two
+ranges of a generator, whose offsets make it a large share. The curve through all levels tells what is left."""
 
 _NOISES = 9.0
 """Standard deviations of a mean that a null may be off besides: V_Vc was chosen by noisy means, which are compared."""
@@ -75,15 +75,15 @@ def nulled(
             both = (*table[-len(CHOPPED) :], *driven[-len(CHOPPED) :])
             noise_v = _NOISES * pooled_std_v(both) / math.sqrt(min(each.n for each in both))
             differences = zip(virtual.differences_v, real.differences_v, usable[rate_deg_s], (1.0, -1.0), strict=True)
-            for got_v, want_v, share, way in differences:
-                if not abs(got_v - want_v) <= share * abs(want_v) + noise_v:
+            for got_v, want_v, within_v, way in differences:
+                if not abs(got_v - want_v) <= within_v + noise_v:
                     raise MeasurementError(
                         f"at {way * rate_deg_s:+g} deg/s the table moves the output by {want_v:+.6g} V, V_Vc by "
                         f"{got_v:+.6g}",
                         instrument="multimeter",
                         step=str(of_driven),
                         hint="check the V_Vc lead and k_vc_guess_deg_s_per_v; the two must come within "
-                        f"{100.0 * share:g} %",
+                        f"{within_v + noise_v:.2g} V",
                     )
             yield DisableVvc()
             yield Settle(settings.settle_s, "gyro settles after the generator went off")
@@ -135,7 +135,7 @@ def _search(
     per_deg_s: tuple[float, float],
     terms: tuple[int, int],
 ) -> Routine[tuple[tuple[float, float], tuple[float, float]]]:
-    """Return the settings of V_Vc for the outputs on the table, one for each sign, and which residual is usable.
+    """Return the settings of V_Vc for the outputs on the table, one for each sign, and which residual is usable, V.
 
     The settings are the nearest of those that were tried. Each try goes along the chord through zero, which is within
     some per cent of the tangent, so two or three are enough. Not so where a generator changes its range: levels between
@@ -162,10 +162,13 @@ def _search(
         if attempt > 0 and close:
             break
         levels = _chord(*seen[0], wanted[0], step), _chord(*seen[1], wanted[1], step)
-    plus_v, minus_v = (level_v for _, level_v in nearest)
+    (left_plus_v, plus_v), (left_minus_v, minus_v) = nearest
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
-    usable_plus, usable_minus = (_BETWEEN_RANGES if len(sides) > 1 else _USABLE for sides in beyond)
-    return (plus_v, minus_v), (usable_plus, usable_minus)
+    usable = [
+        _USABLE * abs(want) + (min(left_v, _BETWEEN_RANGES * abs(want)) if len(sides) > 1 else 0.0)
+        for left_v, want, sides in zip((left_plus_v, left_minus_v), wanted, beyond, strict=True)
+    ]
+    return (plus_v, minus_v), (usable[0], usable[1])
 
 
 def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:
