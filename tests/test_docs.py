@@ -210,6 +210,17 @@ def test_prose_is_wrapped_at_100_characters() -> None:
         assert long == [], document
 
 
+def test_tables_have_no_blank_line_within() -> None:
+    """What follows one is no table any more, unless it has a head of its own."""
+    broken = [
+        f"{document.relative_to(ROOT)}:{text.count(chr(10), 0, found.end()) + 1}"
+        for document in DOCUMENTS
+        for text in [document.read_text(encoding="utf-8")]
+        for found in re.finditer(r"^\|.*\n\n(?=\|)(?!.*\n\|[ :|-]+\|$)", text, re.MULTILINE)
+    ]
+    assert broken == []
+
+
 def test_code_blocks_are_marked() -> None:
     unknown = {document.name: {block.info for block in blocks(document)} - KNOWN for document in DOCUMENTS}
     assert {name: infos for name, infos in unknown.items() if infos} == {}

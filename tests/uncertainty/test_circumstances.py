@@ -197,6 +197,15 @@ def test_a_value_lacks_what_nobody_knows_of_its_kind(latitude_deg: float | None,
     assert ("Earth's rate: it is in the bias" in made.not_in_u) == (latitude_deg is None)
 
 
+def test_a_value_that_no_contribution_names_lacks_them_all() -> None:
+    """Less knowledge never gives a smaller U95, of a new value either."""
+    known = Sources(meter_gain=1e-5)
+    every = tuple(gap.name for gap in known.gaps())
+    assert known.missing("bias_of_range") == every
+    assert set(known.missing("asymmetry")) < set(every)
+    assert known.missing("scale_factor_error_percent") == ()
+
+
 @pytest.mark.parametrize(("share", "factor"), [(0.049, 1.96), (0.051, None), (1.0, 0.95 * math.sqrt(3.0))])
 def test_a_limit_that_prevails_has_its_own_factor(share: float, factor: float | None) -> None:
     sources = [Source("readings", 0.0, math.sqrt(1.0 - share)), Source.within("table", 0.0, math.sqrt(3.0 * share))]

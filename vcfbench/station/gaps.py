@@ -10,6 +10,10 @@ class Gap(Struct, frozen=True):
     words: str
     kinds: tuple[str, ...]
 
+    def leaves_out(self, kind: str) -> bool:
+        """Return True if values of `kind` lack it: those of `kinds`, and those that nobody has thought of here."""
+        return kind in self.kinds or kind not in _THOUGHT_OF
+
 
 _BIASES, _SLOPES = ("bias", "bias_deg_s", "bias_v"), ("scale_factor", "line")
 GAPS = {
@@ -44,3 +48,6 @@ GAPS = {
         _BIASES,
     ),
 }
+_DIFFERENCES = {"bias_difference_v", "scale_factor_error_percent"}
+"""Of two methods in one run, in which it cancels."""
+_THOUGHT_OF = {kind for gap in GAPS.values() for kind in gap.kinds} | _DIFFERENCES

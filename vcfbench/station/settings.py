@@ -197,7 +197,7 @@ class Sources(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     def missing(self, kind: str) -> tuple[str, ...]:
         """Return the names of the contributions missing in a value of `kind` (``k_vc``, ``scale_factor``, ``bias``)."""
-        return tuple(gap.name for gap in self.gaps() if kind in gap.kinds)
+        return tuple(gap.name for gap in self.gaps() if gap.leaves_out(kind))
 
 
 _CORRECTIONS = (

@@ -122,7 +122,7 @@ def statement(
         ratio = abs(stated.value) / stated.u95
     correlation = tuple(tuple(float(each) for each in row) for row in budget.correlation)
     kinds = {result.name.rpartition(".")[2] for result in budget.results}
-    not_in_u = [f"MISSING {gap.words}" for gap in known.gaps() if kinds & {*gap.kinds}]
+    not_in_u = [f"MISSING {gap.words}" for gap in known.gaps() if any(map(gap.leaves_out, kinds))]
     not_in_u += [*_OUTSIDE[:2], _RAILS if settings.rails else _OWN_SUPPLY, *_OUTSIDE[2:]]
     if earth_left_deg_s(settings) is None:
         not_in_u.append("Earth's rate: it is in the bias")

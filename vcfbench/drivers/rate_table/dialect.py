@@ -110,7 +110,7 @@ class TableDialect(Protocol):
 
     @property
     def travel_deg(self) -> tuple[float, float] | None:
-        """Ends of travel; None for a table that turns on and on."""
+        """Ends of travel; None for a table that turns without end."""
         return None
 
     def go_to(self, line: TableLine, angle_deg: float, rate_deg_s: float, deadline: Deadline) -> None:
