@@ -272,7 +272,7 @@ class InstrumentError(BenchError):
     >>> lab.fault("multimeter", "error", number=-213)
     >>> bench.multimeter.check_errors()
     Traceback (most recent call last):
-    vcfbench.errors.InstrumentError: multimeter at GPIB0::22::INSTR: refused with -213 "Init ignored"
+    vcfbench.errors.InstrumentError: multimeter at GPIB0::22::INSTR: reports -213 "Init ignored", command 'SYST:ERR?'
     """
 
     def __init__(

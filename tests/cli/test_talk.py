@@ -108,7 +108,7 @@ def test_a_raw_command_is_written_down_before_it_is_sent(tmp_path: Path) -> None
     done = talk("power APPL P25V,12", "power APPL? P25V", "power FOO", options=options)
     assert (done.exit_code, done.stdout) == (3, '"12.000000,1.000000"\n')
     assert done.stderr.startswith("raw commands: nothing is compared with the limits")
-    assert "refused with -113" in done.stderr
+    assert "reports -113" in done.stderr
     lines = [json.loads(line) for line in (tmp_path / "raw.jsonl").read_text("utf-8").splitlines()]
     assert [line["command"] for line in lines] == ["APPL P25V,12", "FOO"]
     assert {(line["bench"], line["role"], line["resource"]) for line in lines} == {

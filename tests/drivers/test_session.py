@@ -530,7 +530,7 @@ def test_refusals_without_error_queue_are_read_from_event_status() -> None:
     with expected_exchange(OPEN, [("*ESR?", "+48"), ("*ESR?", "0"), ("*ESR?", "+129")]) as session:
         session.use_event_status()
         with pytest.raises(
-            InstrumentError, match=r"""refused with 48 "execution error, command error", command '\*ESR\?'"""
+            InstrumentError, match=r"""reports 48 "execution error, command error", command '\*ESR\?'"""
         ):
             session.check_errors()
         session.check_errors()

@@ -187,10 +187,10 @@ class Session(Conversation):
         said += [f"{len(kinds) - _KINDS_SHOWN} others"] if len(kinds) > _KINDS_SHOWN else []
         endless = "; its error queue does not end" if len(queued) == _DEEPEST_QUEUE else ""
         raise errors.InstrumentError(
-            f"refused with {', then '.join(said)}{endless}",
+            f"{'refused with' if command else 'reports'} {', then '.join(said)}{endless}",
             number=number,
             words=words,
-            command=shown(command or self._error_question[0]),  # asked at a run's end: what was refused, nobody knows
+            command=shown(command or self._error_question[0]),
             **self.where,
         )
 
