@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
 from typer.testing import CliRunner
 
 from tests.testing.kit.recording import recorded
 from vcfbench.cli.main import app
+from vcfbench.drivers.trace import HEADER
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -34,7 +36,15 @@ def test_bundle_has_summary_line_and_line_per_difference(tmp_path: Path) -> None
     assert {"command": "VOLT:RANG?", "status": "form", "expected": "+1.00000000E+01", "got": "10"} in seen["findings"]
 
 
-def test_what_is_no_bundle_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.trace").write_text("volts\n")
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("volts\n", "expected a trace"),
+        (f"{HEADER}\n", "0 commands: nothing in it"),
+        (f"{HEADER}\n0.0\t34401A\tGPIB::INSTR\topen\tgpib\n", "0 commands: nothing in it"),
+    ],
+)
+def test_what_is_no_bundle_is_refused(tmp_path: Path, text: str, words: str) -> None:
+    (tmp_path / "a.trace").write_text(text)
     refused = CliRunner().invoke(app, ["kit", "check", str(tmp_path / "a.trace")])
-    assert (refused.exit_code, "expected a trace" in refused.output) == (2, True)
+    assert (refused.exit_code, words in refused.output) == (2, True)

@@ -19,7 +19,7 @@ from simrack.scpi.parameters import Integer, Number, Text
 
 from vcfbench.clock import Deadline
 from vcfbench.drivers.trace import TraceLine
-from vcfbench.errors import DeadlineExceeded
+from vcfbench.errors import ConfigError, DeadlineExceeded
 from vcfbench.testing.kit.program import ERROR_QUESTION, masked, model_of
 from vcfbench.testing.kit.write import TwinWire, scripts, twin
 from vcfbench.testing.replay import read_trace
@@ -87,12 +87,15 @@ def checked(path: Path | str) -> list[Seen]:
     """Return what a bundle says of each of its instruments.
 
     Raises:
-        ConfigError: it is no bundle.
+        ConfigError: it is no bundle, or there is no command in it.
     """
     by_role: dict[str, list[TraceLine]] = {}
     for line in read_trace(path):
         by_role.setdefault(line.role.removesuffix(_DRIVEN), []).append(line)
-    return [_seen(lines) for lines in by_role.values()]
+    seen = [_seen(lines) for lines in by_role.values()]
+    if not any(each.findings for each in seen):
+        raise ConfigError(f"{path}: 0 commands: nothing in it")
+    return seen
 
 
 def _seen(lines: Sequence[TraceLine]) -> Seen:
