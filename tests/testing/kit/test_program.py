@@ -146,6 +146,33 @@ def test_a_file_that_is_there_is_not_written_over(tmp_path: Path) -> None:
     assert (tmp_path / "a.trace").read_text() == "mine"
 
 
+@pytest.mark.parametrize("chosen", ["7", "0", "-1", "1,2", "1.5", "1 7"])
+def test_a_number_that_is_no_choice_is_asked_again(chosen: str, capsys: pytest.CaptureFixture[str]) -> None:
+    given = iter([chosen, "2 ASRL3::INSTR@9600"])
+    assert program.wanted(["a", "b"], lambda _: next(given)) == ["b", "ASRL3::INSTR@9600"]
+    assert f"{chosen.removeprefix('1 ')}: not in the list" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("ending", "code"), [(KeyboardInterrupt, 130), (OSError("refused"), 1), (None, 1)])
+def test_no_file_is_left_where_nothing_answered(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    ending: type[BaseException] | OSError | None,
+    code: int,
+) -> None:
+    def connect(_: program.Connection) -> None:
+        if ending is not None:
+            raise ending
+
+    monkeypatch.setattr(program.Connection, "connect", connect)
+    monkeypatch.chdir(tmp_path)
+    resources = [] if ending is None else ["GPIB0::22::INSTR"]
+    assert program.main([*resources, "--library", library("34401A")], lambda _: "") == code
+    assert list(tmp_path.iterdir()) == []
+    assert capsys.readouterr().out.splitlines()[-1] == "nothing answered: no file is written"
+
+
 @pytest.mark.exhaustive
 def test_the_written_file_runs_by_itself(tmp_path: Path, kit: str) -> None:
     (tmp_path / "kit.py").write_text(kit)

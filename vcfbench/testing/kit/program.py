@@ -26,6 +26,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import datetime, timezone
+from pathlib import Path
 from typing import Any, TextIO
 
 HEADER = "# vcfbench trace 1"
@@ -113,13 +114,13 @@ class Bundle:
     def __init__(self, file: TextIO) -> None:
         self._file = file
         self._began_s = time.monotonic()
-        self._names: list[str] = []
+        self.names: list[str] = []
         print(HEADER, file=file)
 
     def named(self, model: str) -> str:
         """Return a name for an instrument that no other has."""
-        known = self._names.count(model)
-        self._names.append(model)
+        known = self.names.count(model)
+        self.names.append(model)
         return model if not known else f"{model} {known + 1}"
 
     def note(self, role: str, kind: str, mark: str, text: str = "") -> None:
@@ -249,12 +250,18 @@ def make_safe(connection: Connection) -> None:
 
 
 def wanted(names: Sequence[str], ask: Callable[[str], str]) -> list[str]:
-    """Ask which of the resources are to be talked to."""
-    for number, name in enumerate(names, start=1):
+    """Ask which of the resources are to be talked to, until each number is one of theirs."""
+    choices = {str(number): name for number, name in enumerate(names, start=1)}
+    for number, name in choices.items():
         print(f"  {number}  {name}")
-    print("Nothing has been sent yet. Which of these shall be asked?\nNumbers, or resource names, with spaces between.")
-    given = ask("> ").split()
-    return [names[int(each) - 1] if each.isdigit() and 0 < int(each) <= len(names) else each for each in given]
+    print("Nothing has been sent yet. Which of these shall be asked?")
+    while True:
+        print("Numbers, or resource names, with spaces between.")
+        given = ask("> ").split()
+        wrong = [each for each in given if each not in choices and re.fullmatch(r"[\d.,+-]+", each)]
+        if not wrong:
+            return [choices.get(each, each) for each in given]
+        print(f"{' '.join(wrong)}: not in the list")
 
 
 def talk_to(resource: str, manager: Any, bundle: Bundle, known: dict[str, Script], ask: Callable[[str], str]) -> None:
@@ -325,7 +332,7 @@ def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = at_the_
 
     with suppress(ValueError):  # not in a thread that is not the first
         signal.signal(signal.SIGTERM, ended)
-    manager, code = pyvisa.ResourceManager(given.library), 0
+    manager, code, bundle = pyvisa.ResourceManager(given.library), 0, None
     try:
         resources = given.resources or wanted(sorted(manager.list_resources("?*")), ask)
         with open(given.output, "x", encoding="ascii") as file:
@@ -337,12 +344,17 @@ def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = at_the_
                     print(f"{resource}: {error or type(error).__name__}")
                     code = 1
     except KeyboardInterrupt:
-        print("\nstopped; what was recorded is kept")
-        return 130
+        print("\nstopped")
+        code = 130
     except FileExistsError:
         print(f"{given.output} is there already: name another with --output")
         return 2
-    print(f"{given.output} is written. Look through it, then send it: see the form 'Seen on' of the project's issues")
+    if bundle is None or not bundle.names:
+        if bundle is not None:
+            Path(given.output).unlink()
+        print("nothing answered: no file is written")
+        return code or 1
+    print(f"{given.output} is written. Look through it, then send it: see the form 'Seen on' of our issues")
     return code
 
 
