@@ -76,6 +76,9 @@ def test_kit_only_reads_unless_confirmed_twice(tmp_path: Path) -> None:
         ("SYST:COMM:LAN:IPAD?", '"169.254.2.20"', '"000.000.0.00"'),
         ("SYST:COMM:LAN:MAC?", '"00:30:D3:20:41:AA"', '"00:00:X0:00:00:XX"'),
         ("MMEM:CAT?", '"C:\\\\GYRO7\\\\RUN.CSV"', '"X:\\\\XXXX0\\\\XXX.XXX"'),
+        ("SYST:DATE?", "2026,11,30", "0000,00,00"),
+        ("CAL:TIME?", "16,4,59", "00,0,00"),
+        ("SWE:TIME?", "+1.00000000E+00", "+1.00000000E+00"),
         ("CAL:STR?", '"2026-03-01 by A. Miller"', '"0000-00-00 XX X. XXXXXX"'),
         ("*LRN?", f"VOLT {SERIAL};ON", "VOLT XX00000000;ON"),
     ],
@@ -171,6 +174,12 @@ def test_no_file_is_left_where_nothing_answered(
     assert program.main([*resources, "--library", library("34401A")], lambda _: "") == code
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr().out.splitlines()[-1] == "nothing answered: no file is written"
+
+
+def test_bundle_tells_versions_and_no_date(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.trace", "34401A", driven=False)
+    opened = read_trace(tmp_path / "a.trace")[0].data.decode()
+    assert opened == f"gpib pyvisa {pyvisa.__version__}, pyvisa_simrack"
 
 
 @pytest.mark.exhaustive

@@ -9,8 +9,8 @@ power-on settings (*RST), a supply to 1 V and 50 mA at most, a generator to 0.2 
 switched off at the end, also after Ctrl-C and after an error.
 
 What is written: each message, each answer, their times. What is not: serial numbers, addresses, LAN settings, labels,
-names of files, texts of calibration. By an allow-list: of an answer only numbers and the words of the model's manual
-are kept, of any other text each letter is an X and each digit a 0. The file is text: read it before you send it.
+names of files, texts of calibration, date and time. By an allow-list: of an answer only numbers and the words of the
+model's manual are kept, of any other text each letter is an X and each digit a 0. The file is text: read it first.
 """
 
 from __future__ import annotations
@@ -25,7 +25,6 @@ import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -44,6 +43,7 @@ MOST_SILENT = 3
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(E[+-]?\d{1,3})?", re.IGNORECASE)
 _EXACT_DIGITS, _SHORTEST_SERIAL = 5, 2
 _IDENTITY, _SERIAL = 4, 2
+_CLOCK = re.compile(r"(SYST|CAL)\w*:(DATE|TIME)\b", re.IGNORECASE)
 _APART = re.compile(r"([\s,;\"'()@]+)")
 
 Script = dict[str, Any]
@@ -81,7 +81,8 @@ def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -
     """Return an answer without serial numbers and other marks of its owner.
 
     Kept are numbers, words of the list (with the number of a channel), and of ``*IDN?`` maker, model and firmware. Not
-    kept is a whole number of more than five digits, or any in quotes, and whatever holds the serial number.
+    kept is a whole number of more than five digits, or any in quotes, date and time, and whatever holds the serial
+    number.
     """
     foreign = len(serial) > _SHORTEST_SERIAL
     if question.upper().startswith("*IDN?"):
@@ -89,6 +90,8 @@ def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -
         whole = len(fields) == _IDENTITY  # else it may be anything
         kept = [whole and index != _SERIAL and not (foreign and serial in each) for index, each in enumerate(fields)]
         return ",".join(each if keep else blotted(each) for each, keep in zip(fields, kept, strict=True))
+    if _CLOCK.match(question):
+        return blotted(answer)
     allowed, parts, quoted = {word.upper() for word in words}, [], False
 
     def known(word: str) -> bool:
@@ -111,7 +114,8 @@ def masked(question: str, answer: str, words: Sequence[str], serial: str = "") -
 class Bundle:
     """The file that is written: a trace of vcfbench, a line for each message."""
 
-    def __init__(self, file: TextIO) -> None:
+    def __init__(self, file: TextIO, library: str) -> None:
+        self.library = library
         self._file = file
         self._began_s = time.monotonic()
         self.names: list[str] = []
@@ -154,8 +158,7 @@ class Connection:
         """Begin a connection in the bundle."""
         self.role = role
         interface = {"GPIB": "gpib", "USB": "usb", "ASRL": "asrl"}.get(self.kind, "socket" if self.stream else "instr")
-        now = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
-        self.bundle.note(role, self.kind, "open", f"{interface} {now}")
+        self.bundle.note(role, self.kind, "open", f"{interface} {self.bundle.library}")
 
     def send(self, message: str) -> None:
         """Send a message."""
@@ -264,6 +267,12 @@ def wanted(names: Sequence[str], ask: Callable[[str], str]) -> list[str]:
         print(f"{' '.join(wrong)}: not in the list")
 
 
+def versions(library: Any) -> str:
+    """Return the names and versions of PyVISA and of the package that is its library."""
+    packages = dict.fromkeys(("pyvisa", type(library).__module__.partition(".")[0]))
+    return ", ".join(f"{each} {getattr(sys.modules[each], '__version__', '')}".strip() for each in packages)
+
+
 def talk_to(resource: str, manager: Any, bundle: Bundle, known: dict[str, Script], ask: Callable[[str], str]) -> None:
     """Record one instrument."""
     name, _, speed = resource.partition("@")
@@ -336,7 +345,7 @@ def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = at_the_
     try:
         resources = given.resources or wanted(sorted(manager.list_resources("?*")), ask)
         with open(given.output, "x", encoding="ascii") as file:
-            bundle = Bundle(file)
+            bundle = Bundle(file, versions(manager.visalib))
             for resource in resources:
                 try:
                     talk_to(resource, manager, bundle, scripts(), ask)
@@ -354,7 +363,7 @@ def main(words: Sequence[str] | None = None, ask: Callable[[str], str] = at_the_
             Path(given.output).unlink()
         print("nothing answered: no file is written")
         return code or 1
-    print(f"{given.output} is written. Look through it, then send it: see the form 'Seen on' of our issues")
+    print(f"{given.output} is written. Look through it, then zip and send it: see the form 'Seen on' of our issues")
     return code
 
 
