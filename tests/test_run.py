@@ -503,7 +503,7 @@ def test_a_procedure_object_does_as_its_name(quick: Run) -> None:
 
 def test_a_real_bench_has_no_seed(tmp_path: Path) -> None:
     (tmp_path / "station.toml").write_text(template(), encoding="utf-8")
-    with pytest.raises(vcfbench.ConfigError, match="only simulated ones have a seed"):
+    with pytest.raises(vcfbench.ConfigError, match="only such a bench has a seed"):
         vcfbench.run("turntable", tmp_path / "station.toml", seed=1, runs=tmp_path / "runs")
 
 

@@ -146,7 +146,7 @@ def test_a_real_bench_has_one_owner_and_no_speed(real: BenchDescription, rack: C
     with open_bench(real), pytest.raises(BenchError, match=r"in use by process \d+ of .* for station lab-1 since"):
         open_bench(real)
     for speed in (2.0, "max"):
-        with pytest.raises(ConfigError, match="only simulated ones have a speed"):
+        with pytest.raises(ConfigError, match="only such a bench has a speed"):
             open_bench(real, speed=speed).__enter__()
 
 

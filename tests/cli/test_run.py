@@ -354,7 +354,7 @@ def test_a_real_bench_has_neither_speed_nor_seed(
     file.write_text(template(), encoding="utf-8")
     result = call("run", "turntable", "--bench", str(file), *options, *more)
     assert isinstance(result.exception, ConfigError)
-    assert f"lab-1 is a real bench, only simulated ones have a {options[0][2:]}" in str(result.exception)
+    assert f"lab-1 has no [simulation], only such a bench has a {options[0][2:]}" in str(result.exception)
     assert station.opened == []
 
 

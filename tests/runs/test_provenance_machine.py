@@ -110,7 +110,7 @@ def templates() -> tuple[Path, dict[str, Path], frozenset[str]]:
     bias = [vcfbench.run("turntable", "paper", seed=s, settings=SETTINGS, runs=None).results.bias.value for s in (1, 2)]
     good, bad = (1, 2) if bias[0] < bias[1] else (2, 1)
     limits = f"\n[acceptance]\nbias_v = [-1, {sum(bias) / 2.0!r}]\n"
-    (folder / "bench.toml").write_text(embedded_text("paper") + limits, "utf-8")
+    (folder / "bench.toml").write_text(embedded_text("paper").replace("sim://paper", "COM1") + limits, "utf-8")
     (folder / "plan.toml").write_text(PLAN, "utf-8")
     asked: dict[str, tuple[str, int, dict[str, Any]]] = {
         "pass": ("turntable", good, SETTINGS),

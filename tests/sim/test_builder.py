@@ -98,7 +98,7 @@ def test_a_file_that_is_no_simulated_bench_is_no_library(tmp_path: Path) -> None
         resolve(str(tmp_path / "none.toml"))
     real = tmp_path / "real.toml"
     real.write_text(embedded_text("station"), "utf-8")
-    with pytest.raises(OSError, match="a simulated bench is needed"):
+    with pytest.raises(OSError, match="expected a bench with a table \\[simulation\\]"):
         resolve(str(real))
 
 

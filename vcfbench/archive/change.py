@@ -126,7 +126,7 @@ class Compared(Struct, frozen=True, dict=True, eq=False):
         found = next((each for each in self.run.equipment if each.role == role), None)
         if found is None:
             return None
-        drawn = f", seed {self.run.seed}" if self.run.simulated else ""
+        drawn = f", seed {self.run.seed}" if self.run.seed is not None else ""
         at = found.serial_number or found.inventory_number or f"at {found.resource} of {self.run.bench}{drawn}"
         return f"{found.model} {at}" + ("" if found.calibrated is None else f", calibrated {found.calibrated}")
 

@@ -178,8 +178,8 @@ def checked_pace(description: BenchDescription, speed: str | float | None) -> fl
     """
     if description.served is not None and speed not in {None, FASTEST}:
         raise ConfigError(f"--speed {speed}: {description.name} is a served bench, which a run always takes at max")
-    if speed is not None and not description.simulated:
-        raise ConfigError(f"--speed {speed}: {description.name} is a real bench, only simulated ones have a speed")
+    if speed is not None and not description.steered:
+        raise ConfigError(f"--speed {speed}: {description.name} has no [simulation], only such a bench has a speed")
     return None if speed is None or speed == FASTEST else pace_of(speed, f"--speed {speed}")
 
 

@@ -109,7 +109,7 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
     Also shows calibrations, limits and acceptance from the bench file, and which procedures can run here.
     """
     description, operator = load_bench(bench), at_the_terminal(None, None)
-    if description.by_hand and operator is None and not description.simulated:
+    if description.by_hand and operator is None:
         raise PlanError(
             f"bench check asks a person about {', '.join(description.by_hand)}, but no operator can be asked",
             hint="run it at a terminal",

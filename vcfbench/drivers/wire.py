@@ -51,6 +51,11 @@ def behind(resource: str, library: str) -> tuple[str | None, str]:
     return through, f"@{library.partition('@')[2] or 'py'}" if known else library
 
 
+def is_simulated(opened: str) -> bool:
+    """Return True for a VISA library of simulated instruments (ours, PyVISA-sim), and for a simulated serial port."""
+    return opened.endswith(("@vcfbench", "@simrack", "@sim")) or opened.lower().startswith("sim://")
+
+
 class Wire(Protocol):
     """An open connection to one instrument.
 

@@ -160,7 +160,7 @@ class Prepared:
         if description.served is not None:
             raise ConfigError(f"--seed {seed}: {description.name} is served, its server was given the seed")
         if description.simulation is None:
-            raise ConfigError(f"--seed {seed}: {description.name} is a real bench, only simulated ones have a seed")
+            raise ConfigError(f"--seed {seed}: {description.name} has no [simulation], only such a bench has a seed")
         return whole_seed(seed)
 
     def asked(self) -> dict[str, Any]:
@@ -210,7 +210,7 @@ class Prepared:
         """Check the plan; PlanError if it has manual steps and no operator is there."""
         by_hand = [f"set and read the {role.replace('_', ' ')} by hand" for role in self.description.by_hand]
         by_hand += [each.step.words for each in self.planned().steps if isinstance(each.step, AskOperator)]
-        somebody = self.description.simulated or self.request.operator is not None or self.request.person is not None
+        somebody = self.description.steered or self.request.operator is not None or self.request.person is not None
         if by_hand and not somebody:
             more = "" if len(by_hand) == 1 else f", and {len(by_hand) - 1} more"
             raise PlanError(
@@ -244,7 +244,7 @@ class Prepared:
         station, simulation = of.station, self.description.simulation
         placed = dict(station.instruments)
         for role, each in station.instruments.items():
-            if not self.description.simulated:
+            if not self.description.steered:
                 if role in identities:
                     placed[role] = each.answering(identities[role].serial)
             elif simulation is None or "drawn" in getattr(simulation.errors, role, ()):

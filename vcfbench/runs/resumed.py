@@ -176,7 +176,7 @@ class BrokenOff(Struct, frozen=True):
             description = replace(typed(header.get("bench"), BenchDescription), notify=None)  # a record names none
         except ValidationError as error:
             raise ConfigError(f"this version cannot read the bench of the record: {error}") from None
-        if asked is None and not description.simulated:  # its limits count, whatever the record says of them
+        if asked is None and not description.steered:  # its limits count, whatever the record says of them
             asked = self._file_of_station()
         if asked is not None:
             names = ",".join(each["name"] for each in header.get("devices", ()))
@@ -292,7 +292,7 @@ class Resumed(Prepared):
         return tuple(point for point in found if point is not None)
 
     def now_s(self) -> float | None:
-        """Return the bench time now: the break counts, but not on a simulated bench.
+        """Return the bench time now: the break counts, unless the clock is the simulation's.
 
         Raises:
             ConfigError: the clock was set back since the record ended.
@@ -301,7 +301,7 @@ class Resumed(Prepared):
             return None
         last = self.taken[-1].line
         ended_s = (self.began_s or 0.0) + float(last["end_s"])
-        if self.description.simulated:
+        if self.description.steered:
             return ended_s
         gone_s = (utc_now() - datetime.fromisoformat(last["utc"])).total_seconds()
         if gone_s < 0.0:

@@ -103,10 +103,7 @@ def true_output(
 
 
 def simulation_of(description: BenchDescription) -> Simulation:
-    """Return the table ``[simulation]``; raises ConfigError for a real bench."""
+    """Return the table ``[simulation]``; raises ConfigError for a bench without."""
     if description.simulation is None:
-        raise ConfigError(
-            f"{description.name}: a simulated bench is needed, this is a real one",
-            hint="its bench file has no table [simulation]",
-        )
+        raise ConfigError(f"{description.name}: expected a bench with a table [simulation]")
     return description.simulation

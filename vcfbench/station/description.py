@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from vcfbench import strict
 from vcfbench.drivers.streams.description import Stream
-from vcfbench.drivers.wire import behind
+from vcfbench.drivers.wire import behind, is_simulated
 from vcfbench.errors import ConfigError
 from vcfbench.models import rail_terminals
 from vcfbench.station import bounds, parts
@@ -385,9 +385,9 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
 
     @property
     def by_hand(self) -> tuple[str, ...]:
-        """Roles that a person performs; on a simulated bench none: there the program is the hands."""
+        """Roles that a person performs; none where the program is the hands of a simulation."""
         parts = {role: getattr(self, role) for role in ("power", "multimeter", "rate_table")}
-        return () if self.simulated else tuple(role for role, part in parts.items() if part and part.by)
+        return () if self.steered else tuple(role for role, part in parts.items() if part and part.by)
 
     @property
     def stream(self) -> Stream | None:
@@ -413,5 +413,12 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
 
     @property
     def simulated(self) -> bool:
-        """Return True if the bench is simulated, in this process or in another."""
+        """Return True if an instrument is simulated, in this process or another, or by how it is opened."""
+        table = () if self.rate_table is None else (self.rate_table.resource,)
+        opened = (self.visa_library, *table, *(each.output_resource for each in self.each))
+        return self.steered or any(map(is_simulated, opened))
+
+    @property
+    def steered(self) -> bool:
+        """Return True if runs steer the simulation, its clock and its hands: ``[simulation]`` or ``[served]``."""
         return self.simulation is not None or self.served is not None
