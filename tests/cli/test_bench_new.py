@@ -45,6 +45,7 @@ def test_proposals_alone_make_a_bench(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     assert done.stdout == "station.toml is written; next: vcfbench bench check --bench station.toml\n"
     assert "check its [limits]" in done.stderr
+    assert "paper@vcfbench: simulated, without a rate table" in done.stderr
     bench = load_bench(tmp_path / "station.toml")
     assert bench.multimeter is not None
     assert (bench.multimeter.model, bench.multimeter.resource) == ("34401A", "GPIB0::22::INSTR")

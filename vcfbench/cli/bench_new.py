@@ -12,6 +12,7 @@ from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import flag, option
 from vcfbench.cli.set_option import plain_value
 from vcfbench.clock import utc_now
+from vcfbench.drivers.wire import is_simulated
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
@@ -110,6 +111,8 @@ def _found(
         answering = [*asked.resources, *(port.found for port in asked.serial_ports if port.found), *asked.tried]
         if library != "@py":
             draft.values["visa_library"] = library
+        if is_simulated(library):
+            typer.echo(f"  {library}: simulated, without a rate table; `sim serve` and --served have one", err=True)
     for each in answering:
         typer.echo(f"  {each.resource}: {each.answer or each.problem}", err=True)
     for port in asked.serial_ports:

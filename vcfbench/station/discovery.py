@@ -18,7 +18,7 @@ from vcfbench.drivers.rate_table.acl import take_counted
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.serial_wire import Link, serial_port
 from vcfbench.drivers.session import Session, visa_resource
-from vcfbench.drivers.wire import SerialLine, adapters, behind
+from vcfbench.drivers.wire import SerialLine, adapters, behind, is_simulated
 from vcfbench.errors import BenchError, ConnectFailed, DeadlineExceeded, TransportError
 from vcfbench.models import find_language, find_model, recognised
 from vcfbench.station.writing import value_text
@@ -96,14 +96,14 @@ def discover(
         for address in _occupied(adapter)
     ]
     ports = []
-    if not _simulated(library):
+    if not is_simulated(library):
         from serial.tools import list_ports  # noqa: PLC0415  # loaded when first needed
 
         ports = [(port.device, port.description or "") for port in sorted(list_ports.comports())]
     # a resource on a serial port, an adapter on such a port included, is asked only by name
     safe = [each for each in names if each.upper().endswith(("::INSTR", "::SOCKET")) and "ASRL" not in each.upper()]
-    asked = names if _simulated(library) else safe
-    real = _REAL if _simulated(library) else library
+    asked = names if is_simulated(library) else safe
+    real = _REAL if is_simulated(library) else library
     return Discovery(
         library,
         tuple(_ask(name, library, timeout_s) for name in asked),
@@ -121,11 +121,6 @@ def _occupied(adapter: str) -> list[int]:
     except TransportError as error:
         error.resource = adapter
         raise
-
-
-def _simulated(library: str) -> bool:
-    """Return True if nothing real can be moved through `library`."""
-    return library.endswith("@vcfbench")
 
 
 def _listed(library: str) -> list[str]:
@@ -238,7 +233,7 @@ def recognise(answer: str) -> str | None:
 def stanza(discovery: Discovery) -> str:
     """Return the recognised instruments as a piece of a bench file; one that has no role left is there as a comment."""
     lines: list[str] = []
-    if discovery.library != _REAL and not _simulated(discovery.library):
+    if discovery.library != _REAL:
         lines += [f"visa_library = {value_text(discovery.library)}", ""]
     taken: set[str] = set()
     for found in discovery.answering():
