@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 from vcfbench.cli.main import app
 from vcfbench.clock import WallClock
 from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
@@ -62,7 +64,7 @@ def test_nobody_but_the_user_knows_the_latitude(tmp_path: Path) -> None:
 
 
 def test_unanswering_table_may_be_turned_by_hand(tmp_path: Path) -> None:
-    done = new("hand.toml", *LATITUDE, typed="\n".join([*[""] * 4, "hand", "40", *[""] * 9]))
+    done = new("hand.toml", *LATITUDE, typed="\n".join([*[""] * 4, "hand", "2", "10", "40", *[""] * 9]))
     assert done.exit_code == 0, done.stderr
     assert "No rate table answers: is there one that a person sets and reads" in " ".join(done.stderr.split())
     bench = load_bench(tmp_path / "hand.toml")
@@ -126,6 +128,7 @@ def test_any_key_of_the_file_can_be_given(tmp_path: Path) -> None:
         ("name=my bench", "name: expected a text of letters, digits, '_', '-' and '.', got 'my bench'"),
         ("wiring.oscilloscope.channel_1=carrier", "a channel on 'drive'"),
         ("kettle.on=yes", "kettle: "),
+        ("procedure.positive_rail_v=five", "procedure.positive_rail_v: expected volts above 0, got 'five'"),
         ("name", "--set name: expected KEY=VALUE"),
     ],
 )
@@ -137,7 +140,7 @@ def test_what_cannot_be_is_refused_and_nothing_is_written(answer: str, words: st
 
 
 def test_what_is_refused_is_asked_again(tmp_path: Path) -> None:
-    typed = "\n".join(["kettle", *[""] * 5, "50000", "2", *[""] * 9])
+    typed = "\n".join(["kettle", *[""] * 5, "2", "10", "50000", "2", *[""] * 9])
     done = new("asked.toml", *LATITUDE, typed=typed)
     assert done.exit_code == 0, done.stderr
     shown = " ".join(done.stderr.split())
@@ -210,6 +213,8 @@ def test_a_bench_that_nobody_serves() -> None:
 def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path: Path) -> None:
     due = ("--set", "multimeter.calibrated=2025-01-07", "--set", "multimeter.calibration_due=2026-01-07")
     with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port), *due) as terminal:
+        terminal.answer("Supplies of the gyroscope", "2")
+        terminal.answer("Volts of each", "10")
         terminal.answer("Highest rate, deg/s (50)", "9000")
         terminal.answer("at most 5000, got 9000", "250")
         terminal.answer("Latitude", "37.9")
@@ -231,6 +236,8 @@ def test_from_a_served_bench_to_a_run_at_a_terminal(served: ServedLab, tmp_path:
 @pytest.mark.skipif(sys.platform == "win32", reason="needs a pseudo-terminal")
 def test_ctrl_c_leaves_nothing_behind(served: ServedLab, tmp_path: Path) -> None:
     with Terminal(tmp_path, "bench", "new", "lab.toml", "--served", str(served.control_port)) as terminal:
+        terminal.answer("Supplies of the gyroscope", "2")
+        terminal.answer("Volts of each", "10")
         terminal.answer("Highest V_Vc", "1")
         terminal.process.send_signal(signal.SIGINT)
         assert terminal.process.wait(20) == 4
@@ -297,8 +304,31 @@ def test_unwritable_folder_is_refused_before_questions() -> None:
     assert "Looking for instruments" not in done.stderr
 
 
+@pytest.mark.parametrize(("supplies", "negative_v"), [("2", -5.0), ("1", None)])
+def test_supplies_of_the_gyroscope_have_no_proposal(supplies: str, negative_v: float | None, tmp_path: Path) -> None:
+    """Of +-10 V, which nobody had asked for, a gyroscope of 5 V would die."""
+    roles = [*[""] * 4, "none"]
+    refused = new(*LATITUDE, typed="\n".join([*roles, *[""] * 20]))
+    assert refused.exit_code == 2
+    assert "the input ended before the last question" in refused.stderr
+    done = new(*LATITUDE, typed="\n".join([*roles, supplies, "", "5", *[""] * 9]))
+    assert done.exit_code == 0, done.stderr
+    bench = load_bench(tmp_path / "station.toml")
+    assert (bench.limits.min_rail_v, bench.limits.max_rail_v) == (4.75, 5.25)
+    rails = settings_of(PROCEDURES["zero"], bench).rails
+    assert [each.voltage_v for each in rails] == [5.0, *([] if negative_v is None else [negative_v])]
+
+
+def test_rails_that_nobody_was_asked_for_are_told(tmp_path: Path) -> None:
+    assert "rails of +10 and -10 V were taken" in new("--yes", *LATITUDE).stderr
+    (tmp_path / "station.toml").unlink()
+    given = new("--yes", *LATITUDE, "--set", "procedure.positive_rail_v=5", "--set", "wiring.rails.negative=none")
+    assert given.exit_code == 0
+    assert "were taken" not in given.stderr
+
+
 def test_the_mains_are_asked(tmp_path: Path) -> None:
-    done = new(*LATITUDE, typed="\n".join([*[""] * 4, "none", *[""] * 4, "55", "60", ""]))
+    done = new(*LATITUDE, typed="\n".join([*[""] * 4, "none", "2", "10", *[""] * 2, "55", "60", ""]))
     assert done.exit_code == 0, done.stderr
     assert "no: " in done.stderr
     assert load_bench(tmp_path / "station.toml").site.mains_hz == 60

@@ -18,15 +18,14 @@ from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
 from vcfbench.station.discovery import DiscoveredInstrument
-from vcfbench.station.new_station import LATITUDE, MAINS, Draft
+from vcfbench.station.new_station import LATITUDE, MAINS, RAIL, Draft
 
 _NONE: Final = "none"
+_NEGATIVE: Final = "wiring.rails.negative"
 _QUESTIONS: Final = {
     "limits.max_rate_deg_s": "Highest rate, deg/s",
     "limits.max_acceleration_deg_s2": "Highest acceleration, deg/s^2",
     "limits.max_v_vc_v": "Highest V_Vc, V, either sign",
-    "limits.min_rail_v": "Rails of the PCB must not be below, V, either sign",
-    "limits.max_rail_v": "  nor above, V",
     "limits.max_rail_current_a": "Highest current limit of a rail, A",
     "limits.min_temperature_c": "Lowest temperature, degC",
     "limits.max_temperature_c": "Highest temperature, degC",
@@ -82,10 +81,9 @@ def new(
         hint = "--try RESOURCE, --served PORT; --set power.by=hand --set power.model=NAME where a person sets it"
         raise ConfigError("expected at least one instrument, found or named", hint=hint)
     draft.set(given)
+    rails_open = "power" in draft.roles() and not given.keys() & {RAIL, "limits.min_rail_v", "limits.max_rail_v"}
     if not yes:
-        for key, words in _QUESTIONS.items():
-            if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
-                _ask_for(key, words, draft)
+        _ask(draft, given, rails_open=rails_open)
     elif LATITUDE not in given:  # 0, the equator, would be a wrong Earth's rate that nobody sees
         raise ConfigError(f"{LATITUDE}: expected the latitude of the bench", hint=f"--set {LATITUDE}=48.1")
     text = draft.text(f"Written by `vcfbench bench new` on {utc_now():%Y-%m-%d}.")
@@ -94,6 +92,8 @@ def new(
     typer.echo(f"{file} is written; next: vcfbench bench check --bench {file}")
     unseen = "[limits], [wiring] and [site]" if yes else "[wiring]"
     typer.echo(f"check its {unseen} before anything moves", err=True)
+    if rails_open and yes:
+        typer.echo(f"rails of +10 and -10 V were taken: a gyroscope of others needs --set {RAIL}=VOLTS", err=True)
 
 
 def _found(
@@ -147,9 +147,23 @@ def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:
     return {key.removeprefix(f"{role}."): value for key, value in given.items() if key.startswith(f"{role}.")}
 
 
+def _ask(draft: Draft, given: dict[str, Any], *, rails_open: bool) -> None:
+    """Ask for what nothing tells; the supplies of the gyroscope have no proposal, for of the wrong ones it dies."""
+    if rails_open:
+        supplies = (
+            "2" if _NEGATIVE in given else _answer("Supplies of the gyroscope: 2 (+ and -) or 1", None, ["1", "2"])
+        )
+        draft.set({_NEGATIVE: _NONE} if supplies == "1" else {})
+        _ask_for(RAIL, "Volts of each", draft)
+    for key, words in _QUESTIONS.items():
+        if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
+            _ask_for(key, words, draft)
+
+
 def _ask_for(key: str, words: str, draft: Draft) -> None:
     """Ask for the value of a key until it fits; its proposal comes from the draft."""
-    proposed = {LATITUDE: None, MAINS: "50"}[key] if key in {LATITUDE, MAINS} else f"{draft.value(key):g}"
+    fixed = {LATITUDE: None, MAINS: "50", RAIL: None}
+    proposed = fixed[key] if key in fixed else f"{draft.value(key):g}"
     while True:
         answer = _answer(words, proposed)
         try:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
 from typing import Any, Final
 
+from vcfbench.errors import ConfigError
 from vcfbench.models import ROLES
 from vcfbench.station.consistency import LIMITS_OF
 from vcfbench.station.description import BenchDescription
@@ -14,6 +15,7 @@ from vcfbench.station.writing import nested_tables, table_lines, value_text
 
 LATITUDE: Final = "site.latitude_deg"
 MAINS: Final = "site.mains_hz"
+RAIL: Final = "procedure.positive_rail_v"
 
 DEFAULT_LIMITS: Final[Mapping[str, float]] = {
     "max_rate_deg_s": 50.0,
@@ -65,7 +67,9 @@ def _fitting_rates(limit_deg_s: float) -> dict[str, Any]:
     }
 
 
-def _rails(volts: float) -> dict[str, Any]:
+def _rails(volts: Any) -> dict[str, Any]:
+    if not isinstance(volts, int | float) or volts <= 0.0:
+        raise ConfigError(f"{RAIL}: expected volts above 0, got {volts!r}")
     own = {"positive": None, "negative": None} if volts == 10.0 else {"positive": volts, "negative": -volts}
     window = {"limits.min_rail_v": round(0.95 * volts, 6), "limits.max_rail_v": round(1.05 * volts, 6)}
     return {**window, **{f"procedure.{rail}_rail_v": level for rail, level in own.items()}}
@@ -75,7 +79,7 @@ _FOLLOW: Final[dict[str, Callable[[float], dict[str, Any]]]] = {
     "limits.max_rate_deg_s": _fitting_rates,
     "limits.max_acceleration_deg_s2": lambda most: {"procedure.acceleration_deg_s2": most if most < 100.0 else None},
     "limits.max_rail_current_a": lambda most: {"procedure.rail_current_limit_a": most if most < 0.1 else None},
-    "procedure.positive_rail_v": _rails,
+    RAIL: _rails,
 }
 """What else a value decides: settings of the procedures that would leave a limit."""
 
