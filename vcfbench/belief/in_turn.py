@@ -1,7 +1,7 @@
 """Records of an oscilloscope, one visit of a state after the other: did what they show step or creep between them?
 
-Each visit of a state has a mean; what its records scatter by is the noise of all (with one record a visit, what the
-fault leaves of them). Faults are the patterns in time of :mod:`patterns`.
+Each visit of a state has a mean. Records of one visit share what it is aimed by, so that the noise is what a fault
+leaves of the scatter between visits. Faults are the patterns in time of :mod:`patterns`.
 """
 
 import math
@@ -66,22 +66,16 @@ class InTurn(Struct, frozen=True):
             return None
         means = np.array([math.fsum(each.values) / len(each.values) for each in self.visits])
         free = np.array([[float(each.state == state) for state in states] for each in self.visits])
-        own = [np.array(each.values) - mean for each, mean in zip(self.visits, means, strict=True)]
-        within = sum(len(each) - 1 for each in own)
-        if not within:
-            own = [means - free @ np.linalg.lstsq(free, means, rcond=None)[0]]
-        variance = math.fsum(float(each @ each) for each in own) / (within or left)
+        rest = means - free @ np.linalg.lstsq(free, means, rcond=None)[0]
+        variance = float(rest @ rest) / left
         if not variance:
             return None
         count = np.arange(len(means), dtype=float)
-        covariance = np.diag([variance / len(each.values) for each in self.visits])
-        covariance += self.wander**2 * np.minimum.outer(count, count) / count[-1]
+        covariance = variance * np.eye(len(means)) + self.wander**2 * np.minimum.outer(count, count) / count[-1]
         found = next(patterns_of(means, free, covariance, count, {self.unit: np.ones(len(means))}))
-        # A fault scatters single records itself: its size is held against what is left beside it
-        rest = 1.0 if within else np.maximum(left - np.square(found.sigmas), _ROUNDING) / (left - 1)
-        return Compared(
-            found, np.abs(found.sigmas) / np.sqrt(rest), t_quantile(_CHANCE / len(means), within or left - 1)
-        )
+        # A fault scatters visits itself: its size is held against what is left beside it
+        beside = np.maximum(left - np.square(found.sigmas), _ROUNDING) / (left - 1)
+        return Compared(found, np.abs(found.sigmas) / np.sqrt(beside), t_quantile(_CHANCE / len(means), left - 1))
 
 
 def require_alike(series: Iterable[InTurn]) -> None:
