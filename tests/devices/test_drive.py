@@ -73,8 +73,8 @@ def test_every_plan_measures_the_drive_first_and_last(name: str) -> None:
 
 
 SHORT = {"zero": {"duration_s": 200.0}, "kvc": {"health": False}}
-LATE_S = 100.0
-"""After the first look at the drive, before the last."""
+LATE_S = {"turntable": 100.0, "kvc": 100.0, "zero": 1900.0}
+"""After the first looks at the drive, before the last."""
 FAULTS = ("disconnect", "silent", "error", "garbled", "truncated")
 
 
@@ -84,7 +84,7 @@ def test_last_look_at_the_drive_costs_no_run_its_results(procedure: str, kind: s
     def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:
         built = SimulatedBench.build(description, seed, clock)
         faults = FaultInjector(built.devices, built.clock, seed)
-        faults.add(Fault("oscilloscope", kind, at_s=LATE_S))
+        faults.add(Fault("oscilloscope", kind, at_s=LATE_S[procedure]))
         attended: Any = built.clock
         attended.attend(*faults.devices.values())
         return replace(built, devices=faults.devices)
