@@ -107,10 +107,12 @@ def test_a_simulated_gyroscope_turns_on_the_stand_in(tmp_path: Path) -> None:
         assert process.stdout.readline()
         table = f'[rate_table]\ndialect = "corner.toml"\nresource = "{address}"\n\n'
         text = re.sub(r"\[rate_table\]\n.*?\n\n", table, bench.read_text("utf-8"), flags=re.DOTALL)
-        bench.write_text(text.partition("\n[served]")[0], "utf-8")
+        assert text.endswith(f'[served]\ncontrol = "127.0.0.1:{port}"\n')
+        bench.write_text(f'{text}clock = "wall"\n', "utf-8")
         found = re.search(r"`(vcfbench run turntable --bench served.toml .*?)`", PAGE)
         assert found is not None
         quickly = "--set settle_s=0.2 --set sample_interval_s=0.3 --set nplc=1 --set rate_tolerance_deg_s=3"
         run = done(f"{found[1]} --json --quiet {quickly} --runs {tmp_path.as_posix()}", served=bench)
     assert run.exit_code == 0, run.output
+    assert json.loads(run.stdout)["simulated"] is True
     assert json.loads(run.stdout)["results"]["scale_factor"]["value"] == pytest.approx(-0.012542, rel=1e-3)

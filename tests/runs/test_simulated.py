@@ -44,6 +44,8 @@ def test_run_is_as_simulated_as_the_instruments_it_opens(library: str, port: str
 
 
 def test_run_on_a_served_bench_is_simulated() -> None:
-    bench = structs.replace(opened_by("@py", "socket://127.0.0.1:9878"), served=Served(control="127.0.0.1:20220"))
-    assert kind_in_record(bench) == {True}
+    bench = opened_by("@py", "socket://127.0.0.1:9878")
+    for clock in (None, "wall"):
+        served = structs.replace(bench, served=Served(control="127.0.0.1:20220", clock=clock))
+        assert (kind_in_record(served), served.steered) == ({True}, clock is None)
     assert kind_in_record(parse_bench(embedded_text("lab"), "lab.toml")) == {True}

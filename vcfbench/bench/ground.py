@@ -71,7 +71,7 @@ def station(
         BenchError: another process has the bench, or nobody serves it.
     """
     pace = checked_pace(description, speed)
-    if description.served is not None:
+    if description.served is not None and description.steered:
         return _served(description, description.served, roles)
     return _real(description, roles) if description.simulation is None else _simulated(description, seed, pace, build)
 
@@ -176,10 +176,10 @@ def checked_pace(description: BenchDescription, speed: str | float | None) -> fl
         ConfigError: `speed` is invalid, or given for a real bench, which has its own, or of a served one, whose time
             jumps to what the run waits for.
     """
-    if description.served is not None and speed not in {None, FASTEST}:
-        raise ConfigError(f"--speed {speed}: {description.name} is a served bench, which a run always takes at max")
     if speed is not None and not description.steered:
         raise ConfigError(f"--speed {speed}: {description.name} has no [simulation], only such a bench has a speed")
+    if description.served is not None and speed not in {None, FASTEST}:
+        raise ConfigError(f"--speed {speed}: {description.name} is a served bench, which a run always takes at max")
     return None if speed is None or speed == FASTEST else pace_of(speed, f"--speed {speed}")
 
 

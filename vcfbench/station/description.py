@@ -273,9 +273,13 @@ class Simulation(parts.BenchFileTable, frozen=True, kw_only=True):
 
 
 class Served(parts.BenchFileTable, frozen=True, kw_only=True):
-    """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there."""
+    """A simulated bench in another process (``vcfbench sim serve``): real wires to it, and its clock is there.
+
+    Runs lead its time, unless `clock` is "wall": beside something that has its own, they wait as on a real bench.
+    """
 
     control: Annotated[str, Meta(pattern=strict.ADDRESS_PATTERN)]
+    clock: Literal["wall"] | None = None
 
     def address(self) -> tuple[str, int]:
         """Return host and port of the control port."""
@@ -416,9 +420,9 @@ class BenchDescription(parts.BenchFileTable, frozen=True, kw_only=True):
         """Return True if an instrument is simulated, in this process or another, or by how it is opened."""
         table = () if self.rate_table is None else (self.rate_table.resource,)
         opened = (self.visa_library, *table, *(each.output_resource for each in self.each))
-        return self.steered or any(map(is_simulated, opened))
+        return self.simulation is not None or self.served is not None or any(map(is_simulated, opened))
 
     @property
     def steered(self) -> bool:
-        """Return True if runs steer the simulation, its clock and its hands: ``[simulation]`` or ``[served]``."""
-        return self.simulation is not None or self.served is not None
+        """Return True if runs steer the simulation, its clock and its hands: ``[simulation]``, ``[served]`` so led."""
+        return self.simulation is not None or (self.served is not None and self.served.clock is None)
