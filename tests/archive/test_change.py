@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -10,6 +11,9 @@ from msgspec import structs
 import vcfbench
 from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.records.device_values import Measured
+from vcfbench.values.definition import Drive
+from vcfbench.values.sources import TEMPERATURE
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,6 +53,17 @@ def under(run: Run, **conditions: Any) -> Run:
         structs.replace(each, conditions=structs.replace(each.conditions, **conditions)) for each in run.values.values()
     )
     return structs.replace(run, _values=values)
+
+
+def with_part(run: Run, source: str, relative: float) -> Run:
+    """The same run, its scale factor with one more part of its u."""
+    value = run.values["scale_factor"]
+    u = relative * abs(value.value or 0.0)
+    parts = (*value.parts, UncertaintyPart(source, u, 0.0))
+    all_u = math.hypot(value.u or 0.0, u)
+    dof = (value.dof or math.inf) * (all_u / (value.u or 1.0)) ** 4  # after Welch and Satterthwaite
+    wider = structs.replace(value, u=all_u, dof=dof, parts=parts)
+    return structs.replace(run, _values=tuple(wider if each is value else each for each in run.values.values()))
 
 
 def ppm(found: Difference, run: Run) -> tuple[float, float]:
@@ -109,9 +124,34 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     unknown = changed(wide, warm)
     assert unknown.value is None
     assert "no temperature coefficient of the device is known" in unknown.reason
-    silent = changed(wide, under(wide, temperature_c=None))
+    silent = changed(wide, under(wide, temperature_c=None, drive=None))
     assert silent.missing == ("temperature of one of the runs",)
     assert silent.note == "incomplete, without temperature of one of the runs"
+
+
+def test_a_warmer_device_is_seen_by_its_drive_where_no_temperature_is_told(wide: Run) -> None:
+    of_drive, of_line = Measured(value=-25.0, u=0.5), Measured(value=-104.0, u=2.0)
+    drive = structs.replace(wide.values["scale_factor"].conditions.drive or Drive(0.0, 0.0), u_hz=0.01)
+    cool, warm = (
+        under(
+            with_part(wide, TEMPERATURE, 1e-3),
+            temperature_c=None,
+            drive=structs.replace(drive, frequency_hz=drive.frequency_hz * (1.0 - 25e-6 * rise_k)),
+        )
+        for rise_k in (0.0, 5.0)
+    )
+    value, u95 = ppm(changed(cool, warm, Coefficients(of_line, None, of_drive)), wide)
+    assert value == pytest.approx(-520.0, abs=1.0)  # 5 K at -104 ppm/K, which the slope, left as it was, has not shown
+    rise_u_k = math.hypot(math.sqrt(2.0) * 0.01 / drive.frequency_hz / 25e-6, 5.0 * 0.5 / 25.0)
+    without = ppm(changed(wide, wide), wide)[1]  # the budgets' 1000 ppm by temperature are gone
+    assert u95 == pytest.approx(math.hypot(without, 1.96 * 2.0 * 5.0, 1.96 * 104.0 * rise_u_k), rel=0.05)
+    same = changed(cool, cool, Coefficients(of_line, None, of_drive))
+    assert (same.value, same.note) == (0.0, "")
+    unknown = changed(cool, warm)  # by -30 ppm/K, if not that of this gyroscope
+    assert unknown.value is None
+    assert "+4.2 K (U95 2.4 K) by the drive's frequency, and no temperature coefficient" in unknown.reason
+    others = structs.replace(warm, metadata=structs.replace(warm.metadata, dut="H"))
+    assert changed(cool, others, Coefficients(of_line, None, of_drive)).note == ""
 
 
 def test_device_entries_are_read_only_if_conditions_differ(wide: Run, tmp_path: Path) -> None:

@@ -13,10 +13,11 @@ from statistics import fmean
 from typing import Final, NamedTuple
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench.analysis.shared_curve import Windows, slopes_over
 from vcfbench.archive.run import Run
+from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
 from vcfbench.errors import ConfigError
 from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -25,9 +26,9 @@ from vcfbench.records.device_values import Measured
 from vcfbench.records.devices import DeviceStore
 from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.uncertainty.of_range import windows_of
-from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
+from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition, Drive
 from vcfbench.values.quantile import t_quantile
-from vcfbench.values.sources import METER_GAIN, METER_OFFSET, TABLE_RATE
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET, TABLE_RATE, TEMPERATURE
 from vcfbench.values.value import UncertaintyPart, Value
 
 STATED_PPM: Final = 500.0
@@ -42,6 +43,7 @@ _ENDS: Final = 0.7
 _SAME_CURVE: Final = 0.05
 """Chance of one curve below which it is told to have changed."""
 _MOST_RATES: Final = 21
+_COEFFICIENTS: Final = {"ppm_k": "table_slope_ppm_k", "ppm_v": "table_slope_ppm_v", "drive_ppm_k": "drive_ppm_k"}
 
 
 class Difference(Struct, frozen=True):
@@ -65,10 +67,14 @@ class Difference(Struct, frozen=True):
 
 
 class Coefficients(Struct, frozen=True):
-    """Change of a device's scale factor with temperature, ppm/K, and with the size of both rails, ppm/V, if known."""
+    """Change of a device's scale factor with temperature, ppm/K, and with the size of both rails, ppm/V, if known.
+
+    By `drive_ppm_k` the drive's frequency is the thermometer of both runs.
+    """
 
     ppm_k: Measured | None = None
     ppm_v: Measured | None = None
+    drive_ppm_k: Measured | None = None
 
     @classmethod
     def kept(cls, runs: Sequence[Run], devices: str | Path) -> "Coefficients":
@@ -80,7 +86,7 @@ class Coefficients(Struct, frozen=True):
         found: dict[str, Measured] = {}
         for entry in store.standing(serial):
             known = getattr(entry.record, "characteristics", None)
-            for key, of in (("ppm_k", "table_slope_ppm_k"), ("ppm_v", "table_slope_ppm_v")):
+            for key, of in _COEFFICIENTS.items():
                 if (one := getattr(known, of, None)) is not None:
                     found[key] = one
         return cls(**found)
@@ -149,6 +155,12 @@ class Pair(Struct, frozen=True):
     """Asked where conditions differ."""
     witnesses: Sequence[Compared] = ()
 
+    @property
+    def one_device(self) -> bool:
+        """Return True if both runs are told to be of the same gyroscope."""
+        serial = self.first.run.metadata.dut
+        return serial is not None and serial == self.other.run.metadata.dut
+
     def change(self, then: Value, now: Value) -> Difference:
         """Return the amount by which the value `now` of the other run differs from `then` of the first."""
         plain = (now.value or 0.0) - (then.value or 0.0)
@@ -173,8 +185,8 @@ class Pair(Struct, frozen=True):
 
     def _moved(self, then: Value, now: Value) -> "_Moved | str":
         """Return the effects of other conditions of the runs; or the reason for no figure."""
-        at = now.conditions
-        if (then.conditions.temperature_c, then.conditions.rails_v) == (at.temperature_c, at.rails_v):
+        before, after = then.conditions, now.conditions
+        if before == after:
             return _Moved()
         try:
             known = self.coefficients()
@@ -184,22 +196,25 @@ class Pair(Struct, frozen=True):
         settings = [each.settings for each in (self.first, self.other) if each.settings is not None]
         bands = [each.station.sources for each in settings]
         tolerance_v = max((each.rail_tolerance_v for each in settings), default=0.0)
-        at_c = then.conditions.temperature_c, now.conditions.temperature_c
-        warmer = _by_temperature(*at_c, known.ppm_k, bands, slope=slope)
-        wider = _by_rails(then.conditions, now.conditions, known.ppm_v, tolerance_v, slope=slope)
+        if not self.one_device:  # whose drives tell no temperature
+            before, after = structs.replace(before, drive=None), structs.replace(after, drive=None)
+        warmer = _by_temperature(before, after, known, bands, slope=slope)
+        wider = _by_rails(before, after, known.ppm_v, tolerance_v, slope=slope)
         if isinstance(warmer, str) or isinstance(wider, str):
             return warmer if isinstance(warmer, str) else str(wider)
         said = "; ".join(each.said for each in (warmer, wider) if each.said)
         parts = warmer.parts + wider.parts
-        return _Moved(parts, math.hypot(warmer.u, wider.u), said, warmer.missing + wider.missing)
+        missing = warmer.missing + wider.missing
+        return _Moved(parts, math.hypot(warmer.u, wider.u), said, missing, warmer.replaced, warmer.unknown)
 
     def _stated(self, then: Value, now: Value, own: "_Own", moved: "_Moved", bridge: str) -> Difference:
         """Return the change without the effects of conditions and instruments; or no figure, and the reason."""
         size = abs(then.value or 0.0)
         common, cancelled = covariance(then, now, self.first, self.other)
+        common += sum(part.u**2 for part in (*then.parts, *now.parts) if part.source in moved.replaced) / 2.0
         u = math.sqrt(max(own.u**2 + own.u_instruments**2 - 2.0 * common, 0.0) + (moved.u * size) ** 2)
         u95 = t_quantile(0.05, u**4 / own.freedom if own.freedom else math.inf) * u
-        if (bridge or moved.u) and 1e6 * u95 > STATED_PPM * size:
+        if (bridge or moved.unknown) and 1e6 * u95 > STATED_PPM * size:
             why = f"U95 would be {1e6 * u95 / size:.0f} ppm" if size else "the effect of the conditions is not known"
             return Difference(None, reason=f"{why}{': ' * bool(moved.said)}{moved.said}{bridge}")
         value = own.value - sum(part for _, part in moved.parts) * (then.value or 0.0)
@@ -222,12 +237,18 @@ class _Own(NamedTuple):
 
 
 class _Moved(NamedTuple):
-    """Effects of other conditions, relative, each by its name, the u of all, and the condition that a run lacks."""
+    """Effects of other conditions, relative, each by its name, the u of all, and the condition that a run lacks.
+
+    `replaced` are the sources of both budgets in whose place `u` stands; where a coefficient is `unknown`, `u` is by
+    the limit of its class.
+    """
 
     parts: tuple[tuple[str, float], ...] = ()
     u: float = 0.0
     said: str = ""
     missing: tuple[str, ...] = ()
+    replaced: frozenset[str] = frozenset()
+    unknown: bool = False
 
 
 def _as_they_stand(then: Value, now: Value) -> _Own:
@@ -237,19 +258,35 @@ def _as_they_stand(then: Value, now: Value) -> _Own:
 
 
 def _by_temperature(
-    then_c: float | None, now_c: float | None, known: Measured | None, bands: Sequence[Sources], *, slope: bool
+    before: Conditions, after: Conditions, known: Coefficients, bands: Sequence[Sources], *, slope: bool
 ) -> _Moved | str:
-    if then_c is None or now_c is None:
+    then_c, now_c = before.temperature_c, after.temperature_c
+    u_k, by_drive = 0.0, False
+    if before.drive and after.drive and (known.drive_ppm_k or then_c is None or now_c is None):
+        away_k, u_k = _by_drives(before.drive, after.drive, known.drive_ppm_k or ASSUMED_DRIVE_PPM_K)
+        by_drive = abs(away_k) > 2.0 * u_k  # within its U95 the temperature is the same
+        away_k *= by_drive
+        words = f"{away_k:+.1f} K (U95 {2.0 * u_k:.1f} K) by the drive's frequency"
+    elif then_c is None or now_c is None:
         return _Moved() if then_c == now_c else _Moved(missing=("temperature of one of the runs",))
-    away_k, words = now_c - then_c, f"{now_c:g} instead of {then_c:g} degC"
-    if away_k and slope and known is not None:
-        return _corrected(known, away_k, words)
+    else:
+        away_k, words = now_c - then_c, f"{now_c:g} instead of {then_c:g} degC"
+    if away_k and slope and known.ppm_k is not None:
+        moved = _corrected(known.ppm_k, away_k, words, u_k)
+        return moved._replace(replaced=frozenset({TEMPERATURE} if by_drive else ()))
     if abs(away_k) <= max(sum(each.temperature_k or 0.0 for each in bands), 0.0 if slope else _LIKE_K):
-        return _Moved()
+        return _Moved(said=words if by_drive and slope else "")
     nobody = f"{words}, and no temperature coefficient of the device is known (vcfbench run temperature)"
     stated = [each.scale_factor_ppm_k for each in bands if "scale_factor_ppm_k" not in each.assumed]
-    limit = 1e-6 * abs(away_k) * max((each for each in stated if each is not None), default=_CLASS_PPM_K)
-    return _Moved(u=limit / math.sqrt(3.0), said=nobody) if slope else nobody
+    limit = 1e-6 * (abs(away_k) + 2.0 * u_k) * max((each for each in stated if each is not None), default=_CLASS_PPM_K)
+    return _Moved(u=limit / math.sqrt(3.0), said=nobody, unknown=True) if slope else nobody
+
+
+def _by_drives(before: Drive, after: Drive, per_k: Measured) -> tuple[float, float]:
+    """Return how much warmer the device was, K, by the frequencies of its drive, and its u."""
+    away_k = 1e6 * (after.frequency_hz / before.frequency_hz - 1.0) / per_k.value
+    u_ppm = 1e6 * math.hypot(before.u_hz, after.u_hz) / before.frequency_hz
+    return away_k, math.hypot(u_ppm, away_k * per_k.u) / abs(per_k.value)
 
 
 def _by_rails(
@@ -269,11 +306,10 @@ def _by_rails(
     return f"{words}, and what rails change of the device is not known (vcfbench run power)"
 
 
-def _corrected(known: Measured, by: float, words: str) -> _Moved:
+def _corrected(known: Measured, by: float, words: str, u_by: float = 0.0) -> _Moved:
     relative = 1e-6 * known.value * by
-    return _Moved(
-        ((words, relative),), 1e-6 * known.u * abs(by), f"corrected by {-1e6 * relative:+.0f} ppm for {words}"
-    )
+    u = 1e-6 * math.hypot(known.u * by, known.value * u_by)
+    return _Moved(((words, relative),), u, f"corrected by {-1e6 * relative:+.0f} ppm for {words}")
 
 
 def covariance(then: Value, now: Value, first: Compared, other: Compared) -> tuple[float, tuple[str, ...]]:
@@ -321,8 +357,7 @@ def _by_windows(then: Value, now: Value, pair: Pair) -> _Own | str:
         (one, u_one), (two, u_two) = (each.at(both, WITHIN, WITHIN_DEG_S).slope for each in (a, b))
         if 1.96e6 * (u := math.hypot(u_one / one, u_two / two)) <= STATED_PPM:
             return over(both, two / one, u, "the rates of both")
-    dut = {each.run.metadata.dut for each in both_runs}
-    if None in dut or len(dut) > 1:
+    if not pair.one_device:
         return "of another measurand: other rates, and --dut does not say that it is one device"
     if high - low <= 0.0:
         return "the runs have no range of rates in common"
