@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
@@ -11,6 +11,7 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench.errors import MeasurementError, PlanError
+from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures import turntable
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
 from vcfbench.records.schema import Point
@@ -207,6 +208,46 @@ def test_every_window_comes_two_seconds_after_the_last_change(name: str) -> None
             assert settled_s >= 2.0
         elif isinstance(step, SetRate | SetVvc | AwaitRate | EnableVvc | DisableVvc):
             settled_s = 0.0
+
+
+ON_TABLE: dict[str, Any] = {"by": "table", "settle_s": 3.0}
+EVERY: list[tuple[str, dict[str, Any]]] = [
+    *((name, {"k_vc": "150"} if name in {"self-calibration", "online"} else {}) for name in BUILT_IN),
+    *((name, ON_TABLE) for name in ("power", "repeatability", "rate-limits", "temperature")),
+]
+
+
+@pytest.mark.parametrize(("name", "settings"), [each for each in EVERY if each[0] != "characterize"])
+def test_each_step_is_told_what_those_before_it_have_set(name: str, settings: dict[str, Any]) -> None:
+    """Ramps begin at the rate before, windows are of the rate and V_Vc that are on, after a change that has settled."""
+    rate_deg_s = ramp_s = acceleration_deg_s2 = v_vc_v = settled_s = 0.0
+    on, shut_down = False, False
+    for step in (each.step for each in vcfbench.dry_run(name, "lab", settings=settings).steps):
+        match step:
+            case Note(text=text):
+                shut_down = text == "Shut down"
+            case EnableTable():
+                shut_down = False
+            case SetRate(acceleration_deg_s2=acceleration_deg_s2):
+                ramp_s = abs(step.rate_deg_s - rate_deg_s) / acceleration_deg_s2
+                assert step.previous_deg_s == (0.0 if shut_down else rate_deg_s)  # from whatever rate it has
+                rate_deg_s = step.rate_deg_s
+            case AwaitRate():
+                assert step.rate_deg_s == rate_deg_s
+                assert step.ramp_s == (0.0 if shut_down else ramp_s)
+                assert step.deadline_s >= 2.0 * ramp_s
+            case EnableVvc() | DisableVvc():
+                on = isinstance(step, EnableVvc)
+            case SetVvc():
+                v_vc_v = step.v_vc_v
+            case Acquire():
+                assert step.v_vc_v == v_vc_v * on
+                assert step.table_deg_s in {None, rate_deg_s}
+                assert step.rate_deg_s * rate_deg_s >= 0.0
+                assert settled_s >= settings.get("settle_s", 2.0) or name == "warmup"
+        if isinstance(step, SetRate | SetVvc | AwaitRate | EnableVvc | DisableVvc | ConfigureRail):
+            settled_s = 0.0
+        settled_s += step.seconds if isinstance(step, Settle) else 0.0
 
 
 def test_loose_lead_ends_sweep_at_first_pair_of_rates() -> None:
