@@ -37,9 +37,11 @@ class Held(NamedTuple):
     def run(self, gyroscope: str) -> Run:
         """Return the run of a gyroscope."""
         bench = Bench(self.file, gyroscope, self.as_built)
-        return Run(bench, self.procedure, self.told(bench))
+        return Run(bench, self.procedure, {"sample_interval_s": _INTERVAL_S, **self.told(bench)})
 
 
+_INTERVAL_S = 0.7
+"""From reading to reading: at the default of 1 s a time is the same with it left out, or as a divisor."""
 _SWEEP = {"rates_deg_s": [200.0, 50.0, 10.0, 0.0, -10.0, -50.0, -200.0], "samples": 4}
 _FEW = {"samples": 4, "cycles": 1}
 _WARM = {"warm_up_s": 10.0}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tests.procedures.parts import values
+from tests.procedures.parts.procedures import PROCEDURES, Held
 
 LONG = (
     "K_Vc, and a self-calibration by it",
@@ -14,6 +15,9 @@ LONG = (
     "K_Vc, levels as they are set",
     "bandwidth",
 )
+
+OF_TABLE = [held for held in PROCEDURES if held.slow > 1 and held.procedure not in {"bandwidth", "resonance"}]
+"""Runs that the table of parts holds in the exhaustive tests alone, without the dear ones."""
 
 
 def test_every_run_has_kept_figures() -> None:
@@ -26,6 +30,12 @@ def test_every_run_has_kept_figures() -> None:
 def test_runs_state_what_they_stated(name: str) -> None:
     """Where a number was changed on purpose: ``python -m tests.procedures.parts.values``."""
     assert values.differing(values.noisy_runs(name), values.kept()[name]) == []
+
+
+@pytest.mark.parametrize("held", OF_TABLE, ids=[held.procedure for held in OF_TABLE])
+def test_what_the_table_of_parts_holds_is_stated(held: Held) -> None:
+    gyroscope = held.gyroscopes[0]
+    assert values.differing(values.of_run(held.run(gyroscope)), values.kept()[held.key(gyroscope)]) == []
 
 
 def test_a_number_that_moves_by_a_thousandth_is_seen() -> None:

@@ -101,6 +101,7 @@ def _sized(groups: Iterable[Sequence[Any]]) -> float:
         numbers = [each if isinstance(each, int | float) else 0.0 for each in held]
         least = max(1e-6 * max(map(abs, numbers), default=0.0), _NOTHING)
         weights = Random(row)  # noqa: S311  # no secrets
+        total += math.log(least / _NOTHING) * weights.uniform(1.0, 2.0)  # else a column could be in any unit
         total += math.fsum(
             math.copysign(math.log(max(abs(each), least) / least), each) * weights.uniform(1.0, 2.0) for each in numbers
         )
