@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vcfbench.analysis.decays import fit_decays, fit_release
+from vcfbench.analysis.decays import _let_go, fit_decays, fit_release
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -55,6 +55,13 @@ def test_a_drive_that_is_let_go_and_vanishes(let_go_s: float) -> None:
     found = fit_release(level * np.cos(2.0 * math.pi * CARRIER_HZ * t + 0.3) + noise, 4e-6, CARRIER_HZ + 0.2)
     assert found.q == pytest.approx(1395.0, rel=0.01)
     assert found.frequency_hz == pytest.approx(CARRIER_HZ, abs=0.02)
+
+
+@pytest.mark.parametrize("size", [9, 14, 30])
+def test_a_drive_is_let_go_where_a_line_begins_with_four_windows_of_it_at_least(size: int) -> None:
+    for last in range(size - 1):
+        logarithm = -0.3 * np.maximum(np.arange(size) - last, 0.0)
+        assert _let_go(logarithm) == min(last, size - 5) + 1
 
 
 def test_what_does_not_decay_is_said() -> None:

@@ -130,6 +130,16 @@ def test_points_that_make_no_line_are_refused(rate: list[float], output: list[fl
         fit_line(rate, output)
 
 
+@pytest.mark.parametrize("size_deg_s", [1e-9, 1e-6, 1.0, 1e3, 1e6])
+def test_rates_that_differ_by_rounding_alone_are_one_rate_in_any_unit(size_deg_s: float) -> None:
+    def rates(apart: float) -> list[float]:
+        return [size_deg_s, size_deg_s * (1.0 + apart), size_deg_s]
+
+    assert fit_line(rates(1e-10), [1.0, 2.0, 1.0]).scale_factor == pytest.approx(1e10 / size_deg_s, rel=1e-4)
+    with pytest.raises(ConfigError, match="the rate never changes"):
+        fit_line(rates(1e-13), [1.0, 2.0, 1.0])
+
+
 def test_a_line_and_its_coverage_factor_load_no_scipy() -> None:
     """It takes as long to load as all the rest of what a calibration needs."""
     code = "import sys; from vcfbench.analysis.regression import line_so_far, fit_line as fit; "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from random import Random
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -18,12 +19,13 @@ from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.check import MAY_HAVE, checked, health_parts, not_measured, unmeasured
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
+from vcfbench.procedures.health.plan import _expected
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
-from vcfbench.steps import CaptureMeanSines, SineRecord, SineRecords
+from vcfbench.steps import CaptureMeanSines, ConfigureScope, SineRecord, SineRecords
 from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.value import UncertaintyPart
 
@@ -191,6 +193,26 @@ def test_a_dry_run_finds_nothing_that_has_changed() -> None:
     words = [each.step.describe() for each in planned.steps]
     assert "oscilloscope: the sense modes ring down" in words
     assert planned.bench_seconds - vcfbench.dry_run("kvc", LAB, settings={"health": False}).bench_seconds < 600.0
+
+
+@pytest.mark.parametrize("drive_hz", [1e3, 3488.9, 5e4])
+def test_modes_of_a_dry_run_share_what_is_at_rest(drive_hz: float) -> None:
+    modes = _expected(drive_hz)
+    found = [(drive_hz - each.frequency_hz, each.q, each.amplitude_v) for each in (modes.anti_phase, modes.in_phase)]
+    assert found == [pytest.approx((25.0, 1200.0, 0.85)), pytest.approx((150.0, 1200.0, 0.15))]
+
+
+def test_means_of_exchanged_probes_begin_evenly_over_four_fifths_of_the_drive_on_either_channel() -> None:
+    steps = [each.step for each in vcfbench.dry_run("kvc", LAB).steps]
+    begins: dict[int, list[float]] = {}
+    for scope, mean in pairwise(steps):
+        if isinstance(mean, CaptureMeanSines):
+            assert isinstance(scope, ConfigureScope)
+            assert (scope.trigger_channel, mean.expected.amplitudes_v[0]) == (mean.channels[0], 1.0)
+            begins.setdefault(scope.trigger_channel, []).append(scope.level_v)
+    assert len(begins) == 2
+    for levels_v in begins.values():
+        assert sorted(levels_v) == pytest.approx(np.linspace(-0.8, 0.8, 12))
 
 
 def test_what_the_bench_cannot_measure_is_said_not_to_be(tmp_path: Path) -> None:

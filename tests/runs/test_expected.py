@@ -60,6 +60,30 @@ def test_field_bench_without_oscilloscope_has_expected_u95(tmp_path: Path) -> No
         assert u95[name] == pytest.approx(stated[name].u95, rel=0.2), name
 
 
+BOTH_SIGNS: dict[str, dict[str, Any]] = {
+    "virtual-coriolis": {},
+    "kvc": {},
+    "power": {},
+    "temperature": {},
+    "self-calibration": {},
+    "vibration": {"vibration_hz": [2.0, 10.0]},
+    "bandwidth": {"frequencies_hz": [1.0, 4.5, 9.0, 16.0, 31.0, 48.0], "around_split": [0.7, 0.9, 0.97, 1.03, 1.1]},
+}
+
+
+@pytest.mark.parametrize("name", BOTH_SIGNS)
+def test_expected_u95_is_that_of_either_sign_of_k_vc(name: str) -> None:
+    """But for the levels that the generator has: they are not the same for either sign."""
+
+    def expected(k_vc: float) -> dict[str, float]:
+        told: dict[str, Any] = {"k_vc": str(k_vc)} if name == "self-calibration" else {}
+        settings = {**BOTH_SIGNS[name], **told, "k_vc_guess_deg_s_per_v": k_vc}
+        return {each.name: each.u95 for each in vcfbench.dry_run(name, "lab", settings=settings).expected.values}
+
+    negative, positive = expected(-150.0), expected(150.0)
+    assert positive == pytest.approx(negative, rel=0.05) != {}
+
+
 def test_noise_that_the_bench_file_tells_is_taken_and_said() -> None:
     lab = vcfbench.load_bench("lab")
     noisy = structs.replace(lab, expected=structs.replace(lab.expected, reading_noise_v=(1e-3, 3e-3)))
