@@ -55,7 +55,7 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     @property
     def fastest_deg_s(self) -> float:
-        return max(super().fastest_deg_s, abs(self.match_rate_deg_s), *self.magnitudes_deg_s)
+        return max(super().fastest_deg_s, *self.magnitudes_deg_s)
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
