@@ -17,6 +17,7 @@ import ast
 import io
 import json
 import random
+import re
 import subprocess
 import sys
 import tarfile
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 WHERE = ("procedures", "uncertainty", "belief", "devices", "instructions", "analysis", "sim/gyro")
-TABLES = ("tests/procedures/parts",)
+TABLES = ("tests/procedures/parts", "tests/procedures/test_plans.py", "tests/runs/test_expected.py")
 LEAST = 0.95
 LONGEST_S = 900.0
 SWAPS: dict[type[ast.AST], str] = {
@@ -92,29 +93,18 @@ def drawn(seed: int) -> tuple[str, int, str]:
 
 
 def tests_of(name: str) -> list[str]:
-    """Return the files of tests that import a module."""
+    """Return the files of tests that import a module or bear its name; where none does, those of what imports it."""
     dotted = name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, own = dotted.rpartition(".")
-    found = []
-    for each in (
-        git(
-            "ls-files",
-            "tests/procedures",
-            "tests/uncertainty",
-            "tests/belief",
-            "tests/devices",
-            "tests/instructions",
-            "tests/analysis",
-            "tests/sim",
-        )
-        .decode()
-        .split()
-    ):
-        text = (ROOT / each).read_text("utf-8") if each.rpartition("/")[2].startswith("test_") else ""
-        named = (f"/test_{own}.py", f"/test_{package.rpartition('.')[2]}.py")
-        if f"{dotted} import" in text or f"from {package} import {own}" in text or each.endswith(named):
-            found.append(each)
-    return found
+    imports = re.compile(rf"(?:from {dotted} import|from {package} import [^\n]*\b{own}\b|import {dotted}\b)")
+    named = (f"/test_{own}.py", f"/test_{package.rpartition('.')[2]}.py")
+    every = git("ls-files", "tests/*/test_*.py").decode().split()
+    found = [each for each in every if each.endswith(named) or imports.search((ROOT / each).read_text("utf-8"))]
+    if found or name.endswith("/__init__.py"):
+        return found
+    modules = git("ls-files", "vcfbench/*.py").decode().split()
+    users = [each for each in modules if imports.search((ROOT / each).read_text("utf-8"))]
+    return sorted({each for user in users for each in tests_of(user)})
 
 
 def failing(copy: Path, *words: str) -> list[str]:
