@@ -105,6 +105,23 @@ def test_dcc_names_owner_means_and_limits(written: Path) -> None:
     assert "least-squares line" in (text_at(tree, ".//dcc:usedMethod/dcc:description/dcc:content") or "")
 
 
+def test_conditions_of_the_values_stand_in_it(quick: Run, written: Path) -> None:
+    found = {}
+    for each in ET.parse(written).iterfind(".//dcc:influenceCondition", SPACES):  # noqa: S314  # ours
+        numbers = [each.findtext(f".//si:{key}", None, SPACES) for key in ("value", "valueExpandedMU", "unit")]
+        found[each.findtext("dcc:name/dcc:content", None, SPACES)] = numbers
+    drive = quick.values["scale_factor"].conditions.drive
+    assert drive is not None
+    value, u95, unit = found.pop("frequency of the drive")
+    assert (float(value or 0.0), unit) == (drive.frequency_hz, r"\hertz")
+    assert float(u95 or 0.0) == pytest.approx(1.959964 * drive.u_hz)
+    assert found == {
+        "temperature of the room": ["23.1", None, r"\degreecelsius"],
+        "positive rail": ["10.0", None, r"\volt"],
+        "negative rail": ["-10.0", None, r"\volt"],
+    }
+
+
 def test_the_same_record_gives_the_same_bytes(quick: Run, written: Path, tmp_path: Path) -> None:
     assert vcfbench.write_certificate(quick, tmp_path / "again.xml", WORDS).read_bytes() == written.read_bytes()
 
@@ -179,7 +196,7 @@ def test_dcc_holds_report_and_day_of_issue(quick: Run, tmp_path: Path) -> None:
 
 
 def test_the_days_of_the_readings_have_their_time_zone(written: Path, quick: Run) -> None:
-    tree = ET.parse(written).getroot()  # noqa: S314  # our own
+    tree = ET.parse(written).getroot()  # noqa: S314  # ours
     for name in ("beginPerformanceDate", "endPerformanceDate"):
         assert text_at(tree, f".//dcc:{name}") == f"{str(quick.header['utc'])[:10]}Z"
 
@@ -203,7 +220,7 @@ def test_within_the_guard_band_one_passes_or_fails_on_condition(
     limits = tuple(Verdict.of(Limit(f"limit_{at}", 0.0, 1.0, guarded=True), each) for at, each in enumerate(found))
     of_none = Verdict("k_vc_deg_s_per_v", None, 0.0, 1.0)
     judged = replace(quick, verdict=Acceptance((*limits, of_none)))
-    tree = ET.fromstring(dcc_of(judged, certificate_words(judged, WORDS)))  # noqa: S314  # our own
+    tree = ET.fromstring(dcc_of(judged, certificate_words(judged, WORDS)))  # noqa: S314  # ours
     (statement,) = tree.findall(".//dcc:statement[dcc:conformity]", SPACES)
     assert statement.findtext("dcc:conformity", namespaces=SPACES) == word
     said = [str(each.text) for each in statement.findall("dcc:declaration/dcc:content", SPACES)]

@@ -4,6 +4,7 @@ Source: https://ptb.de/dcc/v3.3.0/ and https://ptb.de/si/v2.2.1/, the published 
 and is no certificate of an accredited laboratory unless a laboratory makes it one.
 """
 
+import math
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
@@ -22,7 +23,9 @@ from vcfbench.records.metadata import Equipment
 from vcfbench.records.schema import Status
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
+from vcfbench.values.definition import Conditions
 from vcfbench.values.printing import incomplete
+from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import Value
 
 SCHEMA_VERSION: Final = "3.3.0"
@@ -30,6 +33,8 @@ _DCC: Final = "https://ptb.de/dcc"
 _SI: Final = "https://ptb.de/si"
 _XSI: Final = "http://www.w3.org/2001/XMLSchema-instance"
 _COVERAGE: Final = "0.95"
+_FACTOR: Final = t_quantile(0.05, math.inf)
+"""Coverage factor of conditions, whose degrees of freedom nobody keeps."""
 _UNSIGNED: Final = (
     "This file was written by a measuring program. It is not signed, and it is not the certificate of an accredited "
     "laboratory unless a laboratory checks it, completes it and makes it one."
@@ -204,17 +209,15 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[Value]) -> None:
         equipment = _under(parent, "measuringEquipments")
         for each in run.equipment:
             _equipment(_under(equipment, "measuringEquipment"), each)
-    measured = (
-        ("temperature of the room", "basic_temperature", run.metadata.ambient_temperature_c, r"\degreecelsius"),
-        ("relative humidity", "basic_humidityRelative", run.metadata.humidity_percent, r"\percent"),
-    )
-    known = [(name, of, value, unit) for name, of, value, unit in measured if value is not None]
-    conditions = _under(parent, "influenceConditions") if known else parent
-    for name, ref_type, value, unit in known:
+    influences = [*_influences(run, values[0].conditions if values else Conditions())]
+    conditions = _under(parent, "influenceConditions") if influences else parent
+    for name, ref_type, value, u, unit in influences:
         one = _under(conditions, "influenceCondition")
         one.set("refType", ref_type)
         _say(one, "name", name)
-        _real(_under(_under(one, "data"), "quantity"), value, 1.0, unit)
+        real = _real(_under(_under(one, "data"), "quantity"), value, 1.0, unit)
+        if u is not None:
+            _expanded(real, _FACTOR * u, _FACTOR)
     results = _under(parent, "results")
     result = _under(results, "result")
     _say(result, "name", "values")
@@ -223,6 +226,30 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[Value]) -> None:
         _quantity(data, each_value)
     if run.points:
         _points(_under(results, "result"), run)
+
+
+def _influences(run: Run, held: Conditions) -> Iterator[tuple[str, str, float, float | None, str]]:
+    """Yield what influences the values: name, refType, value, u (None: not stated), unit in D-SI."""
+    room = run.metadata
+    if room.ambient_temperature_c is not None:
+        yield "temperature of the room", "basic_temperature", room.ambient_temperature_c, None, r"\degreecelsius"
+    if room.humidity_percent is not None:
+        yield "relative humidity", "basic_humidityRelative", room.humidity_percent, None, r"\percent"
+    for sign, rail_v in zip(("positive", "negative"), held.rails_v or (), strict=False):
+        if rail_v:  # one supply has no negative rail
+            yield f"{sign} rail", _ref_type(f"{sign}_rail"), rail_v, None, r"\volt"
+    if held.drive is not None:
+        yield (
+            "frequency of the drive",
+            _ref_type("drive_frequency"),
+            held.drive.frequency_hz,
+            held.drive.u_hz,
+            r"\hertz",
+        )
+        if held.drive.temperature_c is not None:
+            at_c, u_k = held.drive.temperature_c, held.drive.u_temperature_k
+            name = "temperature of the device, by the frequency of its drive"
+            yield name, _ref_type("device_temperature"), at_c, u_k, r"\degreecelsius"
 
 
 def _equipment(parent: ET.Element, each: Equipment) -> None:
@@ -263,8 +290,13 @@ def _quantity(parent: ET.Element, value: Value) -> None:
     u95, factor = value.u95, value.coverage_factor
     if u95 is None or factor is None:  # u = 0: there is no factor
         return
+    _expanded(real, in_words[0] * u95, factor)
+
+
+def _expanded(real: ET.Element, u95: float, factor: float) -> None:
+    """Add to a D-SI quantity its expanded uncertainty, in its unit."""
     expanded = _under(_under(real, "measurementUncertaintyUnivariate", space=_SI), "expandedMU", space=_SI)
-    _under(expanded, "valueExpandedMU", repr(in_words[0] * u95), _SI)
+    _under(expanded, "valueExpandedMU", repr(u95), _SI)
     _under(expanded, "coverageFactor", f"{factor:.3f}", _SI)
     _under(expanded, "coverageProbability", _COVERAGE, _SI)
 
