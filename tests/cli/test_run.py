@@ -187,6 +187,18 @@ def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
     assert "aborted" in call("runs", "list").stdout
 
 
+@pytest.mark.parametrize(("overload_at", "tables"), [(5, 0), (44, 1)])
+def test_aborted_run_says_how_to_resume_it(overload_at: int, tables: int, station: Station) -> None:
+    def overload(bench: FakeBench) -> None:
+        bench.multimeter.overload_at = overload_at
+
+    station.spoil = overload
+    said = call("run", "turntable", "--quiet").stdout
+    name = json.loads(call("runs", "list", "--json").stdout)["runs"][0]["run"]
+    assert f"the rest: vcfbench resume {name}, once the cause is removed" in said
+    assert said.count("output / V") == tables
+
+
 def test_an_unreachable_instrument_is_an_aborted_run_without_record(station: Station, tmp_path: Path) -> None:
     station.refuses = ConnectFailed("nobody answers", instrument="multimeter", resource="GPIB0::22::INSTR")
     result = call("run", "turntable", "--json")

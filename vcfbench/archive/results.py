@@ -52,7 +52,7 @@ class Evaluation(Struct, frozen=True):
 
 def nothing(points: Sequence[Point]) -> Evaluation:
     """Return the evaluation of a run without results: its points."""
-    return Evaluation(None, None, Report([points_table(points)]))
+    return Evaluation(None, None, generic_report(None, points, None))
 
 
 def evaluate(

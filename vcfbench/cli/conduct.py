@@ -169,6 +169,8 @@ def _show(run: Run, options: RunOptions) -> None:
             if not options.verbose:
                 last = run.devices[0].name if run.devices else "last"
                 typer.echo(f"more: -v, vcfbench runs show {last} (points, budget), vcfbench report {last}")
+            if run.error is not None:
+                typer.echo(f"the rest: vcfbench resume {run.name}, once the cause is removed")
         if run.device_entry is not None:
             typer.echo(f"device: {run.device_entry}")
 
