@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from vcfbench import dry_run
 from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.simulation import physical_parameters
+from vcfbench.sim.own_gyro import LEFT_OUT
+from vcfbench.sim.simulation import physical_parameters, true_output
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from typer.testing import Result
 
 
@@ -87,3 +90,75 @@ def test_no_file_is_written_over(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text("mine", "utf-8")
     assert new().exit_code == 2
     assert (tmp_path / "own.toml").read_text("utf-8") == "mine"
+
+
+FIELDS = {  # scale factor in the unit of the output by kind, unit and step of a number; the largest rate that it tells
+    ("rate", "deg/s", 1e-2): (1.0, 327.67),
+    ("rate", "rad/s", 1e-4): (1.0, 187.74),
+    ("rate", "LSB", 1.0): (131.0, 32767.0 / 131.0),
+    ("increment", "deg", 1e-4): (1.0, 327.67),
+    ("increment", "LSB", 1.0): (13100.0, 32767.0 / 131.0),
+}
+
+
+def profile(kind: str, unit: str, scale: float) -> None:
+    keys = f'kind = "{kind}"\nunit = "{unit}"\nsample_rate_hz = 100.0\nheader = "A5"\nlength = 8\n'
+    numbers = f'value = {{ at = 2, type = "int16", scale = {scale} }}\ncounter = {{ at = 1, type = "uint8" }}\n'
+    Path("imu.toml").write_text(keys + numbers, "utf-8")
+
+
+@pytest.mark.parametrize("stream", FIELDS, ids=str)
+def test_a_stream_has_the_scale_and_the_range_of_its_own_unit(stream: tuple[str, str, float], tmp_path: Path) -> None:
+    profile(*stream)
+    scale_factor, most_deg_s = FIELDS[stream]
+    figures = [
+        "--stream",
+        "imu.toml",
+        "--bias",
+        "-7",
+        *(["--scale-factor", str(scale_factor)] if scale_factor > 1.0 else []),
+    ]
+    refused = new(*figures, "--range", str(most_deg_s - 6.0))
+    assert refused.exit_code == 2
+    assert f"--range: expected at most {most_deg_s - 7.0:.4g} deg/s" in refused.stderr
+    assert new(*figures, "--range", str(most_deg_s - 8.0)).exit_code == 0
+    bench = load_bench(tmp_path / "own.toml")
+    output = true_output(bench)
+    k = (output(100.0, None) - output(0.0, None)) / 100.0
+    assert k == pytest.approx(scale_factor, rel=1e-6)
+    assert output(0.0, None) / k == pytest.approx(-7.0, rel=1e-6)
+    low, high = bench.expected.scale_factor_v_per_deg_s or (0.0, 0.0)
+    assert low < k < high
+    assert "_rail" not in (tmp_path / "own.toml").read_text("utf-8")
+    dry_run("turntable", bench)
+    with pytest.raises(ConfigError, match=r"rates_deg_s\[0\]: expected a rate of at most"):
+        dry_run("turntable", bench, settings={"rates_deg_s": [1.02 * most_deg_s, 0.0, -1.0]})
+
+
+def test_figures_that_a_stream_has_not_are_refused() -> None:
+    profile("rate", "LSB", 1.0)
+    for figures, said in {
+        "--stream imu.toml": r"--scale-factor: expected the LSB/\(deg/s\) of its data sheet: imu speaks LSB",
+        "--stream imu.toml --scale-factor 300": "--range: expected at most 109.2 deg/s.*got 200, the default",
+        "--stream vn100 --rails 1": "--rails: not with --stream",
+        "--stream vn100 --k-vc 100": "--k-vc: not with --stream",
+        "--without multimeter": "--without multimeter: expected one of chamber, ",
+    }.items():
+        done = new(*figures.split())
+        assert done.exit_code == 2
+        assert re.search(said, done.stderr)
+
+
+@pytest.mark.parametrize("rails", ["1", "2"])
+@pytest.mark.parametrize("role", few(sorted(LEFT_OUT), "power"))
+def test_bench_without_an_instrument_has_nothing_of_it(role: str, rails: str, tmp_path: Path) -> None:
+    assert new("--without", role, "--rails", rails, "--rail", "8" if rails == "2" else "12").exit_code == 0
+    bench, text = load_bench(tmp_path / "own.toml"), (tmp_path / "own.toml").read_text("utf-8")
+    assert getattr(bench, role) is None
+    assert ("rail_v = " in text.partition("[site]")[2]) == (role != "power")
+    assert ("negative_rail_v" in text) == (role != "power" and rails == "2")
+    rest = {"power": (), "rate_table": ("max_rate_deg_s",), "chamber": ("max_ramp_k_min",)}
+    assert not any(getattr(bench.limits, key) for key in rest.get(role, ()))
+    if role == "power":
+        assert bench.limits.max_rail_v is None
+    dry_run("zero", bench)

@@ -1,5 +1,6 @@
 """``vcfbench sim``: the parts of the simulated bench, and the bench on real wires."""
 
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import typer
@@ -9,18 +10,20 @@ from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import Bench_, Json_, NewFile_, flag, option, seed_option, with_options
 from vcfbench.cli.serve import ctl, serve
 from vcfbench.clock import WallClock
+from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import ConfigError
-from vcfbench.files import parse_toml
-from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.files import dotted
+from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.inventory import inventory
-from vcfbench.sim.own_gyro import own_gyro_bench
-from vcfbench.station.writing import device_text, table_text
+from vcfbench.sim.own_gyro import LEFT_OUT, NUMBERS_V_PER_DEG_S, own_gyro_bench
+from vcfbench.station.stream_profiles import with_stream
+from vcfbench.strict import converted
 from vcfbench.testing import soaking
 from vcfbench.testing.soaking import Verdict
 
 _FIGURES: Final = {
-    "scale_factor_v_per_deg_s": ("scale_factor", "Scale factor, mV/(deg/s), signed", -12.542052),
+    "scale_factor_v_per_deg_s": ("scale_factor", "Scale factor, mV/(deg/s), of a stream its unit, signed", -12.542052),
     "range_deg_s": ("range", "Range, deg/s, either way", 200.0),
     "bias_deg_s": ("bias", "Bias, deg/s", 0.0),
     "drive_hz": ("drive_frequency", "Drive frequency, Hz", 3488.9),
@@ -37,6 +40,8 @@ _FIGURES: Final = {
 }
 """Keys of a data sheet: the option, its help, and the figure without it."""
 _MILLI = 1e-3
+_ROOM = 1.35
+"""Supply over output at the end of the range: what its stage leaves free, a V_Vc that is 10 % off, and noise."""
 _PAPERS: Final = {"quadrature_deg_s": 20.0, "angle_random_walk_deg_sqrt_h": 0.21, "bias_instability_deg_h": 3.7}
 """Figures instead where the imperfections are the paper's."""
 _OPTIONS: Final[dict[str, Any]] = {
@@ -83,6 +88,9 @@ def new(
         Literal["none", "paper"], option(None, "All perfect except noise, or as in the paper.")
     ] = "none",
     name: Annotated[str | None, option("NAME", "Name of the bench. Default: that of FILE.")] = None,
+    without: Annotated[
+        list[str] | None, option("ROLE", f"Leave out {', '.join(sorted(LEFT_OUT))}. Repeatable.")
+    ] = None,
     stream: Annotated[str | None, option("PROFILE", "Its output is a stream of numbers, by that profile.")] = None,
     devices: Annotated[int, option("N", "So many of them on one table, with --stream.", min=1, max=64)] = 1,
     **given: float | None,
@@ -92,6 +100,9 @@ def new(
     Without --bandwidth the filter is at four splits, without --k-vc 1 V stands for three quarters of the range.
     """
     require_free(file)
+    if devices > 1 and stream is None:
+        raise ConfigError("--devices: several gyroscopes at once speak numbers here: --stream PROFILE too")
+    lsb_per_deg_s, given = (None, given) if stream is None else _behind_numbers(stream, given)
     real = imperfections == "paper"
     figures: dict[str, float] = {}
     for key, (figure, _, usual) in _FIGURES.items():
@@ -100,29 +111,52 @@ def new(
         if value is not None:
             figures[key] = value * _MILLI if key == "scale_factor_v_per_deg_s" else value
     figures.setdefault("k_vc_deg_s_per_v", 0.75 * figures["range_deg_s"])
-    text = own_gyro_bench(DataSheet(**figures), name or file.stem, imperfections=real)
-    quiet = figures["angle_random_walk_deg_sqrt_h"] == 0.0
-    if devices > 1 and stream is None:
-        raise ConfigError("--devices: several gyroscopes at once speak numbers here: --stream PROFILE too")
-    written_anew(file, text if stream is None else _streaming(text, stream, devices, quiet=quiet))
+    table = None
+    if stream is not None:
+        alone = {} if devices > 1 else {"resource": "ASRL9::INSTR"}
+        table = {"profile": stream, "quiet": figures["angle_random_walk_deg_sqrt_h"] == 0.0, **alone}
+    text = own_gyro_bench(
+        DataSheet(**figures),
+        name or file.stem,
+        imperfections=real,
+        without=without or (),
+        stream=table,
+        lsb_per_deg_s=lsb_per_deg_s,
+        devices=devices,
+    )
+    written_anew(file, text)
     typer.echo(f"{file} is written; next: vcfbench run turntable --bench {file}")
 
 
-def _streaming(text: str, profile: str, devices: int, *, quiet: bool) -> str:
-    """Return a simulated bench with a table alone, whose gyroscopes speak numbers and feed themselves."""
-    values = parse_toml(text, "the bench")
-    kept = {key: values[key] for key in ("name", "title", "rate_table", "site", "uncertainty", "simulation")}
-    kept["limits"] = {key: values["limits"][key] for key in ("max_rate_deg_s", "max_acceleration_deg_s2")}
-    kept["procedure"] = {key: each for key, each in values["procedure"].items() if not isinstance(each, dict)}
-    stream = {"profile": profile, "quiet": quiet}
-    if devices == 1:
-        stream["resource"] = "ASRL9::INSTR"
-    kept["gyro"] = {**values.get("gyro", {}), "stream": stream}
-    made = table_text(kept)
-    for number in range(1, devices + 1) if devices > 1 else ():
-        made += device_text({"name": f"G-{number}", "resource": f"ASRL{8 + number}::INSTR"})
-    parse_bench(made, "--stream")
-    return made
+def _behind_numbers(profile: str, given: dict[str, float | None]) -> tuple[float | None, dict[str, float | None]]:
+    """Return LSB a deg/s, None in another unit, and the figures of the voltage of which a stream's numbers are made.
+
+    Raises:
+        ConfigError: a figure that such a gyroscope has not, no LSB, or a range beyond its largest number.
+    """
+    for figure in ("rail", "rails", "k_vc"):
+        if given[figure] is not None:
+            option_ = figure.replace("_", "-")
+            raise ConfigError(f"--{option_}: not with --stream: that gyroscope feeds itself, and has no input for V_Vc")
+    asked: dict[str, Any] = {"gyro": {"stream": {"profile": profile, "resource": "sim"}}}
+    keys = with_stream(asked, "--stream", Path())["gyro"]["stream"]
+    stream = converted(keys, Stream, lambda path: f"{profile}: {dotted(path)}")
+    per_deg_s, lsb = given["scale_factor"], stream.unit == "LSB"
+    if lsb and not per_deg_s:
+        expected = f"the {stream.output_unit}/(deg/s) of its data sheet: {stream.name} speaks LSB"
+        raise ConfigError(f"--scale-factor: expected {expected}")
+    range_deg_s, bias_deg_s = given["range"] or _FIGURES["range_deg_s"][2] or 0.0, abs(given["bias"] or 0.0)
+    most_deg_s = stream.largest / abs(per_deg_s or 1.0) - bias_deg_s
+    if range_deg_s > most_deg_s:
+        said = "" if given["range"] else ", the default"
+        raise ConfigError(
+            f"--range: expected at most {most_deg_s:.4g} deg/s, the largest number of {stream.name} less the bias, "
+            f"got {range_deg_s:g}{said}"
+        )
+    volts = NUMBERS_V_PER_DEG_S if lsb or per_deg_s is None else NUMBERS_V_PER_DEG_S * per_deg_s
+    rail_v = _ROOM * abs(volts) * (range_deg_s + bias_deg_s)
+    figures = {"scale_factor": volts / _MILLI, "rail": min(15.0, max(10.0, rail_v))}
+    return per_deg_s if lsb else None, {**given, **figures}
 
 
 app.command("new")(with_options(new, _OPTIONS, place=1))

@@ -97,9 +97,9 @@ class SimulatedBench(Struct, frozen=True):
             beside = World(attended, physical_parameters(own), noise, beside=world)
             leads.append(Leads(beside, f"multimeter-{number}", {"input": wiring.multimeter}, caught.in_meter_leads))
         if description.power is None:  # the device feeds itself, and is on
-            shared = description.procedure
-            world.set_rail("positive", shared.positive_rail_v)
-            world.set_rail("negative", shared.negative_rail_v)  # of one supply nobody looks at it
+            own_v = physical_parameters(description).supply.nominal_v
+            world.set_rail("positive", own_v)
+            world.set_rail("negative", -own_v)  # of one supply nobody looks at it
         for role, twin in twins(description).items():
             kind, around = twin, _surroundings(role, description, seed)
             if role == "multimeter":

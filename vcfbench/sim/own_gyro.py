@@ -1,12 +1,14 @@
 """The bench file of a simulated bench with a custom gyroscope, from the figures of its data sheet."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from msgspec import structs, to_builtins
+from simrack.stream import VOLTS_PER_DEG_S
 
 from vcfbench.errors import ConfigError
+from vcfbench.models import ROLES
 from vcfbench.sim.gyro.data_sheet import (
     FLICKER_MINIMUM,
     LEAST_SINE_V,
@@ -21,10 +23,11 @@ from vcfbench.sim.gyro.data_sheet import (
 )
 from vcfbench.sim.parameters import BenchParameters
 from vcfbench.sim.simulation import named_parameters
-from vcfbench.station.description import Simulation
+from vcfbench.station.consistency import LIMITS_OF
+from vcfbench.station.description import Simulation, SimulationErrors
 from vcfbench.station.file import EMBEDDED, parse_bench
 from vcfbench.station.settings import PAPER_RATES_DEG_S
-from vcfbench.station.writing import table_text, value_text
+from vcfbench.station.writing import device_text, table_text, value_text
 
 _HEAD = "# A simulated bench with a custom gyroscope, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
@@ -56,33 +59,65 @@ _BY_ITSELF = frozenset(
     {"self-calibration", "repeatability", "rate-limits", "threshold", "online", "axes", "g-sensitivity"}
 )
 """Procedures that are no part of `characterize`."""
+NUMBERS_V_PER_DEG_S = VOLTS_PER_DEG_S
+"""Scale factor of the voltage of which simulated streams are made, for numbers of 1 a deg/s or in LSB."""
+LEFT_OUT = frozenset({*ROLES, "rate_table"} - {"multimeter"})
+"""Roles that a bench can do without; without an output there is nothing to measure."""
+_OF_VOLTS = frozenset(
+    {
+        "scale_factor_v_per_deg_s",
+        "k_vc_deg_s_per_v",
+        "rail_v",
+        "rails",
+        "k_vc_guess_deg_s_per_v",
+        "meter_range_v",
+        "drive",
+    }
+)
+"""Figures and settings that a gyroscope with digital output has not."""
 
 
-def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) -> str:
+def own_gyro_bench(
+    sheet: DataSheet,
+    name: str,
+    *,
+    imperfections: bool = False,
+    without: Collection[str] = (),
+    stream: Mapping[str, Any] | None = None,
+    lsb_per_deg_s: float | None = None,
+    devices: int = 1,
+) -> str:
     """Return the bench file of a simulated bench with the gyroscope of `sheet`.
 
     Without `imperfections` gyroscope, PCB and instruments are perfect, but for noise and quadrature of the sheet; with
-    them they are as imperfect as those of the paper.
+    them they are as imperfect as those of the paper. Roles in `without` are left out: without a supply the gyroscope
+    feeds itself. One that speaks numbers has the table ``[gyro.stream]`` and stands on a table alone, where there may
+    be several; the sheet is that of the voltage of which the numbers are made, `lsb_per_deg_s` of them in LSB.
 
     Raises:
-        ConfigError: it would be no bench, or `name` is no name.
+        ConfigError: it would be no bench, a role is none, or `name` is no name.
     """
     if name in EMBEDDED:
         raise ConfigError(f"--name {name}: a bench of that name comes with the package")
     latitude_deg = _LATITUDE_DEG if imperfections else 0.0
     simulation = Simulation(parameters="paper" if imperfections else "ideal")
+    if unknown := sorted(set(without) - LEFT_OUT):
+        raise ConfigError(f"--without {unknown[0]}: expected one of {', '.join(sorted(LEFT_OUT))}")
+    without = {*without, *(ROLES if stream else ())}
     slope = sheet.scale_factor_v_per_deg_s
-    station = _station(name, sheet)
-    errors = (
-        {} if imperfections else dict.fromkeys((role for role in station if isinstance(station[role], dict)), "none")
-    )
-    for each in ("limits", "wiring"):
-        errors.pop(each, None)
+    station = _station(name, sheet, without)
+    errors: dict[str, Any] = {} if imperfections else dict.fromkeys(SimulationErrors.__struct_fields__, "none")
+    if stream:
+        slope = lsb_per_deg_s or slope / NUMBERS_V_PER_DEG_S
+    if lsb_per_deg_s:
+        errors["multimeter"] = {"lsb_per_deg_s": lsb_per_deg_s, **({"drawn": 1.0} if imperfections else {})}
     own = own_gyro(sheet, imperfections=imperfections, latitude_deg=latitude_deg)
     tables = {
         **station,
         "site": {"latitude_deg": latitude_deg},
-        "procedure": {**_shared(sheet), **_procedures(sheet)},
+        **({"gyro": {"stream": stream}} if stream else {}),
+        "procedure": {k: v for k, v in _shared(sheet, without).items() if not stream or k not in _OF_VOLTS}
+        | ({} if stream else _procedures(sheet)),
         "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in _expected_parts(sheet))},
         "uncertainty": _uncertainty(sheet, own),
         "simulation": {"parameters": simulation.parameters, "errors": errors},
@@ -90,9 +125,12 @@ def own_gyro_bench(sheet: DataSheet, name: str, *, imperfections: bool = False) 
     figures = [
         f"# {key} = {'as the filter is' if value is None else value_text(value)}"
         for key, value in structs.asdict(sheet).items()
+        if not (stream and key in _OF_VOLTS)
     ]
     overrides = _overrides(named_parameters(simulation), own)
-    text = "\n".join((_HEAD, *figures, "", table_text(tables), *overrides, ""))
+    alone = range(1, devices + 1) if devices > 1 else ()
+    lot = [device_text({"name": f"G-{number}", "resource": f"ASRL{8 + number}::INSTR"}) for number in alone]
+    text = "\n".join((_HEAD, *figures, "", table_text(tables), *overrides, *lot, ""))
     parse_bench(text, name)
     return text
 
@@ -116,9 +154,9 @@ def _most_match_deg_s(sheet: DataSheet) -> float:
     return min(sheet.range_deg_s, 0.9 * free_v - offset_deg_s)
 
 
-def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
+def _station(name: str, sheet: DataSheet, without: Collection[str]) -> dict[str, Any]:
     """Return the instruments of the bench `lab`, with limits for range and rails of the gyroscope."""
-    return {
+    station: dict[str, Any] = {
         "name": name,
         "title": f"{name}: a custom simulated gyroscope",
         "power": {"model": "E3631A", "resource": "GPIB0::5::INSTR"},
@@ -140,16 +178,19 @@ def _station(name: str, sheet: DataSheet) -> dict[str, Any]:
             "max_temperature_c": 85.0,
             "max_ramp_k_min": 60.0,
         },
-        **({"wiring": {"rails": {"negative": "none"}}} if sheet.rest_v else {}),
+        **({"wiring": {"rails": {"negative": "none"}}} if sheet.rest_v and "power" not in without else {}),
     }
+    kept = {key for role in {*ROLES, "rate_table"} - {*without} for key in LIMITS_OF.get(role, ())}
+    station["limits"] = {key: value for key, value in station["limits"].items() if key in kept}
+    return {key: value for key, value in station.items() if key not in without}
 
 
-def _shared(sheet: DataSheet) -> dict[str, Any]:
+def _shared(sheet: DataSheet, without: Collection[str]) -> dict[str, Any]:
     """Return the settings of all procedures: rails, rates, times, the drive signal."""
     wider = sheet.range_deg_s / _USUAL_RANGE_DEG_S
+    negative = {} if sheet.rest_v else {"negative_rail_v": -sheet.rail_v}
     return {
-        "positive_rail_v": sheet.rail_v,
-        **({} if sheet.rest_v else {"negative_rail_v": -sheet.rail_v}),
+        **({} if "power" in without else {"positive_rail_v": sheet.rail_v, **negative}),
         "rates_deg_s": [_round(rate * wider) for rate in PAPER_RATES_DEG_S],
         "acceleration_deg_s2": max(100.0, _round(100.0 * wider)),
         "k_vc_guess_deg_s_per_v": sheet.k_vc_deg_s_per_v,

@@ -434,10 +434,15 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         yield from self._beyond(self.station.limits)
 
     def beyond_table(self, key: str, rate_deg_s: float) -> Iterator[InvalidValue]:
-        """Yield the value of `key` where it is faster than the station's table may turn."""
-        limit_deg_s = self.station.limits.max_rate_deg_s
+        """Yield the value of `key` where it is faster than the table may turn, or than the numbers of a stream go."""
+        limit_deg_s, stream = self.station.limits.max_rate_deg_s, self.station.stream
         if limit_deg_s is not None and abs(rate_deg_s) > limit_deg_s:
             yield InvalidValue(key, rate_words(limit_deg_s), rate_deg_s)
+        elif stream and (stream.unit != "LSB" or self.expected.scale_factor_v_per_deg_s):
+            largest_deg_s = stream.largest / abs(self.expected_gyro().scale_factor)
+            if abs(rate_deg_s) > largest_deg_s:
+                expected = f"a rate of at most {largest_deg_s:.4g} deg/s either way, the largest of {stream.name}"
+                yield InvalidValue(key, expected, rate_deg_s)
 
     def _beyond(self, limits: parts.Limits) -> Iterator[InvalidValue]:
         """Yield the values beyond the limits of the station; it has those of its instruments."""

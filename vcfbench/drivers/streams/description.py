@@ -172,6 +172,15 @@ class Stream(_Table, frozen=True, kw_only=True):
         return step
 
     @property
+    def largest(self) -> float:
+        """Largest output, either way, before it saturates, in the unit of the output; infinite if nothing tells."""
+        if self.kind == "angle":
+            return math.inf
+        ends = () if self.length is None else self.value.ends
+        reached = [abs(self.value.scale * end + self.value.offset) for end in ends]
+        return min([*reached, self.full_scale or math.inf]) * self.per_unit
+
+    @property
     def reading_s(self) -> float:
         """Time that a reading may take: its frames, those that are skipped before it, and some that are lost."""
         return self.latency_s + 1.2 * self.aperture_s + 4.0 / self.sample_rate_hz
