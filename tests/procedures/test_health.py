@@ -17,7 +17,14 @@ from tests.procedures.test_kvc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
 from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
-from vcfbench.procedures.health.check import MAY_HAVE, checked, health_parts, not_measured, unmeasured
+from vcfbench.procedures.health.check import (
+    MAY_HAVE,
+    charging_warning,
+    checked,
+    health_parts,
+    not_measured,
+    unmeasured,
+)
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
 from vcfbench.procedures.health.plan import _expected
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
@@ -171,6 +178,23 @@ def test_a_split_that_temperature_does_not_explain_is_a_warning() -> None:
     charged = checked(THEN, beside(health(split_hz=25.3), Characteristics()))
     assert cold.warning is None
     assert charged.warning is not None and "charges on the combs" in charged.warning  # noqa: PT018
+
+
+@pytest.mark.parametrize("split_hz", [24.8, -24.8])
+@pytest.mark.parametrize("rise_k", [-8.0, 8.0])
+@pytest.mark.parametrize("per_k", [0.05, -0.05])
+def test_warned_is_of_what_temperature_leaves_of_a_split_s_size(split_hz: float, rise_k: float, per_k: float) -> None:
+    def at(temperature_c: float, size_hz: float) -> Characteristics:
+        split = Kept(value=math.copysign(size_hz, split_hz), u=1e-3)
+        of_size = Kept(value=per_k, u=1e-3)
+        return Characteristics(split_hz=split, split_hz_k=of_size, temperature_c=Kept(value=temperature_c, u=0.0))
+
+    def warned(beyond_hz: float) -> str | None:
+        return charging_warning(at(20.0, 24.8), at(20.0 + rise_k, 24.8 + per_k * rise_k + beyond_hz))
+
+    assert warned(0.0) is None
+    for beyond_hz in (-0.5, 0.5):
+        assert f"changed by {beyond_hz:+.3f} Hz in size" in str(warned(beyond_hz))
 
 
 def test_changed_modulator_shape_is_separated_from_output() -> None:

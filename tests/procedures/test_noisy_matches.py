@@ -13,7 +13,7 @@ from vcfbench.errors import MeasurementError
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
-from vcfbench.procedures.null_comparison.plan import nulled
+from vcfbench.procedures.null_comparison.plan import invalid_match_rates, nulled
 from vcfbench.procedures.virtual_coriolis.plan import _match
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
 from vcfbench.records.schema import Point
@@ -96,3 +96,15 @@ def test_generator_range_ending_near_the_match_uses_the_nearer_end() -> None:
     left = [stepped(seed) for seed in range(100)]
     assert max(left) < 0.1
     assert sum(each < 5e-4 for each in left) > 80
+
+
+@pytest.mark.parametrize(("order", "least"), [(1, 2), (2, 2), (3, 3), (4, 3), (5, 4)])
+def test_a_curve_has_two_matches_more_than_coefficients_at_least(order: int, least: int) -> None:
+    """Of either sign, so twice as many as magnitudes."""
+    for count in range(1, 7):
+        rates = [sign * 20.0 * n for n in range(1, count + 1) for sign in (1.0, -1.0)]
+        few = [
+            each.expected for each in invalid_match_rates(SETTINGS, rates, order) if each.path == "match_rates_deg_s"
+        ]
+        assert bool(few) is (count < least)
+        assert all(each.startswith(f"at least {least} different") for each in few)

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 
 import vcfbench
+from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise
 from vcfbench.errors import ConfigError
 from vcfbench.instructions.scale_factor import ScaleFactorBy
 from vcfbench.procedures.power.plan import POWER, RailOnAndLog, SuppliedAndLogged, power_characteristics
-from vcfbench.procedures.power.results import PowerSettings, _moved, valid_output
+from vcfbench.procedures.power.results import PowerSettings, _moved, _three, valid_output
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import Station
@@ -20,6 +23,7 @@ from vcfbench.steps import ConfigureRail, DisableSupply, SetRate, SetVvc
 from vcfbench.steps.dry_run import walk
 from vcfbench.testing import simulated
 from vcfbench.uncertainty.measurand import as_kept
+from vcfbench.values.value import UncertaintyPart
 
 if TYPE_CHECKING:
     from vcfbench.steps.step import Step
@@ -160,6 +164,33 @@ def test_imbalance_of_rails_is_corrected_in_both_halves() -> None:
             assert abs(value.value - true) < 3.0 * value.u
             assert any(part.source == "imbalance of the rails" for part in value.parts)
             assert value.u < 500.0  # what 30 mV of 200 mV would do is 1500; 9 mV of the read-backs is 460
+
+
+@pytest.mark.parametrize("imbalance_v", [-0.09, -0.03, 0.0, 0.03, 0.09])
+def test_halves_are_those_of_rails_of_one_size(imbalance_v: float) -> None:
+    """Of an output that follows a rail by 0.3, and the weaker of both by 0.7; u by what each window does, counted."""
+
+    def output_v(moved_v: float) -> float:
+        own_v, other_v = 10.0 + imbalance_v + moved_v, 10.0
+        return 0.3 * own_v + 0.7 * min(own_v, other_v)
+
+    def found(errors_v: Any = (0.0,) * 6, u_imbalance_v: float = 0.0) -> Any:
+        blocks = [Block(tuple(output_v(0.2 * sign) + e for sign, e in zip(CHOPPED, errors_v, strict=True)))] * 2
+        of_step = 0.2, [UncertaintyPart("step", 0.01)]
+        return _three(blocks, noise, of_step, (imbalance_v, u_imbalance_v), ("ppm/V", -1e6))
+
+    window_v2 = np.diag([1e-10] * 6)
+    by = np.array([[-0.5, 0.5, 0.0, 0.0, 0.5, -0.5], [-0.5, 0.0, 0.5, 0.5, 0.0, -0.5]])
+    noise = BlockNoise(1e-5, 0.0, 0.0, tuple(map(tuple, by @ window_v2 @ by.T)), 10.0)
+    both, lowered, raised = found()
+    assert [each.value / -1e6 for each in (both, lowered, raised)] == pytest.approx([0.65, 1.0, 0.3])
+    for place, each in enumerate((both, lowered, raised)):
+        moves = [(found(1e-5 * row)[place].value - each.value) / 1e-5 for row in np.eye(6)]
+        u = {part.source: part.u for part in each.parts}
+        assert u["readings and flicker"] == pytest.approx(1e-5 * float(np.linalg.norm(moves)) / math.sqrt(2.0))
+        assert u["step"] == pytest.approx(0.01 * abs(each.value))
+    unsure = {part.source: part.u for part in found(u_imbalance_v=1e-3)[0].parts}
+    assert unsure["imbalance of the rails"] == pytest.approx(0.5 * 0.7e6 * 1e-3 / 0.2)
 
 
 def test_slope_is_relative_to_used_scale_factor() -> None:

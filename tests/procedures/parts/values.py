@@ -113,7 +113,7 @@ def differing(came: Figures, kept: Figures) -> list[str]:
     return [
         f"{name}: was {kept.get(name)}, got {came.get(name)}"
         for name in {**kept, **came}
-        if abs(came.get(name, math.inf) - kept.get(name, 0.0)) > 3e-4
+        if not abs(came.get(name, math.inf) - kept.get(name, 0.0)) <= 3e-4
     ]
 
 
