@@ -15,6 +15,7 @@ from msgspec import structs
 import vcfbench
 from tests.procedures.test_kvc import LAB, truth, warm
 from tests.procedures.test_self_calibration import aged
+from vcfbench.analysis.decays import RingingMode
 from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
 from vcfbench.procedures.health.check import (
@@ -26,7 +27,8 @@ from vcfbench.procedures.health.check import (
     unmeasured,
 )
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
-from vcfbench.procedures.health.plan import _expected
+from vcfbench.procedures.health.plan import _expected, modes_of
+from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.device_values import Measured as Kept
@@ -210,6 +212,28 @@ def test_changed_modulator_shape_is_separated_from_output() -> None:
     found = bent(then, v_vc_v, outputs, noise, output)
     assert found == pytest.approx(now, rel=2e-3)
     assert not has_changed(*orders_of(found, v_vc_v, outputs, noise), output, seen)
+
+
+@pytest.mark.parametrize("rest_v", [-0.4, 0.0, 0.3])
+def test_orders_of_an_output_are_those_at_rest_wherever_v_vc_is_then(rest_v: float) -> None:
+    """With an offset of V_Vc at rest the rates are not about 0; the covariance is what the outputs' noise makes."""
+    orders, curve = np.array([8.4e-5, -2.6e-7]), np.array([0.2, 150.0, 1.95, 2.2])
+    v_vc_v = np.array([rest_v, 0.13, -0.13, 0.7, -0.7, 1.3, -1.3])
+    rates = np.polynomial.polynomial.polyval(v_vc_v, curve)
+    outputs = -0.0125 * np.polynomial.polynomial.polyval(rates, [0.0, 1.0, *orders])
+    outputs, noise = outputs[1:] - outputs[0], 1e-10 * (np.eye(6) + 1.0)
+    found, covariance = orders_of(curve, v_vc_v, outputs, noise)
+    assert found == pytest.approx(orders, rel=1e-6)
+    moves = [(orders_of(curve, v_vc_v, outputs + row, noise)[0] - found) / 1e-6 for row in 1e-6 * np.eye(6)]
+    assert covariance == pytest.approx(np.transpose(moves) @ noise @ moves, rel=0.1)
+
+
+@pytest.mark.parametrize("splits_hz", [(-25.0, -150.0), (25.0, 150.0), (-25.0, 150.0), (25.0, -150.0)])
+def test_the_mode_nearer_to_the_drive_is_that_in_anti_phase(splits_hz: tuple[float, float]) -> None:
+    modes = tuple(RingingMode(3489.0 + split_hz, 1200.0, 1.0) for split_hz in splits_hz)
+    for order in (modes, modes[::-1]):
+        found = modes_of(SenseDecay(3489.0, order))
+        assert (found.anti_phase, found.in_phase) == modes
 
 
 def test_a_dry_run_finds_nothing_that_has_changed() -> None:
