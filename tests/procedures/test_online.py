@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -255,6 +256,20 @@ def test_equal_bursts_give_planted_slope(chosen: OnlineSettings) -> None:
     found = online_results(chosen, Records())  # type: ignore[arg-type]
     assert found.scale_factor.value == pytest.approx(-1.8825 / 150.0 / (1.0 + 1e-6 * found.response_ppm), rel=1e-4)
     assert abs(found.disturbance.value) < 4.0 * found.disturbance.u
+
+
+def test_levels_as_set_may_be_off_by_the_generator_s_gain_and_by_its_offsets_of_sine_and_of_rest() -> None:
+    bench = structs.replace(LAB, v_vc_meter=None)
+    asked = asked_in_python({"k_vc": "150", "duration_s": 500.0, "v_vc": "set"})
+    settings, records = settings_of(ONLINE, bench, asked).recalled(), Records()
+    settings = structs.replace(settings, station=structs.replace(settings.station, meter_resolution_v=1e-5))
+    records.pairs = [(step, structs.replace(each, v_vc_v=())) for step, each in records.pairs]
+    found, known = online_results(settings, records), settings.station.sources  # type: ignore[arg-type]
+    u_gain = {part.source: part.u for part in found.scale_factor.parts}["gain of what V_Vc is known by"]
+    assert u_gain == pytest.approx(abs(found.scale_factor.value) * known.generator_gain / 3**0.5)
+    u = {part.source: part.u for part in found.disturbance.parts}
+    offset_v = math.hypot(known.generator_offset_v, known.generator_offset_v) / 3**0.5
+    assert u["offset of the generator, sine against direct voltage"] == pytest.approx(150.0 * offset_v, rel=0.01)
 
 
 @pytest.mark.parametrize(
