@@ -17,6 +17,8 @@ from vcfbench.clock import WallClock
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import settings_of
+from vcfbench.runs.needs import what_can_run
+from vcfbench.station.discovery import Discovery
 from vcfbench.testing import serve_simulated
 
 if TYPE_CHECKING:
@@ -332,3 +334,37 @@ def test_the_mains_are_asked(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.stderr
     assert "no: " in done.stderr
     assert load_bench(tmp_path / "station.toml").site.mains_hz == 60
+
+
+STREAMED = ("--set", "gyro.stream.profile=imu.toml", "--set", "gyro.stream.resource=/dev/ttyUSB7")
+
+
+@pytest.mark.parametrize("unit", ["deg/s", "LSB"])
+def test_stream_is_an_output_like_a_meter_and_counts_are_asked_for(
+    unit: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing = Discovery("@py", (), (), ())
+    monkeypatch.setattr("vcfbench.station.discovery.discover", lambda *_given, **_named: nothing)
+    keys = f'unit = "{unit}"\nsample_rate_hz = 100.0\nheader = "A5"\nlength = 8\nvalue = {{ at = 2 }}\n'
+    (tmp_path / "imu.toml").write_text(keys, "utf-8")
+    said = CliRunner().invoke(app, ["bench", "new", "a.toml", "--yes", *LATITUDE, *STREAMED])
+    assert said.exit_code == 0, said.stderr
+    assert ("--set procedure.scale_factor_v_per_deg_s=" in said.stderr) == (unit == "LSB")
+    typed = "none\nnone\n48.1\n50\n" + ("131\n" if unit == "LSB" else "")
+    asked = CliRunner().invoke(app, ["bench", "new", "b.toml", *STREAMED], input=typed)
+    assert asked.exit_code == 0, asked.stderr
+    assert "multimeter" not in asked.stderr
+    scale_factor = load_bench(tmp_path / "b.toml").procedure_table.get("scale_factor_v_per_deg_s")
+    assert scale_factor == (131 if unit == "LSB" else None)
+    lacks = what_can_run(load_bench(tmp_path / "a.toml"))
+    assert (lacks["zero"] is None) == (unit != "LSB")
+    assert "temperature needs rate_source or rate_table" in str(lacks["temperature"])
+
+
+@pytest.mark.exhaustive
+def test_served_stream_is_told_as_one(tmp_path: Path) -> None:
+    sim = CliRunner().invoke(app, ["sim", "new", "sim.toml", "--stream", "vn100"])
+    assert sim.exit_code == 0
+    with serve_simulated(load_bench(tmp_path / "sim.toml")) as lab:
+        done = CliRunner().invoke(app, ["bench", "new", "--served", str(lab.control_port), "--yes", *LATITUDE])
+        assert "a stream: --set gyro.stream.resource=socket://127.0.0.1:" in done.stderr, done.output

@@ -37,6 +37,11 @@ class CheckedInstrument(Struct, frozen=True):
     equipment: Equipment
     answers: dict[str, str]
 
+    @property
+    def called(self) -> str:
+        """Its role in words: the output may be a stream."""
+        return self.role.replace("multimeter", "stream") if self.equipment.model == "stream" else self.role
+
 
 class CheckedWatchdog(Struct, frozen=True):
     """The watchdog process, started once, and notes on watchdogs in the instruments, by role; none is armed.
@@ -59,7 +64,8 @@ class BenchCheck(Struct, frozen=True):
 
     def failure(self) -> BenchError | None:
         """Return the error that the check amounts to: NotSafe before all else, None when all is well."""
-        bad = self.not_ready()
+        bad = [each.called for each in self.instruments if each.problem is not None]
+        bad += ["watchdog"] * bool(self.watchdog.problem)
         return not_safe(self.safe_reports) or (BenchError(f"not ready: {', '.join(bad)}") if bad else None)
 
     def not_ready(self) -> list[str]:

@@ -184,7 +184,7 @@ def _abilities(lacks: Mapping[str, str | None], none_because: str) -> str:
 def _checked_row(each: CheckedInstrument) -> tuple[str, ...]:
     answered = "-" if each.identity is None else " ".join(filter(None, astuple(each.identity)))
     state = "ok" if each.problem is None else "FAILED"
-    return each.role, state, str(each.equipment.model), each.resource, calibration_words(each.equipment), answered
+    return each.called, state, str(each.equipment.model), each.resource, calibration_words(each.equipment), answered
 
 
 def _shown(value: object) -> str:

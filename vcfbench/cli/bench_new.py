@@ -22,6 +22,8 @@ from vcfbench.station.new_station import LATITUDE, MAINS, RAIL, Draft
 
 _NONE: Final = "none"
 _NEGATIVE: Final = "wiring.rails.negative"
+_SCALE: Final = "procedure.scale_factor_v_per_deg_s"
+_STREAM: Final = "gyro.stream."
 _QUESTIONS: Final = {
     "limits.max_rate_deg_s": "Highest rate, deg/s",
     "limits.max_acceleration_deg_s2": "Highest acceleration, deg/s^2",
@@ -72,12 +74,13 @@ def new(
     for each in found:
         _place(each, draft, given, places.get(each.resource), ask=not yes)
     _add_named(draft, given, "resource")  # what does not answer today
-    for role, (words, keys) in _BY_HAND.items():
-        if not yes and role not in draft.roles():
-            asked = f"No {words} answers: is there one that a person sets and reads"
-            if _answer(asked, _NONE, choices=["hand", _NONE]) != _NONE:
-                draft.add_instrument(role, keys)
-    if not draft.roles():
+    streams = any(key.startswith(_STREAM) for key in given)
+    there = {*draft.roles(), *(["multimeter"] if streams else [])}
+    for role, (words, keys) in _BY_HAND.items() if not yes else ():
+        asked = f"No {words} answers: is there one that a person sets and reads"
+        if role not in there and _answer(asked, _NONE, choices=["hand", _NONE]) != _NONE:
+            draft.add_instrument(role, keys)
+    if not (draft.roles() or streams):
         hint = "--try RESOURCE, --served PORT; --set power.by=hand --set power.model=NAME where a person sets it"
         raise ConfigError("expected at least one instrument, found or named", hint=hint)
     draft.set(given)
@@ -92,6 +95,8 @@ def new(
     typer.echo(f"{file} is written; next: vcfbench bench check --bench {file}")
     unseen = "[limits], [wiring] and [site]" if yes else "[wiring]"
     typer.echo(f"check its {unseen} before anything moves", err=True)
+    if _counts(draft):
+        typer.echo(f"its numbers are LSB: for rates --set {_SCALE}=LSB_PER_DEG_S by the data sheet", err=True)
     if rails_open and yes:
         typer.echo(f"rails of +10 and -10 V were taken: a gyroscope of others needs --set {RAIL}=VOLTS", err=True)
 
@@ -126,8 +131,9 @@ def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hin
     named = next((key.removesuffix(".resource") for key, value in given.items() if value == found.resource), hint)
     free = [role for role in discovery.places(found.model) if role not in draft.roles()]
     if found.model is None:
-        words = f"{found.resource} is not recognised: --set ROLE.resource={found.resource} --set ROLE.like=MODEL"
-        typer.echo(words, err=True)
+        typer.echo(f"{found.resource} is not recognised; put it on the bench if it is", err=True)
+        typer.echo(f"  an instrument: --set ROLE.resource={found.resource} --set ROLE.like=MODEL", err=True)
+        typer.echo(f"  a stream: --set {_STREAM}resource={found.resource} --set {_STREAM}profile=NAME", err=True)
     elif free:
         role = named if named in free else free[0]
         if ask:
@@ -158,11 +164,19 @@ def _ask(draft: Draft, given: dict[str, Any], *, rails_open: bool) -> None:
     for key, words in _QUESTIONS.items():
         if key not in given and (key in {LATITUDE, MAINS} or draft.value(key) is not None):
             _ask_for(key, words, draft)
+    if _counts(draft):
+        _ask_for(_SCALE, "Scale factor by the data sheet, LSB a deg/s, signed", draft)
+
+
+def _counts(draft: Draft) -> bool:
+    """Return True if the output is counts of which nothing tells the scale factor."""
+    stream = draft.change({}).stream
+    return stream is not None and stream.unit == "LSB" and draft.value(_SCALE) is None
 
 
 def _ask_for(key: str, words: str, draft: Draft) -> None:
     """Ask for the value of a key until it fits; its proposal comes from the draft."""
-    fixed = {LATITUDE: None, MAINS: "50", RAIL: None}
+    fixed = {LATITUDE: None, MAINS: "50", RAIL: None, _SCALE: None}
     proposed = fixed[key] if key in fixed else f"{draft.value(key):g}"
     while True:
         answer = _answer(words, proposed)

@@ -11,6 +11,7 @@ from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import lacking
 from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.safety.roles import needed_roles
 from vcfbench.station.description import BenchDescription
@@ -91,7 +92,7 @@ def with_duts(description: BenchDescription, dut: str | None) -> BenchDescriptio
 
 
 def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -> dict[str, str | None]:
-    """Return for every known procedure the bench's lack for it, in words; None where it can run.
+    """Return for every known procedure the bench's lack for it, or its settings', in words; None where it can run.
 
     `not_ready` are roles, and the watchdog, that were tried and are not.
     """
@@ -103,6 +104,11 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
                 require_several(procedure, description)
         except ConfigError as error:
             lacks[name] = error.what
+            continue
+        try:
+            settings_of(procedure, description, recalled=False)
+        except ConfigError as error:
+            lacks[name] = f"{name} as it is set: {error.what}"
             continue
         opened = ["watchdog", *(each.name for each in needed_roles(description, roles_of(procedure, description)))]
         failed = [each for each in not_ready if each.partition(" of ")[0] in opened]
