@@ -95,6 +95,17 @@ def test_v_vc_error_is_no_limit_of_gyroscope() -> None:
         assert side.limit.missing == ("scale factor",)
 
 
+def test_bound_by_levels_as_set_lacks_what_they_may_be_off_by() -> None:
+    """A bench that ends at 2 V: within 2 % of the lowest level and of the highest, and 4 mV of the lowest."""
+    lab = vcfbench.load_bench("lab")
+    bench = structs.replace(lab, v_vc_meter=None, limits=structs.replace(lab.limits, max_v_vc_v=2.0))
+    found = run(bench).results
+    off = math.hypot(0.02, 0.02, 4e-3 * 150.0 / 50.0)
+    reached_deg_s = 2.0 * found.line.slope / found.scale_factor_v_per_deg_s
+    assert found.positive.limit is None
+    assert found.positive.at_least_deg_s == pytest.approx(reached_deg_s * (1.0 - 0.95 * off), rel=1e-3)
+
+
 class Latched:
     """What was measured, but for the output at the small rate afterwards, which is another."""
 
