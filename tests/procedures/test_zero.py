@@ -17,7 +17,7 @@ from vcfbench.analysis.allan import Sampling, Term, deviation_factor
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import opened
-from vcfbench.procedures.zero.noise import by_scatter, with_what_is_let_through, without_meter
+from vcfbench.procedures.zero.noise import by_scatter, record_noise, with_what_is_let_through, without_meter
 from vcfbench.procedures.zero.plan import ZERO
 from vcfbench.procedures.zero.results import Mode, ZeroResult, ZeroSettings, zero_report, zero_results
 from vcfbench.records import journal
@@ -408,3 +408,17 @@ def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, tab
         MeasurementError, match="does not answer to " + ("a rate of 10 deg/s" if table else "V_Vc of 1 V")
     ):
         vcfbench.run(procedure, dead, seed=3, settings=settings, runs=None)
+
+
+@pytest.mark.parametrize("period_s", [40.0, 150.0, 500.0])
+@pytest.mark.parametrize("size_deg_s", [0.3, 1.0])
+def test_white_noise_beside_a_vibration_has_a_bound_of_n_above_it(size_deg_s: float, period_s: float) -> None:
+    """1 deg/s a second are 60 deg/sqrt(h); what no sum of noises describes is told with the times that were fitted."""
+    noise = np.random.default_rng(4).standard_normal(1000)
+    rates = noise + size_deg_s * np.sin(2.0 * np.pi / period_s * np.arange(1000))
+    found = record_noise(rates, Sampling.without_gaps(1.0), corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0)
+    (walk,) = (each for each in found.coefficients if each.words == Term.ANGLE_RANDOM_WALK.value)
+    assert walk.upper_95 > 60.0 or walk.value == pytest.approx(60.0, abs=2.0 * (walk.u or 0.0))
+    times_s = [each.tau_s for each in found.rows]
+    assert times_s.index(found.fitted_from_s) <= times_s.index(found.fitted_to_s)
+    assert found.described or any("No sum of these noises" in each for each in found.remarks)
