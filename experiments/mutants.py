@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).parents[1]
 WHERE = ("procedures", "uncertainty", "belief", "devices", "instructions", "analysis", "sim/gyro")
 TABLES = ("tests/procedures/parts", "tests/procedures/test_plans.py", "tests/runs/test_expected.py")
+SMALL = ("belief", "devices", "instructions", "sim/gyro")
+"""Rooms all of whose tests are near: they reach a module through others."""
 LEAST = 0.95
 LONGEST_S = 900.0
 SWAPS: dict[type[ast.AST], str] = {
@@ -93,13 +95,15 @@ def drawn(seed: int) -> tuple[str, int, str]:
 
 
 def tests_of(name: str) -> list[str]:
-    """Return the files of tests that import a module or bear its name; where none does, those of what imports it."""
+    """Return the files of tests that import a module, bear its name or stand in its room; else those of its users."""
     dotted = name.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, own = dotted.rpartition(".")
     imports = re.compile(rf"(?:from {dotted} import|from {package} import [^\n]*\b{own}\b|import {dotted}\b)")
     named = (f"/test_{own}.py", f"/test_{package.rpartition('.')[2]}.py")
+    room = next((f"tests/{each}/" for each in SMALL if name.startswith(f"vcfbench/{each}/")), "no room")
     every = git("ls-files", "tests/*/test_*.py").decode().split()
-    found = [each for each in every if each.endswith(named) or imports.search((ROOT / each).read_text("utf-8"))]
+    near = [each for each in every if each.endswith(named) or each.startswith(room)]
+    found = [*near, *(each for each in every if each not in near and imports.search((ROOT / each).read_text("utf-8")))]
     if found or name.endswith("/__init__.py"):
         return found
     modules = git("ls-files", "vcfbench/*.py").decode().split()
