@@ -129,3 +129,16 @@ def test_second_fit_of_record_reuses_sums_over_lags() -> None:
 def test_what_cannot_be_fitted_is_refused(curve: list[AllanPoint], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         fit_noise(curve, 100, SECONDS)
+
+
+@pytest.mark.parametrize("quantisation", [-30.0, -1.0, -0.3, 0.0, 0.3, 30.0])
+@pytest.mark.parametrize("interval_s", [0.01, 1.0, 20.0])
+def test_neighbouring_readings_share_no_more_than_those_of_a_mean_over_both(
+    quantisation: float, interval_s: float
+) -> None:
+    """The density of the readings, white^2 + 4 q |q| sin^2, is nowhere negative: it is 0 at its end for such a mean."""
+    law = Coefficients(quantisation=quantisation * interval_s**0.5, angle_random_walk=1.0)
+    noise = law.phase_noise(Sampling.without_gaps(interval_s))
+    at_end = noise.white**2 + 4.0 * math.copysign(noise.quantisation**2, noise.quantisation)
+    expected = (1.0 + 4.0 * math.copysign(quantisation**2, quantisation)) / interval_s
+    assert at_end == pytest.approx(max(0.0, expected), rel=1e-9, abs=1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from datetime import date, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +24,8 @@ from vcfbench.devices.certificate import Here, drift_of
 from vcfbench.devices.device import CUSUM_ACTION, E_N_ACTION, KnownDevice, Reference, level_for
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.page.station import StationDirectories
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
@@ -585,7 +588,12 @@ def test_temperatures_that_were_told_are_compared_and_k_vc_corrected(quiet: tupl
     at_20 = {"temperature_c": Measured(value=20.3, u=0.0), "k_vc_ppm_k": Measured(value=29.6, u=0.3)}
     known = dated_back(where, settings, "measured", 0.0, characteristics=Characteristics(**at_20))
     blind = run(where, hot, known).scale_factor
-    told = run(where, hot, {**known, "temperature_c": 35.3})
+    done = vcfbench.run("self-calibration", hot, seed=2, settings={**known, "temperature_c": 35.3}, runs=where)
+    told, procedure = done.results, PROCEDURES["self-calibration"]
+    seen = structs.replace(told, characteristics=Characteristics(temperature_c=Measured(value=35.3, u=0.0)))
+    report = procedure.report(recorded_settings(procedure, done.header["settings"]), done.measured, seen)
+    (said,) = re.findall(r"scale factor has changed by ([-+]\d+) ppm", vcfbench.text_of(report))
+    assert float(said) == pytest.approx(1e6 * (warm_k(hot) / warm_k(still(LAB)) - 1.0), abs=10.0)
     assert gyro.thermal.ambient_c == 20.0
     assert 1e6 * (abs(blind.value) / size - 1.0) == pytest.approx(445.0, abs=10.0)
     assert 1e6 * (abs(told.scale_factor.value) / size - 1.0) == pytest.approx(0.0, abs=5.0)
