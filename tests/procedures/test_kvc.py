@@ -151,7 +151,7 @@ def test_trusted_setting_has_accuracy_of_the_generator_ranges(seed: int, tmp_pat
         vcfbench.run("kvc", each, seed=seed, settings=settings, runs=tmp_path).results for each in (bench, unknown)
     )
     ranges = {part.source for part in told.k_vc.parts if part.rectangular}
-    assert "gain of what V_Vc is known by, 3.16 V range" in ranges
+    assert "V_Vc gain, 3.16 V range" in ranges
     assert len(ranges) == 6
     true = truth(warm(physical_parameters(bench)))[1]  # at the input: 50 ohm take 5e-4 or less of the open level
     for k_vc in (told.k_vc, found.k_vc):
@@ -251,7 +251,7 @@ def test_the_age_of_a_calibration_is_told_in_one_place(tmp_path: Path) -> None:
     def gain_part(days: float) -> float:
         bench = structs.replace(LAB, uncertainty=structs.replace(LAB.uncertainty, v_vc_meter_age_days=days))
         found = vcfbench.run("kvc", bench, settings={**QUICK, "cycles": 1}, seed=1, runs=tmp_path).results
-        return next(part.u for part in found.k_vc.parts if part.source == "gain of what V_Vc is known by")
+        return next(part.u for part in found.k_vc.parts if part.source == "V_Vc gain")
 
     assert gain_part(80.0) == pytest.approx(20.0 / 35.0 * gain_part(365.0), rel=1e-3)  # 0.0020 and 0.0035 % of reading
     bench = structs.replace(LAB, uncertainty=structs.replace(LAB.uncertainty, v_vc_meter_age_days=900.0))

@@ -144,9 +144,9 @@ def test_certificate_keeps_shares_and_meter_counts_once(tmp_path: Path) -> None:
         v_vc_min_v=-1.5,
         v_vc_max_v=1.5,
         shares=(
-            CurveShare(source="the table's rate", covariance=((0.0, 0.0), (0.0, own**2))),
+            CurveShare(source="table rate", covariance=((0.0, 0.0), (0.0, own**2))),
             CurveShare(source="the Earth's rate", covariance=((1e-6, 0.0), (0.0, -1e-20))),
-            CurveShare(source="gain of what V_Vc is known by", of=name, covariance=((0.0, 0.0), (0.0, meter**2))),
+            CurveShare(source="V_Vc gain", of=name, covariance=((0.0, 0.0), (0.0, meter**2))),
         ),
     )
     here = Conditions(bench="lab", run="r", simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
@@ -163,7 +163,7 @@ def test_certificate_keeps_shares_and_meter_counts_once(tmp_path: Path) -> None:
     )
     found = run(QUIET, tmp_path, k_vc=None, dut="G-1", devices=str(tmp_path / "devices"), **FAST).results
     sources = {part.source: part.u / abs(found.scale_factor.value) for part in found.scale_factor.parts}
-    assert sources["certificate: the table's rate"] == pytest.approx(30e-6)
+    assert sources["certificate: table rate"] == pytest.approx(30e-6)
     assert not [each for each in sources if "gain of what V_Vc" in each]
     assert found.k_vc_from == "certificate 0001"
     assert found.drift.since == "certificate 0001 of 2020-01-01"
@@ -175,7 +175,7 @@ def test_certificate_keeps_shares_and_meter_counts_once(tmp_path: Path) -> None:
 def test_set_v_vc_has_accuracy_of_generator(tmp_path: Path) -> None:
     found = run(QUIET, tmp_path, v_vc="set", **FAST).results
     assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(0.02 / 3**0.5, rel=0.05)
-    assert found.scale_factor.parts[0].source == "gain of what V_Vc is known by"
+    assert found.scale_factor.parts[0].source == "V_Vc gain"
     assert any(part.source.startswith("offset of the generator") for part in found.disturbance.parts)
 
 

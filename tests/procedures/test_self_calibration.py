@@ -178,7 +178,7 @@ def test_drawn_instruments_lie_within_u95_and_shared_errors_cancel(tmp_path: Pat
     assert second.drift.last.since.startswith("self-calibration 0002")
     assert second.drift.last.change_ppm.value == 0.0
     only = {part.source for part in second.drift.last.change_ppm.parts if abs(part.u) > 1e-9}
-    assert only == {f"{when}{each}" for when in ("", "then: ") for each in ("readings", "V_Vc's scatter", "warm-up")}
+    assert only == {f"{when}{each}" for when in ("", "then: ") for each in ("readings", "V_Vc readings", "warm-up")}
     assert first.drift.change_ppm.u < first.scale_factor.u / abs(scale_factor) * 1e6
     kept = DeviceStore(tmp_path / "devices").device("G-1").self_calibrations[-1]
     assert isinstance(kept, SelfCalibration)
@@ -194,7 +194,7 @@ def test_the_field_needs_no_table_and_no_oscilloscope(tmp_path: Path) -> None:
     one = structs.replace(FIELD, v_vc_meter=None)
     by_hand = run(tmp_path, one, settings)
     assert by_hand.v_vc_by == "34401A at GPIB0::22::INSTR"
-    gain = next(part for part in by_hand.scale_factor.parts if part.source == "gain of what V_Vc is known by")
+    gain = next(part for part in by_hand.scale_factor.parts if part.source == "V_Vc gain")
     assert gain.u / abs(by_hand.scale_factor.value) == pytest.approx(35e-6 / 4.0, rel=0.01)
 
 
@@ -217,7 +217,7 @@ def test_same_meter_has_same_number_and_calibration(tmp_path: Path) -> None:
         cancelled[name] = {each for each in drift.cancelled if "multimeter" in each}
         u_ppm[name] = drift.change_ppm.u
     assert cancelled == {
-        "same": {"the multimeter's gain (34401A inventory no. K-7)"},
+        "same": {"meter gain (34401A inventory no. K-7)"},
         "other": set(),
         "calibrated since": set(),
     }
@@ -229,7 +229,7 @@ def test_simulated_meters_of_one_seed_are_the_same(tmp_path: Path) -> None:
     """Another seed draws other specimens, at the same address of the same bench."""
     settings = calibrated(tmp_path, LAB)
     same, other = (run(tmp_path, LAB, settings, seed).drift.cancelled for seed in (1, 2))
-    assert "the multimeter's gain (34401A at GPIB0::22::INSTR of lab, seed 1)" in same
+    assert "meter gain (34401A at GPIB0::22::INSTR of lab, seed 1)" in same
     assert not [each for each in other if "multimeter" in each]
 
 
@@ -242,7 +242,7 @@ def test_trusted_setting_has_accuracy_of_the_generator_ranges(tmp_path: Path) ->
     told, found = (run(tmp_path, each, settings) for each in (bench, unknown))
     ranges = {part.source for part in told.scale_factor.parts if part.rectangular and "V range" in part.source}
     assert len(ranges) == 8  # gain and offset of those that three levels and their zero are on
-    assert "gain of what V_Vc is known by, 3.16 V range" in ranges
+    assert "V_Vc gain, 3.16 V range" in ranges
     for each in (told, found):
         assert abs(each.drift.change_ppm.value) <= each.drift.change_ppm.u95
     assert (
@@ -264,7 +264,7 @@ def test_a_served_bench_tells_its_instruments_apart_by_its_seed(tmp_path: Path) 
             served.reset(seed)
             found = vcfbench.run("self-calibration", served.on_wires(), settings=settings, runs=tmp_path).results
             cancelled.append([each for each in found.drift.cancelled if "seed" in each])
-    assert any("the multimeter's gain" in each for each in cancelled[0])
+    assert any("meter gain" in each for each in cancelled[0])
     assert not cancelled[1]
 
 

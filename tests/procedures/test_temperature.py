@@ -132,7 +132,7 @@ def test_the_coefficients_are_those_of_the_closed_form(run: Any) -> None:
     for name, (truth, most_u) in truths.items():
         value = getattr(found, name)
         assert abs(value.value - truth) < 3.0 * value.u < 3.0 * most_u, (name, value, truth)
-    assert found.scale_factor.parts[0].source == "V_Vc: gain of the generator"
+    assert found.scale_factor.parts[0].source == "V_Vc gain"
     assert found.scale_factor.u == pytest.approx(0.02 / 3**0.5 * abs(found.scale_factor.value), rel=0.01)
     assert found.scale_factor_tc.parts[0].source == "readings and flicker"
     true_hz = 3488.9 * (1.0 - 30e-6 * (REFERENCE_C + 0.3 - 20.0))

@@ -51,5 +51,5 @@ def test_flicker_of_two_windows_is_integral_of_logarithm() -> None:
 def test_one_output_has_the_meter_as_well() -> None:
     found = {part.source: part.u for part in output_of(SETTINGS, POINTS[1]).parts}
     assert found["readings"] == pytest.approx(3e-4 / math.sqrt(5.0))
-    assert found["the multimeter's gain"] == pytest.approx(0.1 * 1e-5)
-    assert found["the multimeter's offset"] == pytest.approx(2e-5)
+    assert found["meter gain"] == pytest.approx(0.1 * 1e-5)
+    assert found["meter offset"] == pytest.approx(2e-5)

@@ -13,14 +13,12 @@ from vcfbench.drivers.streams.description import Stream
 from vcfbench.reports.document import Axis, Cell, Column, Report, Table, Text
 from vcfbench.typed import typed
 from vcfbench.values.kinds import slope_unit
+from vcfbench.values.sources import METER_GAIN
 
 _T = TypeVar("_T")
 
 _CLOCK = "device clock"
-_SOURCES = {
-    **dict.fromkeys(("meter gain", "the multimeter's gain", "gain of the multimeter"), _CLOCK),
-    "last digit": "quantisation",
-}
+_SOURCES = {METER_GAIN: _CLOCK, "last digit": "quantisation"}
 _MILLI = re.compile(r"([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?) mV(/\(deg/s\))?")
 
 

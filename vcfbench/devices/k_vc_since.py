@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.devices.k_vc_change import temperature_coefficient
-from vcfbench.instructions.v_vc import TEMPERATURE
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.settings import Sources
 from vcfbench.uncertainty.measurand import measurand
+from vcfbench.values.sources import TEMPERATURE
 from vcfbench.values.value import UncertaintyPart
 
 K_VC_HEALTH = "what was measured of K_Vc's causes"

@@ -27,15 +27,9 @@ from vcfbench.station.settings import V_VC_RANGE_V, ProcedureSettings
 from vcfbench.steps import AcquireWithVvc, ConfigureVvcMeter, MeasureVvc, Note, VvcMeasured, Window, move_leads
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Routine, answer
+from vcfbench.values.sources import TEMPERATURE, WARM_UP
 
 READINGS = "readings"
-METER_GAIN, METER_OFFSET = "the multimeter's gain", "the multimeter's offset"
-V_VC_GAIN, V_VC_OFFSET = "gain of what V_Vc is known by", "offset of what V_Vc is known by"
-V_VC_NOISE = "V_Vc's scatter"
-RESOLUTION = "steps of the generator"
-TEMPERATURE, WARM_UP = "temperature", "warm-up"
-"""Sources of uncertainty that several procedures name, so that common errors cancel in differences."""
-
 K_VC_UNIT = "(deg/s)/V"
 """Unit of the rate that a volt of V_Vc stands for."""
 _OVER_RANGE = 1.2
@@ -265,7 +259,8 @@ def away_from_warm_k(settings: ProcedureSettings, lasted_s: float) -> dict[str, 
     Of the warm-up it is the mean over a run of `lasted_s` that begins after the wait; nothing where the bench file does
     not know it.
     """
-    known, found = settings.station.sources, {}
+    known = settings.station.sources
+    found: dict[str, float] = {}
     if known.temperature_k is not None:
         found[TEMPERATURE] = known.temperature_k / math.sqrt(3.0)
     if known.warm_up_k is not None:

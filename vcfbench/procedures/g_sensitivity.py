@@ -22,7 +22,7 @@ from vcfbench.instructions import routines
 from vcfbench.instructions.procedure import Procedure, Watched, roles
 from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
 from vcfbench.instructions.schedule import EARTH_DEG_S
-from vcfbench.instructions.v_vc import METER_GAIN, meter_error
+from vcfbench.instructions.v_vc import meter_error
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged, said, several
@@ -30,6 +30,7 @@ from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
 from vcfbench.uncertainty.measurand import measurand, quantity_table, titled
 from vcfbench.uncertainty.window_sum import noise_v, windows_without_times
+from vcfbench.values.sources import METER_GAIN
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 STANDARD_GRAVITY_M_S2 = 9.80665

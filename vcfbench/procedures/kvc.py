@@ -54,6 +54,7 @@ from vcfbench.typed import typed
 from vcfbench.uncertainty.known_levels import known_levels
 from vcfbench.uncertainty.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
 from vcfbench.uncertainty.phases import PhaseErrors
+from vcfbench.values.sources import METER_GAIN, MISALIGNMENT, RESOLUTION, TABLE_RATE, V_VC_GAIN, V_VC_NOISE, V_VC_OFFSET
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 
@@ -159,8 +160,7 @@ _FAR_DAYS = 365_000.0
 """No certificate dates a U95 later than that: a thousand years."""
 
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
-RATE, EARTH = "the table's rate", "the Earth's rate and the tilt of the axis"
-MISALIGNMENT = "misalignment of the gyroscope on the table"
+EARTH = "the Earth's rate and the tilt of the axis"
 
 
 def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
@@ -178,16 +178,16 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     of_rate = {
         READ_TABLE: in_rate,
         READ_DRIVEN: in_rate,
-        RATE: covariance_of(rate, 0.0, v_vc.table_rate_error(settings)),
+        TABLE_RATE: covariance_of(rate, 0.0, v_vc.table_rate_error(settings)),
         MISALIGNMENT: covariance_of(rate, 0.0, v_vc.alignment_error(settings)),
         EARTH: covariance_of(rate, 0.0, 0.0, u_earth_deg_s),
         **{name: covariance_of(rate, 0.0, u) for name, u in phases.u("k_vc").items()},
     }
     error = v_vc.v_vc_error(settings)
-    of_v_vc = {
-        v_vc.V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
-        v_vc.V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
-        v_vc.V_VC_NOISE: covariance_of(matched_v, u_v_vc_v),
+    of_v_vc: dict[str, Floats] = {
+        V_VC_GAIN: covariance_of(matched_v, 0.0, error.u_gain),
+        V_VC_OFFSET: covariance_of(matched_v, 0.0, 0.0, error.u_offset_v),
+        V_VC_NOISE: covariance_of(matched_v, u_v_vc_v),
     }
     curve = fit_k_vc_curve(rate, matched_v, sum(of_rate.values()), sum(of_v_vc.values()), settings.curve_order)
     parts = covariance_parts(curve, matched_v, of_rate, of_v_vc)
@@ -197,12 +197,12 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
     scale_factor = _scale_factor(settings, of_blocks, slopes, of_slopes, len(points))
     bias = null_blocks.bias_at_rest(settings, points, TABLE, of_blocks, scale_factor.value)
     pairs = zip(rate, matched_v, u_matched, curve.residuals_deg_s, left_v, strict=True)
-    ranges = parts.keys() - {*of_rate, *of_v_vc, v_vc.RESOLUTION}  # errors within the limits of each
+    ranges = parts.keys() - {*of_rate, *of_v_vc, RESOLUTION}  # errors within the limits of each
     of_k_vc = [
         UncertaintyPart(
             *(name, math.sqrt(max(0.0, float(part[1, 1])))),
             finite(of_blocks.dof) if name in {READ_TABLE, READ_DRIVEN} else None,
-            error.owner if name in {v_vc.V_VC_GAIN, v_vc.V_VC_OFFSET, *ranges} else None,
+            error.owner if name in {V_VC_GAIN, V_VC_OFFSET, *ranges} else None,
             rectangular=name in ranges,
         )
         for name, part in parts.items()
@@ -241,9 +241,9 @@ def _as_set(
     per_v, known = making * slope, known_levels((), settings.station.sources)
     own = per_v * np.array([known.u_besides_v(volts) for volts in v_vc_v])
     parts = {name: making @ part @ making.T for name, part in of_rate.items()}
-    parts[v_vc.RESOLUTION] = own @ own.T
+    parts[RESOLUTION] = own @ own.T
     for kind, where, effect, range_error in known.shared(v_vc_v, per_v, 1):
-        name = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET
+        name = V_VC_GAIN if kind == "gain" else V_VC_OFFSET
         parts[f"{name}, {where}"] = range_error.u**2 * np.outer(effect, effect)
     together = np.sum(list(parts.values()), axis=0)
     return structs.replace(curve, covariance=tuple(map(tuple, together.tolist()))), parts
@@ -279,8 +279,8 @@ def _scale_factor(
     phases = PhaseErrors.of(settings.station.sources)
     parts = [
         UncertaintyPart(READ_TABLE, math.sqrt(of_slopes[0, 0]), finite(noise.dof)),
-        UncertaintyPart(v_vc.METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
-        UncertaintyPart(RATE, abs(slope) * v_vc.table_rate_error(settings)),
+        UncertaintyPart(METER_GAIN, abs(slope) * meter.u_gain, None, meter.owner),
+        UncertaintyPart(TABLE_RATE, abs(slope) * v_vc.table_rate_error(settings)),
         UncertaintyPart(MISALIGNMENT, abs(slope) * v_vc.alignment_error(settings)),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in v_vc.temperature_errors(settings, windows).items()),
         *(UncertaintyPart(name, abs(slope) * u) for name, u in phases.u("scale_factor").items()),

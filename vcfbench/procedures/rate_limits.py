@@ -38,6 +38,7 @@ from vcfbench.uncertainty.at_rest import as_rate
 from vcfbench.uncertainty.measurand import measurand, titled, value_table
 from vcfbench.uncertainty.window_sum import noise_v, output_of, windows_without_times
 from vcfbench.values.printing import incomplete
+from vcfbench.values.sources import METER_GAIN
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _LINE, _RAISED, _BEYOND, _BACK, _AGAIN = 1, 2, 3, 4, 5
@@ -284,7 +285,7 @@ def _of_inputs(settings: RateLimitsSettings, found: Limit, line: Line) -> Iterat
         limits["misalignment"] = size_v * (1.0 - math.cos(math.radians(known.misalignment_deg or 0.0)))
     else:
         meter = v_vc.meter_error(settings, "multimeter")
-        yield UncertaintyPart(v_vc.METER_GAIN, size_v * meter.u_gain, of=meter.owner)
+        yield UncertaintyPart(METER_GAIN, size_v * meter.u_gain, of=meter.owner)
     for source, limit_v in limits.items():
         if limit_v:
             yield UncertaintyPart(source, limit_v / math.sqrt(3.0), rectangular=True)

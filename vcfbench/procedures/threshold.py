@@ -33,6 +33,7 @@ from vcfbench.station.bounds import Rate, ranged, said, several
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.step import Routine
 from vcfbench.uncertainty.measurand import finite, measurand, titled, value_table
+from vcfbench.values.sources import MISALIGNMENT, TABLE_RATE, V_VC_GAIN, V_VC_NOISE, V_VC_OFFSET
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 _AT_REST, _AT_RATE, _SEARCH = 1, 2, 3
@@ -271,8 +272,8 @@ def _about(
     level = rough**2 * np.array([[1.0, 0.5], [0.5, 1.0]])  # both steps of a pair are from the same zero
     of_pair = {
         v_vc.READINGS: np.array(noise.covariance_v2) / count,
-        v_vc.V_VC_NOISE: level * (fmean(scatter_v2) / count if scatter_v2 else 0.0),
-        v_vc.V_VC_OFFSET: level * 2.0 * u_offset_v**2,
+        V_VC_NOISE: level * (fmean(scatter_v2) / count if scatter_v2 else 0.0),
+        V_VC_OFFSET: level * 2.0 * u_offset_v**2,
     }
     fit = fit_dead_band(x, y, {name: np.asarray(np.kron(np.eye(len(sizes)), each)) for name, each in of_pair.items()})
     parts = [
@@ -289,11 +290,11 @@ def _limit(settings: ThresholdSettings, half: DeadBand, parts: list[UncertaintyP
     own, in_volts = [replace(part, u=beyond * part.u) for part in parts], None
     size, missing = beyond * half.half_width, False
     if settings.by is ScaleFactorBy.TABLE:
-        of_rate = {"the table's rate": v_vc.table_rate_error(settings), "misalignment": v_vc.alignment_error(settings)}
+        of_rate = {TABLE_RATE: v_vc.table_rate_error(settings), MISALIGNMENT: v_vc.alignment_error(settings)}
         own += [UncertaintyPart(name, size * u) for name, u in of_rate.items()]
     else:
         error, k_vc, u_k_vc = v_vc.v_vc_error(settings), abs(settings.k_vc), settings.k_vc_u_deg_s_per_v
-        own.append(UncertaintyPart(v_vc.V_VC_GAIN, size * error.u_gain, None, error.owner))
+        own.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.owner))
         in_volts = measurand(size, "V", own)
         own = [replace(part, u=k_vc * part.u) for part in own]
         own.append(UncertaintyPart("K_Vc", size * (u_k_vc or 0.0)))

@@ -12,11 +12,12 @@ from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis.phase_noise import PhaseNoise
-from vcfbench.instructions.v_vc import METER_GAIN, METER_OFFSET, away_from_warm_k, meter_error
+from vcfbench.instructions.v_vc import away_from_warm_k, meter_error
 from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.uncertainty.measurand import finite, measurand
 from vcfbench.uncertainty.phases import PhaseErrors
 from vcfbench.uncertainty.windows import ENOUGH_DOF, Flicker
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _CONTRADICTS = 1.645

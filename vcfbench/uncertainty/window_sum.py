@@ -5,12 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from vcfbench.analysis.modulation import flicker_share
 from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
-from vcfbench.instructions.v_vc import METER_GAIN, METER_OFFSET, meter_error
+from vcfbench.instructions.v_vc import meter_error
 from vcfbench.records.schema import Point, fits_one_chunk, pooled_std_v
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import Window
 from vcfbench.uncertainty.measurand import measurand
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 

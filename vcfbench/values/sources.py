@@ -10,6 +10,10 @@ Errors: TypeAlias = Mapping[SourceName, Any]
 
 METER_GAIN: Final = SourceName("meter gain")
 METER_OFFSET: Final = SourceName("meter offset")
+V_VC_GAIN: Final = SourceName("V_Vc gain")
+V_VC_OFFSET: Final = SourceName("V_Vc offset")
+V_VC_NOISE: Final = SourceName("V_Vc readings")
+RESOLUTION: Final = SourceName("generator resolution")
 TABLE_RATE: Final = SourceName("table rate")
 TILT: Final = SourceName("Earth's rate by the axis' tilt")
 TEMPERATURE: Final = SourceName("temperature")

@@ -36,6 +36,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.steps import ModulatedRecord, SampleModulated
 from vcfbench.steps.measured import Measured
 from vcfbench.uncertainty.measurand import budget_table, made_of, measurand, said_of
+from vcfbench.values.sources import METER_GAIN, V_VC_GAIN, V_VC_NOISE
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _U_SHARE = 0.05
@@ -362,18 +363,18 @@ def _parts(settings: OnlineSettings, gain: _Gain, k_vc: float) -> tuple[list[Unc
         UncertaintyPart("readings: the third harmonic", gain.u_third / abs(k_vc), gain.dof),
     ]
     common = [
-        UncertaintyPart(v_vc.METER_GAIN, size * meter.u_gain, None, meter.owner),
+        UncertaintyPart(METER_GAIN, size * meter.u_gain, None, meter.owner),
         UncertaintyPart("response at the frequency of the modulation", size * ((gain.response - 1.0) * of_modes)),
         *(replace(part, u=size * part.u) for part in by_phases(settings)),
     ]
     if gain.u_v_vc:
-        common.append(UncertaintyPart(v_vc.V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
+        common.append(UncertaintyPart(V_VC_NOISE, gain.u_v_vc / abs(k_vc)))
     of_curve, same_meter = curve_parts(settings)
     for name, covariance, dof, of in of_curve:
         u = size * math.sqrt(max(0.0, float(covariance[1, 1]))) / abs(k_vc)  # a share of none may round below 0
         common.append(UncertaintyPart(name, u, dof, of))
     if not same_meter:
-        common.append(UncertaintyPart(v_vc.V_VC_GAIN, size * error.u_gain, None, error.owner))
+        common.append(UncertaintyPart(V_VC_GAIN, size * error.u_gain, None, error.owner))
     return own, common
 
 

@@ -50,6 +50,7 @@ from vcfbench.steps.measured import Foreseen, Measured
 from vcfbench.uncertainty.columns import combined
 from vcfbench.uncertainty.known_levels import known_levels
 from vcfbench.uncertainty.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
+from vcfbench.values.sources import METER_GAIN, RESOLUTION, V_VC_GAIN, V_VC_NOISE, V_VC_OFFSET
 from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 
@@ -323,8 +324,8 @@ def _parts(
     alike = np.array([abs(values[0]), abs(values[1]), 0.0])
     found: list[tuple[str, Floats, float | None, str | None]] = [
         (v_vc.READINGS, _u_of(by_output, seen.covariance_v2), finite(seen.noise.dof), None),
-        (v_vc.V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
-        (v_vc.METER_GAIN, alike * meter.u_gain, None, meter.owner),
+        (V_VC_NOISE, _u_of(by_v, np.eye(v.size) * seen.u_v_vc_v**2), None, None),
+        (METER_GAIN, alike * meter.u_gain, None, meter.owner),
     ]
     if seen.output_orders is not None:
         orders = seen.output_orders
@@ -338,8 +339,8 @@ def _parts(
     of_curve, same_meter = curve_parts(settings)
     found += [(name, _u_of(by_k, covariance), dof, of) for name, covariance, dof, of in of_curve]
     if not same_meter and settings.v_vc_role is not None:
-        found.append((v_vc.V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
-        found.append((v_vc.V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
+        found.append((V_VC_GAIN, np.abs(by_v @ v) * error.u_gain, None, error.owner))
+        found.append((V_VC_OFFSET, np.abs(by_v.sum(axis=1)) * error.u_offset_v, None, error.owner))
     limits = {
         name
         for name, *_ in found
@@ -353,9 +354,9 @@ def _parts(
         levels = known_levels((), settings.station.sources)
         own_v = np.array([levels.u_besides_v(volts) for volts in v])
         for place, of_value in enumerate(parts):
-            of_value.append(UncertaintyPart(v_vc.RESOLUTION, float(np.linalg.norm(by_v[place] * own_v))))
+            of_value.append(UncertaintyPart(RESOLUTION, float(np.linalg.norm(by_v[place] * own_v))))
             for kind, where, effect, of_range in levels.shared(v, by_v, place):
-                name, u = v_vc.V_VC_GAIN if kind == "gain" else v_vc.V_VC_OFFSET, float(abs(effect[place])) * of_range.u
+                name, u = V_VC_GAIN if kind == "gain" else V_VC_OFFSET, float(abs(effect[place])) * of_range.u
                 of_value.append(UncertaintyPart(f"{name}, {where}", u, None, error.owner, rectangular=True))
     return parts
 

@@ -21,6 +21,7 @@ from vcfbench.steps.step import Step
 from vcfbench.uncertainty.measurand import value_table
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
 from vcfbench.uncertainty.over_temperature import Cause, Temperatures, most, over_temperature
+from vcfbench.values.sources import METER_GAIN, METER_OFFSET, MISALIGNMENT, TABLE_RATE, V_VC_GAIN
 from vcfbench.values.value import Measurand, Value
 
 _MEASURED = 1
@@ -175,7 +176,7 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     biases = [each.zero_v / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
     u_zero = v_vc.meter_error(settings, "multimeter").u_offset_v / abs(volts)
-    of_bias = [*_of_bias(settings, seen, u_bias, noise), _at_all(settings, "offset of the multimeter", u_zero)]
+    of_bias = [*_of_bias(settings, seen, u_bias, noise), _at_all(settings, METER_OFFSET, u_zero)]
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
@@ -250,12 +251,12 @@ def _of_instruments(settings: TemperatureSettings, slope: float) -> list[Cause]:
 
     By V_Vc as it is set both signs are of one range of the generator. By the table its rate and the angle count.
     """
-    relative = {"gain of the multimeter": v_vc.meter_error(settings, "multimeter").u_gain}
+    relative = {METER_GAIN: v_vc.meter_error(settings, "multimeter").u_gain}
     if settings.by.value == "table":
-        relative["rate of the table"] = v_vc.table_rate_error(settings)
-        relative["angle to the table's axis"] = v_vc.alignment_error(settings)
+        relative[TABLE_RATE] = v_vc.table_rate_error(settings)
+        relative[MISALIGNMENT] = v_vc.alignment_error(settings)
     else:
-        relative["V_Vc: gain of the generator"] = v_vc.generator_sheet(settings).setting / math.sqrt(3.0)
+        relative[V_VC_GAIN] = v_vc.generator_sheet(settings).setting / math.sqrt(3.0)
     return [_at_all(settings, source, u * abs(slope)) for source, u in relative.items()]
 
 
