@@ -78,8 +78,9 @@ def test_nothing_writes_on_the_terminal_by_itself(part: Heading | Text | Table) 
 def test_texts_without_room_beside_the_numbers_stand_below_them(width: int) -> None:
     columns = (Column("value", align="left"), Column("u", "V", ".1e"), Column("of what", align="left"))
     words = "intercept of that line, Earth's rate in it, mean of the horizon, and more that nobody can fit in here"
-    report = Report([Table(columns, [("turntable.bias", 1.2e-5, words), ("k_vc", 2.0, "short")])])
+    report = Report([Table(columns, [("turntable.bias", 1.2e-5, words), ("k_vc", 2.0, ""), ("r", 3.0, "short")])])
     lines = text_of(report, width).splitlines()
+    assert all(line.strip() for line in lines)
     assert max(map(len, lines)) <= width
     assert " ".join(" ".join(lines).split()).replace("turntable.bias 1.2e-05 ", "").count("Earth's rate in it") == 1
     assert any(line.startswith("turntable.bias") and "1.2e-05" in line for line in lines)

@@ -65,7 +65,7 @@ def table_text(table: Table, most: float = math.inf) -> str:
         lines = _in_columns(folded, [*others, 0], sides)
     else:
         beside = _in_columns([row[:-1] for row in rows], others, sides[:-1])
-        below = [[], *(_wrapped(f"{_BELOW}{row[-1]}", most) for row in rows[1:])]
+        below = [[], *(_wrapped(f"{_BELOW}{row[-1]}", most) if row[-1] else [] for row in rows[1:])]
         lines = [line for one, more in zip(beside, below, strict=True) for line in (one, *more)]
     head, *lines = lines
     above = [head, "-" * len(head)] if table.has_heads else []
