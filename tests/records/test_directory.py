@@ -2,10 +2,13 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import nullcontext
+from datetime import timedelta
 from typing import TYPE_CHECKING
 
 import pytest
 
+from vcfbench.clock import utc_now
 from vcfbench.errors import ConfigError
 from vcfbench.records import directory
 from vcfbench.records.directory import create_run, find_run, list_runs
@@ -114,3 +117,16 @@ def test_a_run_that_is_named_is_found_without_reading_any(tmp_path: Path, monkey
     monkeypatch.setattr(directory, "read_header", None)
     for name in ("20260102T000000Z-zero-000002", "20260102", "000002"):
         assert find_run(tmp_path, name).run == "20260102T000000Z-zero-000002"
+
+
+@pytest.mark.parametrize("set_back_s", [30.0, 120.0])
+def test_run_after_one_of_the_future_is_refused(
+    set_back_s: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pass under a clock two days ahead would count after the failure of the day after."""
+    newest, now = create_run(tmp_path, "turntable"), utc_now() - timedelta(seconds=set_back_s)
+    (tmp_path / "20991231-notes").mkdir()
+    monkeypatch.setattr(directory, "utc_now", lambda: now)
+    refused = pytest.raises(ConfigError, match=f"{newest.run} began in the future")
+    with refused if set_back_s > 60.0 else nullcontext():
+        create_run(tmp_path, "turntable")

@@ -1,6 +1,7 @@
 """Directories of records: one a run, named by its start, procedure and six random hexadecimal digits."""
 
 import os
+import re
 import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,6 +17,7 @@ from vcfbench.records.journal import JournalRecord, read_header, read_journal
 
 _STAMP = "%Y%m%dT%H%M%SZ"
 _STAMP_LENGTH = len("20260821T142530Z")
+_STAMPED = re.compile(r"\d{8}T\d{6}Z-")
 _CLOCKS_DIFFER = timedelta(minutes=1)  # Two hosts that share a directory need not agree to the second
 _TRIAL_BYTES = 65_536
 
@@ -69,9 +71,16 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
     """Make the directory of a new run under `runs`, and check that a record can be kept there.
 
     Raises:
-        ConfigError: it cannot be made, or takes no files: no right to, disk full.
+        ConfigError: it cannot be made, or takes no files: no right to, disk full; or a run there began in the future,
+            so the clock was set back, and the newest run of a device would count as an earlier one.
     """
-    path = runs / f"{utc_now():{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
+    now = utc_now()
+    if later := _latest_after(runs, now + _CLOCKS_DIFFER):
+        raise ConfigError(
+            f"{shown(runs)}: {later} began in the future; the clock of this computer says {now:%Y-%m-%d %H:%M:%S} UTC",
+            hint="set the clock, or choose --runs: runs are in the order of their times",
+        )
+    path = runs / f"{now:{_STAMP}}-{procedure}-{secrets.token_hex(3)}"
     try:
         path.mkdir(parents=True)
         # Write a file as long as a short record, and take it away; take the directory away too when that fails
@@ -90,6 +99,14 @@ def create_run(runs: Path, procedure: str) -> RunDirectory:
     except OSError as error:
         raise ConfigError(f"{path}: no record can be written there: {error.strerror}", hint="choose --runs") from error
     return RunDirectory(path)
+
+
+def _latest_after(runs: Path, instant: datetime) -> str:
+    """Return the name with the latest time after `instant`; empty without one."""
+    after, names = f"{instant:{_STAMP}}", list[str]()
+    with suppress(OSError):
+        names = [each for each in os.listdir(runs) if each[:_STAMP_LENGTH] > after]  # noqa: PTH208  # of thousands
+    return max((each for each in names if _STAMPED.match(each)), default="")
 
 
 def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
