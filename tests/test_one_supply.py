@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from simrack.oscillation import Oscillation
 
 import vcfbench
@@ -15,8 +16,10 @@ from vcfbench.archive.change import _by_rails
 from vcfbench.errors import ConfigError, LimitError
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.models import rail_terminals
-from vcfbench.procedures.bench_file import load_bench
+from vcfbench.procedures.bench_file import load_bench, resolved_text
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.data_sheet import SheetRow, _row_of
+from vcfbench.procedures.layers import settings_of
 from vcfbench.records.device_values import Measured
 from vcfbench.sim.gyro.data_sheet import DataSheet, own_gyro
 from vcfbench.sim.gyro.electronics import OutputLimits
@@ -24,6 +27,8 @@ from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.file import parse_bench
 from vcfbench.station.limits import LimitChecks
+from vcfbench.station.new_station import Draft
+from vcfbench.studies.truth import truth_of
 from vcfbench.values.definition import Conditions
 
 if TYPE_CHECKING:
@@ -91,6 +96,27 @@ def test_a_procedure_ends_with_results(procedure: str, bench: Path) -> None:
         each.step.describe() for each in vcfbench.dry_run(procedure, bench).steps
     )
     assert not re.search(r"both rails|negative rail|rails? [^;]{0,40}[+-]0 V\b", text)
+
+
+@pytest.mark.parametrize(
+    ("without", "absent"), [((), "negative_rail_v"), (("power",), r"(posi|nega)tive_rail_v|rail_current|wiring.rails")]
+)
+def test_no_file_has_a_rail_that_is_not_there(without: tuple[str, ...], absent: str) -> None:
+    text = own_gyro_bench(SHEET, "one", without=without)
+    description = parse_bench(text, "one")
+    assert not re.search(absent, text + resolved_text(description))
+    assert settings_of(PROCEDURES["turntable"], description).null_v == 2.5
+    assert ("null_v = 2.5" in text) == bool(without)
+    assert parse_bench(resolved_text(description), "one").wiring == description.wiring
+
+
+def test_new_bench_with_one_supply_has_no_negative_rail() -> None:
+    draft = Draft("lab.toml")
+    draft.add_instrument("power", {"model": "E3631A", "resource": "GPIB0::5::INSTR"})
+    draft.set({"wiring.rails.negative": "none"})
+    draft.set({"procedure.positive_rail_v": 5.0})
+    assert "negative_rail_v" not in draft.values["procedure"]
+    assert draft.values["limits"]["max_rail_v"] == 5.25
 
 
 def test_the_rail_of_a_data_sheet_is_that_of_the_supply() -> None:
@@ -170,3 +196,32 @@ def test_a_ratiometric_output_is_refused_with_its_reason(bench: Path) -> None:
 def test_a_sheet_without_a_bench_is_refused_by_its_key(figures: dict[str, float], said: str) -> None:
     with pytest.raises(ConfigError, match=said):
         DataSheet(**{"scale_factor_v_per_deg_s": 0.021, "range_deg_s": 10.0, "k_vc_deg_s_per_v": 24.0, **figures})
+
+
+BIASES = {
+    "turntable": "bias_deg_s",
+    "zero": "bias",
+    "virtual-coriolis": "virtual.bias_deg_s",
+    "kvc": "bias_deg_s",
+    "warmup": "bias_end",
+    "temperature": "bias",
+}
+
+
+@pytest.mark.parametrize("procedure", few(sorted(BIASES), "turntable", "zero"))
+@pytest.mark.parametrize("told_v", few([None, 2.4], None))
+def test_bias_as_a_rate_counts_from_the_null(procedure: str, told_v: float | None, bench: Path) -> None:
+    """It is that of the sheet, 0, or by how much the declared null is beside the middle of the supply."""
+    description = load_bench(bench)
+    if told_v is not None:
+        description = structs.replace(description, gyro=structs.replace(description.gyro, null_v=told_v))
+    settings: dict[str, Any] = {"health": False} if procedure == "kvc" else {}
+    run = vcfbench.run(procedure, description, seed=3, settings=settings, runs=None)
+    bias = run.values[BIASES[procedure]]
+    expected = 0.0 if told_v is None else 0.1 / 0.008
+    assert bias.unit == "deg/s"
+    assert abs((bias.value or 0.0) - expected) < 1.5 * (bias.u95 or 0.05), bias
+    gain = 2e-5 * 2.5 / 0.008  # of the meter: a null of volts is no small number of them
+    assert bias.u95 is None or bias.u95 > 0.5 * gain
+    truth = truth_of(run, description).get(BIASES[procedure])
+    assert truth is None or truth == pytest.approx(expected, abs=1e-3)

@@ -56,8 +56,8 @@ class ScaleFactorResult(Struct, frozen=True):
         at_zero = self.output_v[self.rate_deg_s == 0.0]
         return float(at_zero.mean()) if at_zero.size else None
 
-    def column(self) -> CalibrationColumn:
-        """Return everything that the column is reported with, as plain numbers."""
+    def column(self, null_v: float = 0.0) -> CalibrationColumn:
+        """Return everything that the column is reported with, as plain numbers; rates at rest count from `null_v`."""
         line, zero_v, cubic = self.line, self.zero_v, self.polynomial
 
         def fitted(value: float, unit: str, u_fit: float) -> FittedValue:  # nothing but the points is known
@@ -74,9 +74,9 @@ class ScaleFactorResult(Struct, frozen=True):
             bias=fitted(line.bias, BIAS_UNIT, self.u_fit_bias),
             nonlinearity_ppm=Nonlinearity(**self.nonlinearity_ppm),
             asymmetry_ppm=self.asymmetry_ppm,
-            bias_deg_s=line.bias_deg_s,
+            bias_deg_s=(line.bias - null_v) / line.scale_factor,
             zero_v=zero_v,
-            zero_deg_s=None if zero_v is None else zero_v / line.scale_factor,
+            zero_deg_s=None if zero_v is None else (zero_v - null_v) / line.scale_factor,
             s_v=line.s_v,
             dof=line.dof,
             coverage_factor=line.coverage_factor,

@@ -25,6 +25,7 @@ from vcfbench.records.plain import plain
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Part, Report, Series, Table, Text, facts, texts
 from vcfbench.reports.generic import results_table
 from vcfbench.reports.plot import DRAWN, thinned
+from vcfbench.station.parts import absent_rail_keys
 from vcfbench.station.writing import nested_tables, value_text
 from vcfbench.values.kinds import in_words
 from vcfbench.version import installed_version
@@ -174,14 +175,11 @@ def _results(run: Run, found: Sequence[Part], first: Figure | None) -> Iterator[
         yield last
 
 
-_OF_RAILS = ("positive_rail_v", "negative_rail_v", "rail_current_limit_a", "rail_tolerance_v")
-
-
 def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
     of_run = header.get("settings", {})
     supplied = "power" in of_run.get("station", {}).get("instruments", {"power": None})  # else no rail is there
     single = of_run.get("station", {}).get("rails", {}).get("negative") == "none"
-    without = {"station", "dut", *(() if supplied else _OF_RAILS), *(("negative_rail_v",) if single else ())}
+    without = {"station", "dut", *absent_rail_keys(supplied=supplied, single=single)}
     settings = {key: value for key, value in of_run.items() if key not in without}
     rows = []
     for table in results_table(settings, shown=None):

@@ -12,6 +12,7 @@ from vcfbench.procedures.layers import check_tables, layers_of, plain_settings
 from vcfbench.station import file
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.layering import chosen_settings, merged, setting_keys
+from vcfbench.station.parts import absent_rail_keys
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.writing import table_text
 
@@ -59,12 +60,16 @@ def as_resolved(description: BenchDescription) -> dict[str, Any]:
     The table of each installed procedure also holds the shared keys for which it has a value of its own.
     """
     shared = setting_keys(ProcedureSettings)
-    everywhere = plain_settings(description.procedure, shared)
+    supplied, values = description.power is not None, to_builtins(description)
+    absent = absent_rail_keys(supplied=supplied, single=description.wiring.rails.single)
+    everywhere = plain_settings(description.procedure, [key for key in shared if key not in absent])
+    if not supplied:
+        values["wiring"].pop("rails")
     given = {key: value for key, value in description.procedure_table.items() if key not in shared}
     own = {}
     for each in PROCEDURES.loaded():
         chosen = chosen_settings(each.settings, layers_of(each, description, description.name)).made_plain()
-        table = plain_settings(chosen, setting_keys(each.settings)).items()
+        table = plain_settings(chosen, [key for key in setting_keys(each.settings) if key not in absent]).items()
         if of_its_own := {key: value for key, value in table if key not in everywhere or value != everywhere[key]}:
             own[each.name] = merged(of_its_own, given.get(each.name, {}))
-    return {**to_builtins(description), "procedure": {**everywhere, **given, **own}}
+    return {**values, "procedure": {**everywhere, **given, **own}}

@@ -221,7 +221,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         pairs=tuple(MatchedPair(*map(float, pair)) for pair in pairs),
         scale_factor=scale_factor,
         bias=bias,
-        bias_deg_s=quotient(bias, scale_factor, "deg/s", "bias_at_rest_deg_s"),
+        bias_deg_s=quotient(bias, scale_factor, "deg/s", "bias_at_rest_deg_s", less=settings.null_v),
         noise=of_blocks,
         v_vc_by=_V_VC_BY[settings.v_vc_role].format(error.name),
         holds_not=tuple(_holds_not(settings)),

@@ -127,7 +127,11 @@ def results(settings: RepeatabilitySettings, measured: Measured) -> Repeatabilit
         bias_v = fmean(block.zero_v for block in each)
         rise_v = fmean(block.differences_v[0] - block.differences_v[1] for block in each)
         transient_deg_s = (first.mean_v - bias_v) / scale.value
-        found.append(SwitchOn(bias_v, bias_v / scale.value, rise_v / (2.0 * settings.level_deg_s), transient_deg_s))
+        found.append(
+            SwitchOn(
+                bias_v, (bias_v - settings.null_v) / scale.value, rise_v / (2.0 * settings.level_deg_s), transient_deg_s
+            )
+        )
     readings = math.sqrt(fmean(each.std_v**2 / each.point.n for each in warm)) / abs(scale.value)
     begins_s = [float(each.readings[0].t_s) for each in warm[:: size * settings.cycles]]
     # What flicker alone makes of a sample: the root of half the mean square of all pairs' differences, which flicker

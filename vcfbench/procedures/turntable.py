@@ -103,7 +103,7 @@ def turntable_results(settings: ProcedureSettings, points: Sequence[Point]) -> T
     sweep = sweep_of(settings, points, STEP)
     stated = turntable_statement(settings, points)
     u_v = sweep.u_v(columns.u_output_v(points, settings.meter_resolution_v))
-    column = columns.fitted_column(sweep.points, u_v).column()
+    column = columns.fitted_column(sweep.points, u_v).column(settings.null_v)
     values = {**asdict(columns.with_statement(column, stated)), "uncertainty": stated}
     if not columns.is_swept(settings):
         return TurntableResult(**values)
@@ -129,7 +129,7 @@ def turntable_statement(settings: ProcedureSettings, points: Sequence[Point]) ->
 
     def model(q: Errors) -> Mapping[str, Any]:
         own = {} if uneven is None else {lines.ASYMMETRY: uneven.value(q)}
-        return around.applied({**lines.table_values(line, q), **own}, q)
+        return around.applied({**lines.table_values(line, q, settings.null_v), **own}, q)
 
     curved = [CurvedLine.of("nonlinearity", line)]
     found = line_statement(

@@ -195,9 +195,9 @@ def warmup_results(
         turn_on_resolution_s=max((later[0] - t_s for (t_s, _), later in pairwise(log)), default=0.0),
         steady=steady,
         lasted_s=ended_s,
-        bias_end=as_rate(measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u).called(
-            "bias_end", "bias_at_rest_deg_s", "bias, warm"
-        ),
+        bias_end=as_rate(
+            measurand(bias * scale.value, "V", parts, missing), scale.value, scale.u, settings.null_v
+        ).called("bias_end", "bias_at_rest_deg_s", "bias, warm"),
         amplitude=creep.get("amplitude"),
         time_constant=creep.get("time_constant"),
         warm_up=creep.get("warm_up"),

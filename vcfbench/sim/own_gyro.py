@@ -116,6 +116,7 @@ def own_gyro_bench(
         **station,
         "site": {"latitude_deg": latitude_deg},
         **({"gyro": {"stream": stream}} if stream else {}),
+        **({"gyro": {"null_v": sheet.rest_v}} if sheet.rest_v and "power" in without else {}),  # no rail tells it
         "procedure": {k: v for k, v in _shared(sheet, without).items() if not stream or k not in _OF_VOLTS}
         | ({} if stream else _procedures(sheet)),
         "expected": {"scale_factor_v_per_deg_s": sorted(_round(part * slope) for part in _expected_parts(sheet))},

@@ -95,6 +95,7 @@ StartUp = Annotated[float, Meta(ge=0.01, le=600.0)]
 
 _Output = Annotated[float, Meta(ge=-1e10, le=1e10)]
 _OutputSize = Annotated[float, Meta(ge=0.0, le=1e10)]
+Output = _Output
 OutputWindow = tuple[_Output, _Output]
 """V, or of a stream 32-bit words, LSB."""
 OutputDrift = _OutputSize

@@ -121,7 +121,8 @@ class Draft:
         """
         self.change(given)
         follow = [_FOLLOW[key](value) for key, value in given.items() if key in _FOLLOW]
-        self.change({key: value for each in follow for key, value in each.items() if key not in given})
+        settled = {*given, *(["procedure.negative_rail_v"] if self.value("wiring.rails.negative") == "none" else [])}
+        self.change({key: value for each in follow for key, value in each.items() if key not in settled})
 
     def add_instrument(self, role: str, keys: Mapping[str, Any]) -> None:
         """Put an instrument on the bench, with proposals for its limits.

@@ -1,5 +1,6 @@
 """Tables of the bench file that settings of procedures hold too: wiring, limits, expected values, acceptance."""
 
+from collections.abc import Sequence
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -62,6 +63,13 @@ class RailSettings(Struct, frozen=True):
     current_limit_a: float
 
 
+def absent_rail_keys(*, supplied: bool, single: bool) -> tuple[str, ...]:
+    """Return the settings of rails that are not there: all without a supply, the negative one's of a single rail."""
+    if not supplied:
+        return "positive_rail_v", "negative_rail_v", "rail_current_limit_a", "rail_tolerance_v"
+    return ("negative_rail_v",) if single else ()
+
+
 class OscilloscopeWiring(BenchFileTable, frozen=True, kw_only=True):
     """Node of the PCB at each oscilloscope channel."""
 
@@ -105,7 +113,7 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
 
 
 class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
-    """Declaration of this gyroscope by its maker or user: its input range, its stream, whether it is ratiometric."""
+    """Declaration of this gyroscope by its maker or user: input range, null, stream, whether it is ratiometric."""
 
     range_deg_s: bounds.RateLimit | None = None
     """Input range either way: the scale factor of that range is stated beside that of the rates of a run."""
@@ -115,6 +123,15 @@ class DeclaredGyro(BenchFileTable, frozen=True, kw_only=True):
 
     ratiometric: bool | UnsetType = UNSET
     """Whether its output goes with the supply, which is refused."""
+
+    null_v: bounds.Output | UnsetType = UNSET
+    """Its output at no rate by the data sheet, from which a bias counts as a rate."""
+
+    def null_on(self, rails: Sequence[RailSettings]) -> float:
+        """Return that output: as declared, else half way up a single rail, else 0."""
+        if self.null_v is not UNSET:
+            return self.null_v
+        return 0.5 * rails[0].voltage_v if len(rails) == 1 else 0.0
 
 
 class Expected(BenchFileTable, frozen=True, kw_only=True):

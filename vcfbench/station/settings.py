@@ -352,6 +352,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return (self.positive_rail_v, negative_v) if self.rails else None
 
     @property
+    def null_v(self) -> float:
+        """Output at no rate, from which a bias counts as a rate."""
+        return self.station.gyro.null_on(self.rails)
+
+    @property
     def expected(self) -> parts.Expected:
         """Expected values of this gyroscope; a run with others is ended."""
         return self.station.expected

@@ -14,6 +14,8 @@ import numpy as np
 
 from vcfbench.archive.run import Run
 from vcfbench.instructions.schedule import EARTH_DEG_S
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import recorded_settings
 from vcfbench.procedures.virtual_coriolis.results import NullVirtualCoriolisResult, VirtualCoriolisResult
 from vcfbench.sim.simulation import true_output
 from vcfbench.station.description import BenchDescription
@@ -26,12 +28,15 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
 
     The bench is that of `description`, which is simulated.
     """
+    if run.procedure not in {"turntable", "kvc", "self-calibration", "virtual-coriolis"}:
+        return {}
+    settings = recorded_settings(PROCEDURES[run.procedure], run.header["settings"])
     if run.procedure == "turntable":
         rates = [point.rate_deg_s for point in run.points if point.step == 1]
-        output = true_output(description, rails_v=_rails_v(run))
-        return turntable_truth(output, rates, earth_deg_s=_earth_deg_s(run))
+        output = true_output(description, rails_v=settings.rails_v)
+        return turntable_truth(output, rates, earth_deg_s=_earth_deg_s(run), null_v=settings.null_v)
     if run.procedure in {"kvc", "self-calibration"}:
-        return small_signal_truth(true_output(description, at_input=True, rails_v=_rails_v(run)))
+        return small_signal_truth(true_output(description, at_input=True, rails_v=settings.rails_v))
     results = run.results
     if not isinstance(results, VirtualCoriolisResult):
         return {}
@@ -42,7 +47,7 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
     if isinstance(results, NullVirtualCoriolisResult):
         matched = [pair.rate_deg_s for pair in results.pairs]
     table = [point.rate_deg_s for point in run.points if point.step == 3]
-    output = true_output(description, at_input=None not in measured, rails_v=_rails_v(run))
+    output = true_output(description, at_input=None not in measured, rails_v=settings.rails_v)
     at_zero = [point.v_vc_measured_v for point in run.points if point.step == 2 and not point.v_vc_v]
     zeros_v = [each for each in at_zero if each is not None]
     return four_step_truth(
@@ -52,6 +57,7 @@ def truth_of(run: Run, description: BenchDescription) -> Mapping[str, float]:
         matched_deg_s=matched,
         earth_deg_s=_earth_deg_s(run),
         zero_level_v=fmean(zeros_v) if zeros_v else 0.0,
+        null_v=settings.null_v,
     )
 
 
@@ -63,17 +69,14 @@ def _earth_deg_s(run: Run) -> float:
     return EARTH_DEG_S * math.sin(math.radians(settings["station"]["latitude_deg"]))
 
 
-def _rails_v(run: Run) -> tuple[float, float]:
-    settings = run.header["settings"]
-    return settings["positive_rail_v"], settings["negative_rail_v"]
-
-
-def turntable_truth(output: Output, rates_deg_s: Sequence[float], *, earth_deg_s: float = 0.0) -> dict[str, float]:
+def turntable_truth(
+    output: Output, rates_deg_s: Sequence[float], *, earth_deg_s: float = 0.0, null_v: float = 0.0
+) -> dict[str, float]:
     """Return scale factor, bias and non-linearity of the line through the true outputs at the table's rates.
 
-    `earth_deg_s` is added to these, so that the bias is without it.
+    `earth_deg_s` is added to these, so that the bias is without it; as a rate it counts from the output `null_v`.
     """
-    return _line([rate + earth_deg_s for rate in rates_deg_s], [output(rate, None) for rate in rates_deg_s])
+    return _line([rate + earth_deg_s for rate in rates_deg_s], [output(rate, None) for rate in rates_deg_s], null_v)
 
 
 def small_signal_truth(output: Output) -> dict[str, float]:
@@ -91,6 +94,7 @@ def four_step_truth(
     matched_deg_s: Sequence[float],
     earth_deg_s: float = 0.0,
     zero_level_v: float = 0.0,
+    null_v: float = 0.0,
 ) -> dict[str, float]:
     """Return the true values of the four steps: K_Vc, both lines, and their difference.
 
@@ -106,12 +110,13 @@ def four_step_truth(
         matched_deg_s: rates at which V_Vc was matched.
         earth_deg_s: added to the rates of both columns.
         zero_level_v: V_Vc from which the matched levels count: that of a generator set to 0 V.
+        null_v: output from which a bias counts as a rate.
     """
     curve = _matched(output, matched_deg_s, zero_level_v)
     rates = [earth_deg_s + sum(c * v ** (place + 1) for place, c in enumerate(curve)) for v in levels_v]
     table, virtual = (
-        turntable_truth(output, table_deg_s, earth_deg_s=earth_deg_s),
-        _line(rates, [output(0.0, v) for v in levels_v]),
+        turntable_truth(output, table_deg_s, earth_deg_s=earth_deg_s, null_v=null_v),
+        _line(rates, [output(0.0, v) for v in levels_v], null_v),
     )
     return {
         "k_vc": curve[0],
@@ -140,9 +145,9 @@ def _matched(output: Output, rates_deg_s: Sequence[float], zero_level_v: float) 
     return [float(each) for each in found]
 
 
-def _line(rates_deg_s: Sequence[float], output_v: Sequence[float]) -> dict[str, float]:
+def _line(rates_deg_s: Sequence[float], output_v: Sequence[float], null_v: float) -> dict[str, float]:
     """Return the line through true outputs, and the largest distance from it over its span, ppm."""
     slope, bias = map(float, np.polyfit(rates_deg_s, output_v, 1))
     largest_v = max(abs(out - slope * rate - bias) for rate, out in zip(rates_deg_s, output_v, strict=True))
     bend_ppm = 1e6 * largest_v / (abs(slope) * (max(rates_deg_s) - min(rates_deg_s)))
-    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope, "nonlinearity": bend_ppm}
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": (bias - null_v) / slope, "nonlinearity": bend_ppm}

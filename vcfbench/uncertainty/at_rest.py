@@ -62,9 +62,12 @@ def flicker_part(flicker: Flicker, per_deg_h: float) -> UncertaintyPart:
     return UncertaintyPart(source, per_deg_h * flicker.deg_h, finite(flicker.dof))
 
 
-def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None) -> Measurand:
-    """Return an output at rest (V) as a rate (deg/s); without a `u_scale_factor`, V/(deg/s), it is incomplete."""
-    value, per_v = output.value / scale_factor, 1.0 / abs(scale_factor)
+def as_rate(output: Measurand, scale_factor: float, u_scale_factor: float | None, null_v: float = 0.0) -> Measurand:
+    """Return an output at rest (V) as a rate (deg/s) from `null_v`.
+
+    Without a `u_scale_factor`, V/(deg/s), it is incomplete.
+    """
+    value, per_v = (output.value - null_v) / scale_factor, 1.0 / abs(scale_factor)
     parts = [replace(part, u=per_v * part.u) for part in output.parts]
     if u_scale_factor is None:
         return measurand(value, "deg/s", parts, (*output.missing, "scale factor"), "bias_at_rest_deg_s")

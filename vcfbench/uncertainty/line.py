@@ -110,12 +110,15 @@ def limited(name: str, limit: float | None, unit: str, sigmas: float | None = No
     return Source.within(name, 0.0, limit, unit)
 
 
-def table_values(line: Line, q: Errors) -> dict[str, Any]:
-    """Return scale factor (U1) and bias (U2) of the line on the table, the errors `q` taken out."""
+def table_values(line: Line, q: Errors, null_v: float = 0.0) -> dict[str, Any]:
+    """Return scale factor (U1) and bias (U2) of the line on the table, the errors `q` taken out.
+
+    As a rate the bias counts from the output `null_v`.
+    """
     gain = 1.0 + q[METER_GAIN]
     slope = (line.scale_factor - noise_of("table slope", q)) / gain / (1.0 + q[TABLE_RATE])
     bias = (line.bias_v - noise_of("table bias", q) - q[METER_OFFSET] - q.get(TILT, 0.0)) / gain
-    return {"scale_factor": slope, "bias": bias, "bias_deg_s": bias / slope}
+    return {"scale_factor": slope, "bias": bias, "bias_deg_s": (bias - null_v) / slope}
 
 
 def instrument_sources(known: Sources) -> list[Source]:

@@ -80,9 +80,9 @@ def difference(first: Measurand, second: Measurand) -> Measurand:
     return measurand(first.value - second.value, first.unit, _owned_once(parts), (*first.missing, *second.missing))
 
 
-def quotient(first: Measurand, second: Measurand, unit: str, kind: str = "") -> Measurand:
-    """Return the quotient of two values; an error of one owner that is the same part of both cancels."""
-    value, size = first.value / second.value, abs(second.value)
+def quotient(first: Measurand, second: Measurand, unit: str, kind: str = "", *, less: float = 0.0) -> Measurand:
+    """Return the first value `less` an exact one over the second; an error of one owner is one error."""
+    value, size = (first.value - less) / second.value, abs(second.value)
     parts = [replace(part, u=abs(part.u) / size) for part in first.parts]
     parts += [replace(part, u=-abs(value * part.u) / size) for part in second.parts]
     return measurand(value, unit, _owned_once(parts), (*first.missing, *second.missing), kind)

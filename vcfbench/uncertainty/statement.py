@@ -107,7 +107,11 @@ def statement(
     budget, cannot_be = budget_of(sources, model, correlations)
     # With the Earth's rate added to the table's, none of it is in the bias
     earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
-    unit_and_meaning = {name: (unit, words.replace(*earth)) for name, (unit, words) in meanings.items()}
+    null = f", from {settings.null_v:g} {settings.station.output_unit} at no rate" if settings.null_v else ""
+    unit_and_meaning = {
+        name: (unit, words.replace(*earth) + null * name.endswith("bias_deg_s"))
+        for name, (unit, words) in meanings.items()
+    }
     known = settings.station.sources
     values = tuple(
         stated_value(

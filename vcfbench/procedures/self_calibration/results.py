@@ -234,7 +234,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     bias = null_blocks.bias_at_rest(settings, points, AT_REST, seen.noise, scale_factor.value)
     # The column has the combined uncertainties of its slope and of the bias at rest
     u_v = math.sqrt(float(seen.covariance_v2[0, 0]))
-    column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column()
+    column = characterise([*rates, 0.0], [*(seen.zero_v + seen.output_v), seen.zero_v], u_v).column(settings.null_v)
     return SelfCalibrationResult(
         scale_factor=scale_factor,
         line=line,
@@ -242,7 +242,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
         health=check,
         characteristics=characteristics,
         modulator=None if seen.output_orders is None else (float(curve[2] / curve[1]), float(curve[3] / curve[1])),
-        bias_deg_s=quotient(bias, scale_factor, "deg/s"),
+        bias_deg_s=quotient(bias, scale_factor, "deg/s", less=settings.null_v),
         nonlinearity=nonlinearity,
         virtual=replace(column, scale_factor=combined(column.scale_factor, line), bias=combined(column.bias, bias)),
         levels=tuple(Level(*map(float, each)) for each in zip(rates, seen.v_vc_v[1:], seen.output_v, strict=True)),

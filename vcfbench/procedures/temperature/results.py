@@ -173,10 +173,9 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     mean, volts = fmean(slopes), fmean(slopes) if table else scale.value
     units = "V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean
     factor = over_temperature(temperatures, slopes, [of_slope, *_of_instruments(settings, mean)], units)
-    biases = [each.zero_v / volts for each in seen]
+    biases = [(each.zero_v - settings.null_v) / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
-    u_zero = v_vc.meter_error(settings, "multimeter").u_offset_v / abs(volts)
-    of_bias = [*_of_bias(settings, seen, u_bias, noise), _at_all(settings, METER_OFFSET, u_zero)]
+    of_bias = [*_of_bias(settings, seen, u_bias, noise), *_of_meter(settings, volts)]
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
@@ -263,6 +262,14 @@ def _of_instruments(settings: TemperatureSettings, slope: float) -> list[Cause]:
 def _at_all(settings: TemperatureSettings, source: str, u: float) -> Cause:
     """Return a cause that is the same at all temperatures, so that no coefficient sees it."""
     return Cause(source, np.zeros((len(settings.temperatures_c),) * 2), None, u)
+
+
+def _of_meter(settings: TemperatureSettings, volts: float) -> Iterator[Cause]:
+    """Yield what the meter does to a bias at a scale factor in `volts`; its gain to the output at no rate."""
+    meter = v_vc.meter_error(settings, "multimeter")
+    yield _at_all(settings, METER_OFFSET, meter.u_offset_v / abs(volts))
+    if settings.null_v:
+        yield _at_all(settings, METER_GAIN, meter.u_gain * abs(settings.null_v / volts))
 
 
 def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[Cause]:

@@ -81,13 +81,13 @@ def four_step_statement(
         of = _OF_CURVE if matching.curve is not None else _OF_PAIR
 
     def model(q: Errors) -> Mapping[str, Any]:
-        of_table, (k_vc, slope, bias) = lines.table_values(table, q), found(q)
+        of_table, (k_vc, slope, bias) = lines.table_values(table, q, settings.null_v), found(q)
         values = {
             "k_vc": k_vc,
             **{f"turntable.{name}": value for name, value in of_table.items()},
             "virtual.scale_factor": slope,
             "virtual.bias": bias,
-            "virtual.bias_deg_s": bias / slope,
+            "virtual.bias_deg_s": (bias - settings.null_v) / slope,
             "scale_factor_error_percent": 100.0 * (slope / of_table["scale_factor"] - 1.0),
             "bias_difference_v": bias - of_table["bias"],
         }

@@ -261,7 +261,7 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
         bias=bias,
         trend=trend,
         bias_v=float(volts.mean()),
-        bias_deg_s=float(rates.mean()),
+        bias_deg_s=float(rates.mean()) - settings.null_v / scale.value,
         noise_bandwidth_hz=_noise_bandwidth(readings, settings.readings_a_mean, fit) if fit and gapless else None,
         fitted_from_s=noise.fitted_from_s,
         described=noise.described,
@@ -321,7 +321,7 @@ def _stated(
         parts.append(UncertaintyPart("warm-up", _DEG_H * (known.bias_deg_h_k or 0.0) * left_k * bent))
     missing = [name for name in known.missing("bias") if name == "warm-up"]
     trend = measurand(_DEG_H**2 * float(weights @ means), "(deg/h)/h", parts, missing)
-    return output, as_rate(output, scale.value, scale.u), trend
+    return output, as_rate(output, scale.value, scale.u, settings.null_v), trend
 
 
 def _noise_parts(
