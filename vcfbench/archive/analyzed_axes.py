@@ -11,7 +11,7 @@ from msgspec import Struct
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import Kind, column_name
 from vcfbench.analysis.csv_table import Layout, read_head, read_numbers
-from vcfbench.analysis.input_axis import beyond_right_angle, direction, tilts
+from vcfbench.analysis.input_axis import angle_of, direction, tilts
 from vcfbench.analysis.plausibility import far_off
 from vcfbench.archive.analyzed import outputs_of
 from vcfbench.archive.table_files import opened_table
@@ -121,17 +121,21 @@ def analyze_axes(file: Path | str, axes: Sequence[str], *, layout: Layout | None
             Value("", size, unit, u, dof, words="scale factor"),
             Value("", float(fitted[0]) / size, "deg/s", u_bias, dof, words="bias"),
         ]
-        for other, angle, by in tilts(axis):
+        for other, tilt, by in tilts(axis):
             words = f"input axis towards {names[other].base}"
-            stated.append(_mrad(angle, float(by @ of_axis @ by), dof, words))
+            stated.append(_mrad(tilt, float(by @ of_axis @ by), dof, words))
         inputs.append((name.written, axis, of_axis))
         sensitivity = float(fitted[1]), float(fitted[2]), float(fitted[3])
         found.append(OutputAxis(name.written, unit, sensitivity, variance**0.5, tuple(stated)))
     between = []
     for (first, one, of_one), (second, two, of_two) in combinations(inputs, 2):
-        above, by_one, by_two = beyond_right_angle(one, two)
-        variance = float(by_one @ of_one @ by_one + by_two @ of_two @ by_two)
-        between.append(_mrad(above, variance, dof, f"{second} to {first}, above 90 deg"))
+        angle = angle_of(one, two, of_one + of_two, dof)
+        words = f"{second} to {first}, {angle.words}"
+        if angle.below is not None:
+            between.append(Value("", 1e3 * angle.rad, "mrad", form="below", high=1e3 * angle.below, words=words))
+            continue
+        variance = float(angle.by_one @ of_one @ angle.by_one + angle.by_two @ of_two @ angle.by_two)
+        between.append(_mrad(angle.rad, variance, dof, words))
     return AxesAnalysis(tuple(axes), tuple(found), tuple(between), tuple(notices))
 
 

@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.input_axis import beyond_right_angle, direction, tilts
+from vcfbench.analysis.input_axis import angle_of, direction, tilts
 from vcfbench.belief.jumps import watched
 from vcfbench.errors import ConfigError
 from vcfbench.instructions import routines
@@ -160,18 +160,20 @@ def matrix(found: Mapping[str, AxesResult], unit: str = "V/(deg/s)") -> list[Par
 
 
 def between_axes(first: tuple[str, AxesResult], second: tuple[str, AxesResult]) -> Value:
-    """Return by name how far the angle of two input axes is above 90 degrees, mrad."""
+    """Return by name the angle of two input axes, mrad, from the nearest of 0, 90 and 180 degrees."""
     (one, a), (two, b) = first, second
     limit = math.radians(max(a.mounting_deg, b.mounting_deg)) / math.sqrt(3.0)
     (size_a, axis_a, _), (size_b, axis_b, _) = (direction(np.array(each.sensitivity), np.eye(3)) for each in (a, b))
-    above, by_a, by_b = beyond_right_angle(axis_a, axis_b)
-    readings = math.hypot(*(by_a * np.array(a.u_sensitivity) / size_a), *(by_b * np.array(b.u_sensitivity) / size_b))
-    mounted = [by_a[j] * axis_a[k] + by_b[j] * axis_b[k] for j in range(3) for k in range(3) if j != k]
+    u_a, u_b = np.array(a.u_sensitivity) / size_a, np.array(b.u_sensitivity) / size_b
+    angle = angle_of(axis_a, axis_b, np.diag(u_a**2 + u_b**2))
+    readings = math.hypot(*(angle.by_one * u_a), *(angle.by_two * u_b))
+    mounted = [angle.by_one[j] * axis_a[k] + angle.by_two[j] * axis_b[k] for j in range(3) for k in range(3) if j != k]
     parts = [
         UncertaintyPart("readings", 1e3 * readings),
         UncertaintyPart(_MOUNTING, 1e3 * limit * math.hypot(*mounted)),
     ]
-    return titled(f"{two} to {one}, above 90 deg", measurand(1e3 * above, "mrad", parts))
+    found = titled(f"{two} to {one}, {angle.words}", measurand(1e3 * angle.rad, "mrad", parts))
+    return found if angle.below is None else found.bound("below", 1e3 * angle.below)
 
 
 AXES = Procedure(
