@@ -7,6 +7,7 @@ import json
 import math
 import shutil
 import sys
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -14,11 +15,12 @@ from msgspec import structs
 
 import vcfbench
 from tests import warm
-from vcfbench.archive.batch_sheet import batch_sheet, sheet_rows
+from vcfbench.archive.batch_sheet import SheetRow, batch_sheet, sheet_rows
 from vcfbench.cli import batch as module
 from vcfbench.cli.conduct import RunOptions
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError, NotSafe
+from vcfbench.records.schema import Status
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
 from vcfbench.station.acceptance import Acceptance, Verdict
@@ -132,6 +134,25 @@ def test_devices_are_listed_in_order_of_plan(folder: Path) -> None:
     (folder / "plan.toml").write_text(PLAN.replace('"G-1", "G-2"', '"G-3", "G-2", "G-1"'), encoding="utf-8")
     rows = read_batch(folder / "plan.toml").rows(folder / "runs", {})
     assert [each.device for each in rows] == ["G-2", "G-1", "G-3"]
+
+
+def test_mean_of_a_batch_is_no_better_known_than_its_devices() -> None:
+    """Table, meter and room are common to all: three devices with u 0.27 had a mean with u 0.015."""
+    rows = [
+        SheetRow(
+            device=f"G-{n}",
+            procedure="turntable",
+            run=f"r{n}",
+            started=datetime(2026, 5, n, tzinfo=UTC),
+            operator=None,
+            simulated=True,
+            status=Status.COMPLETE,
+            verdict=None,
+            values=(Value("scale_factor", -0.0125 - 1e-6 * n, "V/(deg/s)", u, kind="scale_factor"),),
+        )
+        for n, u in ((1, 2.6e-5), (2, 2.7e-5), (3, 2.8e-5))
+    ]
+    assert "mean -12.502(27) mV/(deg/s) (errors as common to all)" in text_of(batch_sheet("b7", rows))
 
 
 @pytest.mark.parametrize(("verdict", "passed"), [(None, True), ("pass", True), ("marginal", False), ("fail", False)])

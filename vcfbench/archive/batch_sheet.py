@@ -1,6 +1,5 @@
 """Calibrations under each other: those of a batch, with yield and spread, and those of one gyroscope, with drift."""
 
-import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
@@ -293,15 +292,19 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
 
 
 def _spread(rows: Sequence[SheetRow]) -> Iterator[Text]:
-    """Yield mean and spread of the scale factors, where there are two at least."""
+    """Yield mean and spread of the scale factors, where there are two at least.
+
+    The u of the mean is that of errors that all have in common: table, meter and room are the same.
+    """
     known = [each.scale_factor for each in rows if each.scale_factor is not None]
     scales = [value.named.factor * value.value for value in known if value.value is not None]
     if len(scales) < 2:
         return
     middle, spread, unit = mean(scales), stdev(scales), known[0].named.unit
     relative = f" ({1e6 * spread / abs(middle):.3g} ppm)" if middle else ""
-    stated = shorthand(middle, spread / math.sqrt(len(scales)))
-    of_all = f"mean {stated} {unit}, standard deviation {spread:.2g} {unit}{relative}"
+    sizes = [abs(value.named.factor) * value.u for value in known if value.value is not None and value.u is not None]
+    stated = shorthand(middle, mean(sizes) if len(sizes) == len(scales) else None)
+    of_all = f"mean {stated} {unit} (errors as common to all), standard deviation {spread:.2g} {unit}{relative}"
     yield Text(f"Scale factor of {len(scales)} devices: {of_all}.")
 
 

@@ -13,6 +13,7 @@ from vcfbench.archive.value_columns import columns_of
 from vcfbench.procedures.axes import AxesResult, matrix
 from vcfbench.reports.document import Column, Part, Report, Table, Text, heads
 from vcfbench.values.printing import shorthand
+from vcfbench.values.sources import TEMPERATURE
 from vcfbench.values.value import Value
 
 
@@ -20,8 +21,9 @@ class Spread(Struct, frozen=True):
     """Spread of one value over devices that were measured together.
 
     `mean` has the uncertainty `u_mean`, of which `u_common` is by the instruments `owners` that all share: it is in
-    each value and in the mean, and cancels in differences. `spread` is the standard deviation of the devices (n - 1),
-    `u_own` the part of it by their measurement. `unit` is `factor` times that of the numbers.
+    each value and in the mean, and cancels in differences. The temperature of the room is in full in `u_mean` too.
+    `spread` is the standard deviation of the devices (n - 1), `u_own` the part of it by their measurement. `unit` is
+    `factor` times that of the numbers.
     """
 
     unit: str
@@ -56,13 +58,15 @@ def spread_of(runs: Sequence[Run]) -> Spread | None:
     values = [value.value or 0.0 for _, value in found]
     variances = [(value.u or 0.0) ** 2 for _, value in found]
     common, n = mean(each for each, _ in shared), len(found)
+    # one room makes devices of one design warmer alike: in full in the mean; in differences coefficients differ
+    room = mean(math.fsum(part.u**2 for part in value.parts if part.source == TEMPERATURE) for _, value in found)
     named = found[0][1].named
     return Spread(
         unit=named.unit,
         factor=named.factor,
         devices=n,
         mean=mean(values),
-        u_mean=math.sqrt((mean(variances) + (n - 1) * common) / n),
+        u_mean=math.sqrt((mean(variances) + (n - 1) * (common + room)) / n),
         u_common=math.sqrt(max(common, 0.0)),
         u_own=math.sqrt(max(mean(variances) - common, 0.0)),
         spread=stdev(values),
