@@ -75,7 +75,7 @@ def drawn_plan(random: Random) -> tuple[float, ...]:
     reach, count = float(random.randint(20, 300)), random.randint(3, 21)
     low = -reach if random.random() < 0.8 else 0.0
     rates = {round(random.uniform(low, reach), 1) for _ in range(count - 2)} | {low, reach}
-    return tuple(sorted(rates | ({0.0} if len(rates) < 3 else set()), reverse=True))
+    return tuple(sorted(rates | ({0.0, 0.5 * reach} if len(rates) < 3 else set()), reverse=True))
 
 
 def bench_of(device: int, *, aged_ppm: float = 0.0, ambient_c: float | None = None) -> Any:

@@ -61,7 +61,7 @@ def amend_run(
     settings = record.header.get("settings")
     if device is None or not isinstance(settings, dict) or settings.get("dut") != device:
         return Amended(directory.run, made)
-    stays = [f"the results went by what was known of {device}, where they go by what is known of a device"]
+    stays = [f"results that used what was known of {device}, as its K_Vc or its noise, still do"]
     with suppress(ConfigError):
         entries = DeviceStore(Path(str(settings.get("devices", "devices")))).entries(device)
         kept = [each for each in entries if each.run == directory.run and each.name not in withdrawn(entries)]
