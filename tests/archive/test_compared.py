@@ -88,13 +88,15 @@ def test_results_with_an_uncertainty_stand_in_the_first_table() -> None:
 def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> None:
     for seed, dut in ((1, "G1"), (2, "G2"), (3, "G1")):
         vcfbench.run("turntable", seed=seed, settings={"samples": 2}, metadata={"dut": dut}, runs=tmp_path)
+    vcfbench.run("polarity", seed=4, metadata={"dut": "G1"}, runs=tmp_path)
     done = CliRunner().invoke(app, ["compare", "--dut", "G1", "--runs", str(tmp_path), "--json"])
-    of_device = [each.run for each in vcfbench.run_summaries(tmp_path, dut="G1")]
+    of_device = [each.run for each in vcfbench.run_summaries(tmp_path, dut="G1") if each.procedure == "turntable"]
     assert (done.exit_code, json.loads(done.stdout)["runs"]) == (0, of_device)
     refused = CliRunner().invoke(app, ["compare", "last", "--dut", "G1", "--runs", str(tmp_path)])
     assert "--dut chooses the runs" in refused.stderr
     single = CliRunner().invoke(app, ["compare", "--dut", "G2", "--runs", str(tmp_path)])
-    assert f"{tmp_path}: expected two runs of G2 to compare, found 1; one of elsewhere is named" in single.stderr
+    found = "expected two complete runs of G2, of one procedure, to compare, found 1 turntable; one of elsewhere"
+    assert f"{tmp_path}: {found}" in single.stderr
 
 
 def test_run_of_another_directory_is_compared_by_path_or_copy(tmp_path: Path) -> None:

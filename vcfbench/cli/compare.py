@@ -1,5 +1,6 @@
 """``vcfbench compare``: differences between runs."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -34,9 +35,13 @@ def compare(
         raise ConfigError("--dut chooses the runs: give no names of runs")
     require_comparable(max(2, len(runs or ())))  # before anything is read
     found = () if runs else run_summaries(directory, dut=dut, status=None if dut is None else "complete")
-    alike = [each.directory for each in found if dut is None or each.procedure == found[-1].procedure]
+    counts = Counter(each.procedure for each in found)
+    twice = next((each.procedure for each in reversed(found) if counts[each.procedure] > 1), None)
+    alike = [each.directory for each in found if dut is None or each.procedure == twice]
     if len(chosen := runs or alike[-2:]) < 2:
-        said = f"{directory}: expected two runs{f' of {dut}' if dut else ''} to compare, found {len(chosen)}"
+        of = "" if dut is None else f" complete runs of {dut}, of one procedure,"
+        known = ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"
+        said = f"{directory}: expected two{of or ' runs'} to compare, found {known}"
         raise ConfigError(said, hint="one of elsewhere is named by its path: vcfbench compare DIRECTORY/RUN last")
     comparison = compare_runs(*(load_run(each, directory) for each in chosen), devices=devices)
     if output is not None:
