@@ -155,9 +155,13 @@ def test_a_stream_is_recorded_at_rest(tmp_path: Path) -> None:
 
 @pytest.mark.exhaustive
 @pytest.mark.parametrize("dropped", [0.0, 0.02])
-def test_white_noise_behind_missing_frames_has_a_bound_alone(dropped: float) -> None:
+@pytest.mark.parametrize("counted", [True, False])
+def test_white_noise_behind_missing_frames_has_a_bound_alone(dropped: float, *, counted: bool) -> None:
     settings = {"duration_s": 300.0, "powered_s": 10.0, "noise_bandwidth_hz": 1.17, "scale_factor_v_per_deg_s": 5000.0}
     bench = stream_bench({**FRAME, **NUMBERS["LSB"]}, lsb_per_deg_s=5000.0, dropped=dropped)
+    if not counted:
+        settings.pop("scale_factor_v_per_deg_s")
+        bench = stream_bench("vn100", dropped=dropped)
     run = vcfbench.run("zero", bench, seed=1, settings=settings, runs=None)
     n = run.results.coefficient("angle random walk")
     assert (n.u is None) is bool(dropped)

@@ -10,11 +10,13 @@ from vcfbench.steps.step import Context, Effect, Step, StepResult, does, problem
 class StreamSeen(StepResult, Struct, frozen=True):
     """Frames of the readings so far: those that counted, those that were left out, and the device's clock.
 
+    Missing ones are counted by the counter; without one the time of the readings tells them, with `u_dropped`.
     `clock_ppm` is how fast it is against bench time, with its u; None where no counter tells.
     """
 
     frames: int = 0
     dropped: int = 0
+    u_dropped: float = 0.0
     bad: int = 0
     repeated: int = 0
     clock_ppm: float | None = None
@@ -22,7 +24,8 @@ class StreamSeen(StepResult, Struct, frozen=True):
     temperature_c: float | None = None
 
     def describe(self) -> str:
-        said = [f"{self.frames} frames, {self.dropped} missing, {self.bad} spoilt, {self.repeated} repeated"]
+        by_time = f" by the time they took (u {self.u_dropped:.2g})" if self.u_dropped else ""
+        said = [f"{self.frames} frames, {self.dropped} missing{by_time}, {self.bad} spoilt, {self.repeated} repeated"]
         if self.clock_ppm is None or self.u_clock_ppm is None:
             said.append("the device's clock was not measured: no counter, or no time")
         else:

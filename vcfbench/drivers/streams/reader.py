@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
+from statistics import stdev
 from typing import Any
 
 from vcfbench import errors
@@ -99,6 +100,7 @@ class StreamReader:
         self._wire: Wire = connect(Deadline.after(clock, stream.timeout_s))
         self._decoder = Decoder(stream)
         self._frames = self._dropped = self._repeated = 0
+        self._longer: list[float] = []
         self._temperature_c: float | None = None
         self._alike, self._value = 0, math.nan
         self._first: tuple[float, int] | None = None
@@ -177,6 +179,7 @@ class StreamReader:
         bad, dropped = self._decoder.bad - bad_before, steps + 1 - len(taken)
         self._frames += len(taken)
         self._dropped += dropped
+        self._longer.append((times_s[-1] - times_s[0]) * stream.sample_rate_hz - steps)
         self._repeated += repeated
         lost = max(bad, dropped)
         self._require(
@@ -205,15 +208,27 @@ class StreamReader:
     def health(self) -> dict[str, Any]:
         """Return counts of the frames so far, and the device's clock against bench time."""
         clock_ppm, u_clock_ppm = self._clock_ppm() or (None, None)
+        dropped, u_dropped = self._missing()
         return {
             "frames": self._frames,
-            "dropped": self._dropped,
+            "dropped": dropped,
+            "u_dropped": u_dropped,
             "bad": self._decoder.bad,
             "repeated": self._repeated,
             "clock_ppm": clock_ppm,
             "u_clock_ppm": u_clock_ppm,
             "temperature_c": self._temperature_c,
         }
+
+    def _missing(self) -> tuple[int, float]:
+        """Return how many frames are missing from the readings, with u: by the counter, else by the time they took.
+
+        How late the first and the last frame of a reading arrive is as it happens, and is in u.
+        """
+        if self.stream.counter is not None or len(self._longer) < 2:
+            return self._dropped, 0.0
+        u = math.sqrt(len(self._longer)) * stdev(self._longer)
+        return max(0, round(math.fsum(self._longer))), round(u, 3)
 
     def command_safe(self) -> UnprovedCommand:
         """Return an empty command: a stream drives nothing."""

@@ -57,12 +57,15 @@ def results(settings: ZeroSettings, measured: Measured) -> Any:
     if isinstance(measured, Foreseen):
         return foreseen_zero(settings, measured[0].output_v, measured.white_v_sqrt_s)
     (window,) = measured.readings.windows
-    lost = max(((each.dropped + each.bad) / max(1, each.frames) for _, each in measured.found(StreamSeen)), default=0.0)
+    seen = [each for _, each in measured.found(StreamSeen)]
+    lost = max(((each.dropped + 2.0 * each.u_dropped + each.bad) / max(1, each.frames) for each in seen), default=0.0)
     if lost <= MOST_LOST or settings.passed_hz is None:
         return zero_results(settings, window.voltage_v, window.t_s)
     found = zero_results(replace(settings, noise_bandwidth_hz=0.0), window.voltage_v, window.t_s)
+    most = "up to " if any(each.u_dropped for each in seen) else ""
     said = (
-        f"{100.0 * lost:.2g} % of the frames are missing: what noise passes the gaps is not known, N has a bound alone"
+        f"{most}{100.0 * lost:.2g} % of the frames are missing: what noise passes the gaps is not known, "
+        "N has a bound alone"
     )
     return replace(found, remarks=(*found.remarks, said))
 

@@ -1,0 +1,71 @@
+"""Frames without a counter: those that are missing are told by the time that the others take."""
+
+from __future__ import annotations
+
+import math
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+
+from vcfbench.clock import Deadline, VirtualClock
+from vcfbench.drivers.streams.description import FrameQuantity, Stream
+from vcfbench.drivers.streams.reader import StreamReader
+
+if TYPE_CHECKING:
+    from vcfbench.drivers.wire import Interface
+
+HZ = 50.0
+LINES = Stream(resource="sim", sample_rate_hz=HZ, columns=1, value=FrameQuantity(column=1), resolution=1e-6)
+
+
+class Lines:
+    """A device that sends lines, of which a share is missing, each up to `late_s` late."""
+
+    interface: Interface = "serial"
+
+    def __init__(self, clock: VirtualClock, missing: float, late_s: float, seed: int) -> None:
+        self.clock, self.missing, self.late_s, self.random = clock, missing, late_s, Random(seed)  # noqa: S311
+        self.number = 0
+
+    def connect(self, _: Deadline) -> Lines:
+        return self
+
+    def receive(self, _: Deadline) -> tuple[bytes, bool]:
+        while True:
+            self.number += 1
+            if self.random.random() >= self.missing:
+                break
+        arrives_s = self.number / HZ + self.random.uniform(0.0, self.late_s)
+        self.clock.sleep_until(max(arrives_s, self.clock.now()))
+        return f"{self.random.gauss(0.0, 1.0):.6f}\r\n".encode(), False
+
+    def clear(self, _: Deadline) -> None:
+        self.number = max(self.number, math.ceil(self.clock.now() * HZ))
+
+    def send(self, data: bytes, _: Deadline) -> None:
+        raise AssertionError(data)
+
+    def pending(self) -> bytes:
+        return b""
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.016])
+@pytest.mark.parametrize("missing", [0.0, 0.01, 0.05])
+def test_missing_lines_are_told_by_time(missing: float, late_s: float) -> None:
+    clock = VirtualClock()
+    line = Lines(clock, missing, late_s, seed=3)
+    reader = StreamReader("stream", "sim", line.connect, LINES, clock)
+    readings = 200
+    for number in range(readings):
+        clock.sleep_until(number * 1.0)
+        reader.read_voltage_v()
+    seen = reader.health()
+    between = readings * (round(LINES.aperture_s * HZ) - 1)
+    due = between * missing / (1.0 - missing)
+    assert seen["u_dropped"] < 0.004 * between
+    assert abs(seen["dropped"] - due) <= 3.0 * seen["u_dropped"] + 0.5
+    assert (seen["u_dropped"] > 0.0) == (bool(missing) or bool(late_s))
