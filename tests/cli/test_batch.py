@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+import re
 import shutil
 import sys
 from datetime import UTC, datetime
@@ -136,23 +137,33 @@ def test_devices_are_listed_in_order_of_plan(folder: Path) -> None:
     assert [each.device for each in rows] == ["G-2", "G-1", "G-3"]
 
 
+def row_of(device: str, *values: Value) -> SheetRow:
+    """The row of a complete run."""
+    began = datetime(2026, 5, 1, tzinfo=UTC)
+    made: dict[str, Any] = {"operator": None, "simulated": True, "status": Status.COMPLETE, "verdict": None}
+    return SheetRow(device=device, procedure="own", run=f"r-{device}", started=began, values=values, **made)
+
+
 def test_mean_of_a_batch_is_no_better_known_than_its_devices() -> None:
     """Table, meter and room are common to all: three devices with u 0.27 had a mean with u 0.015."""
-    rows = [
-        SheetRow(
-            device=f"G-{n}",
-            procedure="turntable",
-            run=f"r{n}",
-            started=datetime(2026, 5, n, tzinfo=UTC),
-            operator=None,
-            simulated=True,
-            status=Status.COMPLETE,
-            verdict=None,
-            values=(Value("scale_factor", -0.0125 - 1e-6 * n, "V/(deg/s)", u, kind="scale_factor"),),
-        )
-        for n, u in ((1, 2.6e-5), (2, 2.7e-5), (3, 2.8e-5))
+    slopes = [
+        Value("scale_factor", -0.0125 - 1e-6 * n, "V/(deg/s)", 1e-6 * (25 + n), kind="scale_factor") for n in (1, 2, 3)
     ]
+    rows = [row_of(f"G-{n}", slope) for n, slope in enumerate(slopes)]
     assert "mean -12.502(27) mV/(deg/s) (errors as common to all)" in text_of(batch_sheet("b7", rows))
+
+
+def test_sheet_of_records_at_rest_has_noise_and_no_drift() -> None:
+    values = (
+        Value("output_v", -0.0414, "V", 2e-5, kind="bias_at_rest"),
+        Value("angle_random_walk", 0.21, "deg/sqrt(h)", 0.003),
+        Value("bias_instability", 5.8, "deg/h", form="below", high=9.5),
+        Value("trend", 1.0, "(deg/h)/h", 2.0),
+    )
+    text = text_of(batch_sheet("b7", [row_of("G-1", *values)]))
+    assert re.search(r"device +bias +N +B +verdict", text)
+    assert "below 9.5" in text
+    assert "drift" not in text
 
 
 @pytest.mark.parametrize(("verdict", "passed"), [(None, True), ("pass", True), ("marginal", False), ("fail", False)])

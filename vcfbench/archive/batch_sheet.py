@@ -27,7 +27,6 @@ from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
 
 _DRIFT: Final = "drift of the scale factor since the device's last complete run of the procedure in ppm, ± U95"
-_LAST: Final = heads("drift (E_n) | verdict")
 
 
 class SheetRow(Struct, frozen=True, kw_only=True):
@@ -330,12 +329,17 @@ def _of_one_definition(rows: Sequence[SheetRow]) -> list[list[SheetRow]]:
 
 def _said(columns: Sequence[ValueColumn]) -> Text:
     """Return the definition and units of the columns."""
-    words = "; ".join([*(column.said for column in columns), _DRIFT])
+    words = "; ".join([*(column.said for column in columns), *([_DRIFT] if _has_drift(columns) else [])])
     return Text(f"{words[:1].upper()}{words[1:]}.")
 
 
 def _heads(columns: Sequence[ValueColumn]) -> list[Column]:
-    return [*(head for column in columns for head in column.heads), *_LAST]
+    own = (head for column in columns for head in column.heads)
+    return [*own, *heads("drift (E_n) | verdict" if _has_drift(columns) else "verdict")]
+
+
+def _has_drift(columns: Sequence[ValueColumn]) -> bool:
+    return any(each.is_slope for each in columns)
 
 
 def _cells(columns: Sequence[ValueColumn], row: SheetRow, notes: Mapping[str, str] = MappingProxyType({})) -> list[Any]:
@@ -346,7 +350,7 @@ def _cells(columns: Sequence[ValueColumn], row: SheetRow, notes: Mapping[str, st
     unjudged = "no record" if not row.run else "-" if row.status is Status.COMPLETE else row.status.value
     return [
         *(cell for column in columns for cell in column.cells(row.values, mark)),
-        f"{drift} {notes[row.drift_note]}" if row.drift_note else drift,
+        *([f"{drift} {notes[row.drift_note]}" if row.drift_note else drift] if _has_drift(columns) else []),
         row.verdict.upper() + mark if row.verdict else unjudged,
     ]
 

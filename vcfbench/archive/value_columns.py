@@ -16,8 +16,10 @@ _GROUPS: Final = (
     ("scale factor", (_OF_RANGE, *SLOPES)),
     ("bias", ("bias", "bias_at_rest", "bias_by_v_vc")),
     ("non-lin.", ("nonlinearity", "nonlinearity_by_v_vc")),
+    ("N", ("angle_random_walk",)),
+    ("B", ("bias_instability",)),
 )
-"""Heads, and the kinds of which a run shows the first that it has."""
+"""Heads, and the kinds, or names without one, of which a run shows the first that it has."""
 _OTHERS: Final = 5
 """Of runs with none of these so many values are shown."""
 
@@ -32,7 +34,7 @@ class ValueColumn(Struct, frozen=True):
     @classmethod
     def of(cls, value: Value) -> "ValueColumn":
         """Return the column of a value."""
-        return cls(value.kind or value.name, value.unit, value)
+        return cls(_key(value), value.unit, value)
 
     @property
     def is_slope(self) -> bool:
@@ -59,7 +61,7 @@ class ValueColumn(Struct, frozen=True):
 
     def holds(self, value: Value) -> bool:
         """Return True if this column holds the value."""
-        same = (value.kind or value.name, value.unit) == (self.key, self.unit)
+        same = (_key(value), value.unit) == (self.key, self.unit)
         return same and not value.definition.unlike(self.example.definition)
 
     def cells(self, values: Sequence[Value], mark: str = "") -> Iterator[Any]:
@@ -82,12 +84,16 @@ def columns_of(rows: Sequence[Sequence[Value]]) -> list[ValueColumn]:
     found: dict[tuple[str, str], ValueColumn] = {}
     for _, kinds in _GROUPS:
         for values in rows:
-            first = next((each for each in values if each.kind in kinds), None)
+            first = next((each for each in values if _key(each) in kinds), None)
             if first is not None:
-                found.setdefault((first.kind, first.unit), ValueColumn.of(first))
+                found.setdefault((_key(first), first.unit), ValueColumn.of(first))
     for each in () if found else (each for values in rows for each in values[:_OTHERS]):
-        found.setdefault((each.kind or each.name, each.unit), ValueColumn.of(each))
+        found.setdefault((_key(each), each.unit), ValueColumn.of(each))
     return list(found.values())
+
+
+def _key(value: Value) -> str:
+    return value.kind or value.name
 
 
 def of_one_definition(rows: Sequence[Sequence[Value]]) -> list[list[int]]:
