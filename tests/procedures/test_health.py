@@ -18,6 +18,7 @@ from tests.procedures.test_self_calibration import aged
 from vcfbench.analysis.decays import RingingMode
 from vcfbench.devices.k_vc_change import k_vc_change
 from vcfbench.errors import MeasurementError
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.health.check import (
     MAY_HAVE,
     charging_warning,
@@ -27,7 +28,8 @@ from vcfbench.procedures.health.check import (
     unmeasured,
 )
 from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
-from vcfbench.procedures.health.plan import _expected, modes_of
+from vcfbench.procedures.health.plan import _expected, level_v, modes_of
+from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
 from vcfbench.records.device_values import Characteristics
@@ -241,6 +243,16 @@ def test_a_dry_run_finds_nothing_that_has_changed() -> None:
     words = [each.step.describe() for each in planned.steps]
     assert "oscilloscope: the sense modes ring down" in words
     assert planned.bench_seconds - vcfbench.dry_run("kvc", LAB, settings={"health": False}).bench_seconds < 600.0
+
+
+@pytest.mark.parametrize("k_vc", [-400.0, -150.0, 150.0, 20.0])
+@pytest.mark.parametrize("limit_v", [None, 0.2, 1.0, 5.0])
+def test_v_vc_of_ring_downs_leaves_room_for_sines_of_twice_its_size(k_vc: float, limit_v: float | None) -> None:
+    """52.5 % of the largest rate, 200 deg/s, at most half of what the bench or a 10 V range may have."""
+    known = settings_of(PROCEDURES["kvc"], LAB, asked_in_python({"k_vc_guess_deg_s_per_v": k_vc}))
+    limits = structs.replace(known.station.limits, max_v_vc_v=limit_v)
+    settings: Any = structs.replace(known, station=structs.replace(known.station, limits=limits))
+    assert level_v(settings) == pytest.approx(min(105.0 / abs(k_vc), 0.5 * (limit_v or 10.0)))
 
 
 @pytest.mark.parametrize("drive_hz", [1e3, 3488.9, 5e4])
