@@ -6,8 +6,10 @@ import json
 import math
 from datetime import UTC, datetime
 from random import Random
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 from msgspec import structs
 from simrack_tests.cells import few
@@ -15,14 +17,17 @@ from typer.testing import CliRunner
 
 import vcfbench
 from tests.sim.gyro.plain import output_v, steady_output_v
+from vcfbench.analysis.k_vc_curve import fit_k_vc_curve
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.procedures.kvc import KVC, UNSEEN
+from vcfbench.procedures.kvc import KVC, UNSEEN, _as_set
 from vcfbench.records.device_values import Characteristics, Conditions, Measured
 from vcfbench.records.devices import Certificate, Characterisation, DeviceStore
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.file import embedded_text
+from vcfbench.station.settings import Sources
+from vcfbench.values.sources import RESOLUTION, V_VC_GAIN, V_VC_OFFSET
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -332,3 +337,41 @@ def test_each_procedure_keeps_its_k_vc_characteristics_of_device(tmp_path: Path)
     for name, true in (("carrier_phase_deg", 0.3), ("demodulator_phase_deg", -0.5), ("split_size_hz", warm_split_hz)):
         found = getattr(seen, name)
         assert abs(found.value - true) < 4.0 * found.u < 0.1, name
+
+
+@pytest.mark.parametrize("k_vc", [150.0, -40.0])
+def test_errors_of_a_generator_s_ranges_go_through_the_fit_as_moved_levels_do(k_vc: float) -> None:
+    """Each coefficient's part is what the fit does where all levels of a range are off by its gain, or its offset."""
+    sources = Sources(generator_gain=0.02, generator_offset_v=4e-3, generator_ranges_v=(0.4, 10.0), generator_bits=14)
+    settings: Any = SimpleNamespace(station=SimpleNamespace(sources=sources))
+    v_vc_v = np.array([0.1, -0.1, 0.3, -0.3, 0.7, -0.7, 1.3, -1.3])
+    rates = np.polynomial.polynomial.polyval(v_vc_v, [0.05, k_vc, 1.5, -2.0])
+    of_rate, of_v = np.diag(np.geomspace(1e-6, 1e-4, 8)), 1e-30 * np.eye(8)
+    own, found = _as_set(settings, fitted(rates, v_vc_v, of_rate, of_v), v_vc_v, {"noise": of_rate}, {"none": of_v})
+
+    def moved(by_v: Any) -> Any:
+        then = fitted(rates, v_vc_v + 1e-6 * by_v, of_rate, of_v).coefficients
+        return (np.array(then) - fitted(rates, v_vc_v, of_rate, of_v).coefficients) / 1e-6
+
+    expected = {"noise": sum(np.outer(row, row) for row in (moved_rates(rates, v_vc_v, of_rate, of_v)))}
+    for name, here, low_v in (("0.4 V range", np.abs(v_vc_v) < 0.4, 0.0), ("10 V range", np.abs(v_vc_v) > 0.4, 0.4)):
+        offset_v2 = (4e-3**2 + 4e-3 * 0.02 * low_v + (0.02 * low_v) ** 2 / 3.0) / 3.0
+        expected[f"{V_VC_GAIN}, {name}"] = 0.02**2 / 3.0 * np.outer(*[moved(v_vc_v * here)] * 2)
+        expected[f"{V_VC_OFFSET}, {name}"] = offset_v2 * np.outer(*[moved(1.0 * here)] * 2)
+    digits_v = np.where(np.abs(v_vc_v) < 0.4, 0.4, 10.0) * 2.0 / 2**14 / math.sqrt(12.0)
+    expected[RESOLUTION] = sum(np.outer(*[moved(row)] * 2) for row in np.diag(digits_v))
+    assert found.keys() == expected.keys()
+    for name, part in expected.items():
+        assert found[name] == pytest.approx(part, rel=1e-3, abs=1e-6 * float(np.abs(part).max())), name
+    assert np.array(own.covariance) == pytest.approx(sum(expected.values()), rel=1e-3, abs=1e-9)
+
+
+def fitted(*pairs: Any) -> Any:
+    return fit_k_vc_curve(*pairs, order=3)
+
+
+def moved_rates(rates: Any, v_vc_v: Any, of_rate: Any, of_v: Any) -> Any:
+    """Return what a standard uncertainty more of each rate adds to the coefficients."""
+    before = np.array(fitted(rates, v_vc_v, of_rate, of_v).coefficients)
+    steps = np.diag(np.sqrt(np.diag(of_rate)))
+    return [np.array(fitted(rates + row, v_vc_v, of_rate, of_v).coefficients) - before for row in steps]

@@ -235,7 +235,8 @@ def _as_set(
 
     The fit stays as it is; the errors of the ranges that make K_Vc least certain go through it, unless they are known.
     """
-    slope = np.polynomial.polynomial.polyval(v_vc_v, null_blocks.derivative_of(np.array(curve.coefficients)))
+    derivative = np.polynomial.polynomial.polyder(np.array(curve.coefficients))
+    slope = np.polynomial.polynomial.polyval(v_vc_v, derivative)
     fitted = sum(of_rate.values()) + sum(of_v_vc.values()) * np.outer(slope, slope)
     making = coefficient_weights(curve, v_vc_v, fitted)
     per_v, known = making * slope, known_levels((), settings.station.sources)

@@ -79,6 +79,7 @@ PROCEDURES = (
         lambda bench: {
             **_WARM,
             **_FEW,
+            "cycles": 2,
             **_scale(bench),
             "temperatures_c": [0.0, 20.0, 40.0],
             "level_deg_s": 100.0,
