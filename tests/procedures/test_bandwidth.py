@@ -111,6 +111,14 @@ def test_phases_need_v_vc_and_output_on_oscilloscope() -> None:
     assert seen == [(1,), *[(3, 4)] * 35]
 
 
+def test_without_an_oscilloscope_the_drive_is_anywhere_in_its_window() -> None:
+    """3475 to 3503 Hz, of which Q, in proportion to it, has 14 Hz over the root of 3."""
+    small = structs.replace(simulated(overrides=COLD), oscilloscope=None)
+    asked = {"frequencies_hz": [1.0, 4.5, 9.0, 16.0, 31.0, 48.0], "around_split": [0.7, 0.9, 0.97, 1.03, 1.1]}
+    (q,) = (each for each in vcfbench.dry_run("bandwidth", small, settings=asked).expected.values if each.name == "q")
+    assert dict(q.causes)["drive frequency"] == pytest.approx(Q * 14.0 / 3**0.5 / 3489.0, rel=0.01)
+
+
 @pytest.mark.exhaustive
 def test_without_an_oscilloscope_q_knows_less(tmp_path: Path) -> None:
     """It is in proportion to the drive frequency, of which only the window is known then."""

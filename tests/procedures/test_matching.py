@@ -87,6 +87,21 @@ def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
         dead.v_vc_equal_v  # noqa: B018  # the property raises
 
 
+@pytest.mark.parametrize("rate_deg_s", [10.0, -10.0])
+@pytest.mark.parametrize(("std_v", "least_v"), [(0.0, 1.25e-4), (1e-3, 3e-3 / 10.0**0.5)])
+def test_an_answer_to_v_vc_is_a_thousandth_of_the_table_s_and_beyond_noise(
+    rate_deg_s: float, std_v: float, least_v: float
+) -> None:
+    def answered(answer_v: float) -> float:
+        means = [point(1, 0.0, 0.0, 0.0), point(1, rate_deg_s, 0.0, K * rate_deg_s), point(2, 0.0, 0.0, 0.0)]
+        return Matching.of([*means, point(2, 0.0, 0.25, answer_v, std_v)], Match.ZERO, rate_deg_s).slope
+
+    for sign in (1.0, -1.0):
+        assert answered(1.05 * sign * least_v) == pytest.approx(4.2 * sign * least_v)
+        with pytest.raises(MeasurementError, match="does not answer to V_Vc"):
+            answered(0.95 * sign * least_v)
+
+
 def test_windows_in_a_row_are_one_mean() -> None:
     matching = begun((0.3, -0.15, 1e-4), (0.25, -0.1248, 1e-4), (0.25, -0.1252, 3e-4))
     assert len(matching.tries) == 2

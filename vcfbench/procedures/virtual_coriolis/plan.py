@@ -88,7 +88,7 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
         )
     agreement.require_expected_k_vc(matching.k_vc, settings.k_vc_guess_deg_s_per_v, settings.expected)
     # The rest of the windows at 0 V and at the V_Vc that was found, in turn: one of each was taken on the way here
-    equal_v, previous_v = matching.best.v_vc_v, points[-1].v_vc_v
+    equal_v = previous_v = matching.best.v_vc_v
     for pushed in _in_turn(settings.match_windows - 1):
         v_vc_v = equal_v if pushed else 0.0
         if v_vc_v != previous_v:
