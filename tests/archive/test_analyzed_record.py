@@ -51,6 +51,17 @@ def test_angle_random_walk_is_the_one_that_was_put_in(
     assert found.densities["N, rad/s/sqrt(Hz)"] == pytest.approx(math.radians(walk.value / 60.0))
 
 
+def test_mean_within_one_digit_is_told(tmp_path: Path) -> None:
+    few = np.random.default_rng(4).normal(0.005, 0.00175, 4000).round(2)
+    found = analyze_record(written(tmp_path / "zero.csv", "gyro_z (rad/s)", few), 100.0)
+    assert found.u_digit_deg_s == pytest.approx(math.degrees(0.01) / math.sqrt(12.0))
+    assert any("the last digit is 0.573 deg/s" in each for each in found.notices)
+    assert [each.u for each in found.noise] == [None]
+    assert "u of the digit" in str(found.report())
+    same = analyze_record(written(tmp_path / "zero.csv", "gyro_z (rad/s)", 0.0 * few), 100.0)
+    assert same.notices == ("all readings are the same: the noise is below the last digit, or no sensor was read",)
+
+
 def test_curve_is_that_of_another_program(tmp_path: Path) -> None:
     allantools = pytest.importorskip("allantools")
     found = analyze_record(written(tmp_path / "zero.csv", "rate_deg_s", NOISE), 100.0)

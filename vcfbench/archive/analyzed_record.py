@@ -12,6 +12,7 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
+from vcfbench.analysis.digit import COARSE, FINE, digit_of
 from vcfbench.analysis.pace import pace_of
 from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.archive.table_files import opened_table
@@ -42,9 +43,10 @@ _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 class RecordAnalysis(Struct, frozen=True):
     """Noise of one column: its name, readings, interval, mean, and the findings of :func:`record_noise`.
 
-    `taken_as` says what its numbers were taken for; `notices` what is odd about the file, each with its line;
-    `densities` N and K in deg/s/sqrt(Hz), rad/s/sqrt(Hz), deg/s^2/sqrt(Hz), rad/s^2/sqrt(Hz), as filters take them: of
-    a two-sided spectrum, so that white noise of N at f readings a second has the standard deviation N sqrt(f).
+    `u_digit_deg_s` is what the last digit leaves open of the mean, 0 where noise spans it. `taken_as` says what its
+    numbers were taken for; `notices` what is odd about the file, each with its line; `densities` N and K in
+    deg/s/sqrt(Hz), rad/s/sqrt(Hz), deg/s^2/sqrt(Hz), rad/s^2/sqrt(Hz), as filters take them: of a two-sided spectrum,
+    so that white noise of N at f readings a second has the standard deviation N sqrt(f).
 
     >>> found = vcfbench.analyze_record("rest.csv", rate_hz=10.0)
     >>> f"{found.samples} readings, mean {found.mean_deg_s:.2f} deg/s"
@@ -59,6 +61,7 @@ class RecordAnalysis(Struct, frozen=True):
     samples: int
     interval_s: float
     mean_deg_s: float
+    u_digit_deg_s: float
     noise: tuple[NoiseCoefficient, ...]
     allan_deg_h: tuple[AllanRow, ...]
     stability_deg_h: BiasStability
@@ -81,6 +84,8 @@ class RecordAnalysis(Struct, frozen=True):
             ("readings", f"{self.samples}, one every {self.interval_s:g} s: {self.samples * self.interval_s:g} s"),
             ("mean", f"{self.mean_deg_s:.6g} deg/s"),
         ]
+        if self.u_digit_deg_s:
+            rows.append(("  u of the digit", f"{self.u_digit_deg_s:.2g} deg/s"))
         return Report(
             [
                 Heading(f"Noise of {self.column}"),
@@ -152,12 +157,21 @@ def analyze_record(
     doubts = doubts_of_record(record)
     notices += [f"{each.words} (first in line {numbers.line(begin + each.row)})" for each in doubts]
     del numbers
-    mean_deg_s, sampling = float(record.mean()), Sampling.without_gaps(interval_s)
+    mean_deg_s, digit, sampling = float(record.mean()), digit_of(record), Sampling.without_gaps(interval_s)
     found: RecordNoise = record_noise(
-        record, sampling, corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0, overwrite=True
+        record, sampling, corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0, digit=digit, overwrite=True
     )
+    size = digit.in_sd(round(found.fitted_from_s / interval_s))
+    if not digit.step:
+        notices.append("all readings are the same: the noise is below the last digit, or no sensor was read")
+    elif size > FINE:
+        unknown = "the mean stands within its digit, N is below its bound" if size > COARSE else "N is less its noise"
+        notices.append(
+            f"the last digit is {digit.step:.3g} deg/s, {size:.2g} standard deviations of the noise: {unknown}"
+        )
+    u_digit_deg_s = digit.step / math.sqrt(12.0) if size > COARSE else 0.0
     return RecordAnalysis(
-        name.written, taken_as, tuple(notices), record.size, interval_s, mean_deg_s, found.coefficients,
+        name.written, taken_as, tuple(notices), record.size, interval_s, mean_deg_s, u_digit_deg_s, found.coefficients,
         found.rows, found.stability, found.fitted_from_s,
         found.fitted_to_s, _densities(found), found.described, found.remarks,
     )  # fmt: skip

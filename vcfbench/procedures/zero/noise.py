@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from vcfbench.analysis import allan
 from vcfbench.analysis.allan import BiasStability, Sampling, Term, bias_stability, deviation_factor, spreads_of_means
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.digit import COARSE, Digit
 from vcfbench.analysis.noise_fit import NoiseFit, fit_noise
 from vcfbench.analysis.noise_model import NoiseModel, noise_model
 from vcfbench.analysis.phase_noise import PhaseNoise
@@ -110,6 +111,7 @@ def record_noise(
     corrected: bool,
     u_bandwidth_hz: float,
     meter_deg_s: float,
+    digit: Digit | None = None,
     overwrite: bool = False,
 ) -> RecordNoise:
     """Return the noise of `rates_deg_s`, one every ``sampling.interval_s``.
@@ -120,6 +122,7 @@ def record_noise(
         corrected: whether dead time is taken out; else the record counts as gapless.
         u_bandwidth_hz: standard uncertainty of the noise bandwidth in `sampling`, Hz.
         meter_deg_s: the most that a reading of the meter may scatter by itself, rms.
+        digit: to which the readings of a gapless record were rounded.
         overwrite: whether the memory of a gapless record may be used, for ten million readings.
 
     Raises:
@@ -144,6 +147,8 @@ def record_noise(
         walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
         fit = with_what_is_let_through(by_scatter(model.fit, rates_deg_s, fitted), fitted, u_bandwidth_hz)
         fit = without_meter(fit, fitted, meter_deg_s)
+        if digit is not None:
+            fit = without_digit(fit, digit, follows[0].tau_s, fitted.interval_s)
     law = PhaseNoise() if fit is None else fit.coefficients.phase_noise(fitted)
     if law.squares().any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
@@ -269,6 +274,28 @@ def without_meter(fit: NoiseFit, sampling: Sampling, meter_deg_s: float) -> Nois
     if value < _STANDS_OUT * u:
         return _with_walk(fit, 0.0, None, walk.upper_95)
     return _with_walk(fit, value, u, walk.upper_95)
+
+
+def without_digit(fit: NoiseFit, digit: Digit, begin_s: float, interval_s: float) -> NoiseFit:
+    """Return the fit with N less what rounding adds; of a coarse digit nothing but a bound on N.
+
+    Independent errors add q^2/12 an interval; of held readings they last as long as these, so the part of the variance
+    counts. The middle of the two is taken out, the rest is a rectangular limit (ours).
+    """
+    walk, intervals = fit.terms.get(Term.ANGLE_RANDOM_WALK), round(begin_s / interval_s)
+    if walk is None or not digit.step:
+        return fit
+    if digit.in_sd(intervals) > COARSE:  # the noise is half a digit at most, of which the readings show too little
+        hidden = max(1.0, 0.5 * digit.step / max(digit.over(intervals), 1e-9 * digit.step))
+        return _with_walk(replace(fit, terms={Term.ANGLE_RANDOM_WALK: walk}), 0.0, None, hidden * walk.upper_95)
+    if walk.u is None:
+        return fit
+    added = digit.step**2 / 12.0
+    parts = added * interval_s / walk.value**2, added / digit.over(intervals) ** 2
+    value = walk.value * math.sqrt(1.0 - 0.5 * math.fsum(parts))
+    place = 0.5 * digit.left_by_place(intervals)
+    u = math.hypot(walk.u, value * place, 0.25 * walk.value * (parts[1] - parts[0]) / math.sqrt(3.0))
+    return _with_walk(fit, value, u, max(value + _ONE_SIDED * u, value / walk.value * walk.upper_95))
 
 
 def _with_walk(fit: NoiseFit, value: float, u: float | None, upper_95: float) -> NoiseFit:
