@@ -15,6 +15,7 @@ import pytest
 
 import vcfbench
 from tests.cells import few
+from vcfbench.errors import PlanError
 from vcfbench.station.file import embedded_text
 
 if TYPE_CHECKING:
@@ -161,9 +162,11 @@ def test_limits_judge_numbers_of_their_name_and_are_recorded(
 def test_invalid_result_removes_results_not_record(
     results: Callable[[Any, Sequence[Point]], Any], words: str, tmp_path: Path
 ) -> None:
-    with pytest.raises(vcfbench.MeasurementError, match=f"the points give no result: {words}") as caught:
+    """The mistake is in the procedure's code: it is no fault of the leads, and its points are not lost."""
+    with pytest.raises(PlanError, match=f"the points give no result: {words}") as caught:
         perform(tmp_path, results)
     assert len(caught.value.run.points) == 3
+    assert (caught.value.exit_code, "resume with --procedure FILE" in str(caught.value)) == (2, True)
     again = vcfbench.load_run("last", tmp_path)
     assert (again.status, again.points, again.results) == ("aborted", caught.value.run.points, None)
     assert caught.value.run.report().parts == again.report().parts

@@ -51,6 +51,12 @@ def file_of(procedure: AnyProcedure) -> dict[str, str] | None:
     return {"path": str(path), "sha256": sha256(path.read_bytes()).hexdigest()}
 
 
+def is_own(procedure: AnyProcedure) -> bool:
+    """Return True if the code of a procedure is somebody's own."""
+    code = getattr(procedure.plan, "__code__", None)
+    return code is not None and not code.co_filename.startswith(_OURS)
+
+
 def mistake_in(error: BaseException) -> str:
     """Describe `error`, of code that is not ours, with the innermost file and line of such code."""
     if isinstance(error, SyntaxError) and error.filename is not None:

@@ -16,11 +16,12 @@ from vcfbench.archive.run import Run, breaks
 from vcfbench.bench.bench import Bench
 from vcfbench.clock import today, utc_now
 from vcfbench.drivers.together import Outputs
-from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe
+from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe, PlanError
 from vcfbench.files import read_text, shown
 from vcfbench.instructions.procedure import Provenance
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.interfaces import Identity, SafeReport, nobody
+from vcfbench.procedures.own_code import is_own
 from vcfbench.records.directory import create_run
 from vcfbench.records.export import points_csv, result_text, write_text
 from vcfbench.records.journal import Journal, MemoryJournal, SimulatedJournal
@@ -271,7 +272,10 @@ class UnderWay(Struct):
             metadata = self.prepared.metadata
             self.evaluation = evaluate(self.prepared.procedure, settings, settings.acceptance, measured, metadata)
         except BenchError as error:
-            failed = MeasurementError(f"the points give no result: {error.what}", hint=error.hint or LOOK_AT_SIGNALS)
+            words, own = f"the points give no result: {error.what}", is_own(self.prepared.procedure)
+            failed: BenchError = MeasurementError(words, hint=error.hint or LOOK_AT_SIGNALS)
+            if own and not isinstance(error, MeasurementError):  # a mistake in its code, not in the readings
+                failed = PlanError(words, hint="correct it, and resume with --procedure FILE: the points are kept")
             failed.__cause__ = error.__cause__
             self.take_error(failed)
         except (ImportError, OSError) as error:  # modules of results are loaded late: a file or package may be gone
