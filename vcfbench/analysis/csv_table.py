@@ -10,12 +10,10 @@ read again cell by cell, and what cannot be read is told with its line and colum
 
 import csv
 import io
-import math
 import re
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from datetime import datetime
 from textwrap import shorten
 from typing import IO
 
@@ -24,11 +22,9 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.cells import NO_VALUE, clock_s, decimals, is_any_number, is_clock, is_number, number
 from vcfbench.analysis.column_names import ColumnName, column_name, known_unit, unit_of
 from vcfbench.errors import ConfigError
-
-NO_VALUE = 9.9e37 * (1.0 - 1e-9)
-"""From this magnitude on a number is an instrument's word for none (SCPI-99 vol. 1, 7.2.1.4: 9.9E37, 9.91E37)."""
 
 _HEAD = 1 << 16
 _PIECE = 1 << 20
@@ -40,16 +36,11 @@ _BRACKETS = "[](){} "
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", ",": ",", ";": ";", "\t": "\t", " ": " "}
 _DECIMALS = {"comma": ",", "point": ".", ",": ",", ".": "."}
-_OR_POINT = "--decimal comma, or point"
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-_WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?", re.ASCII)
 _TWO_NUMBERS = re.compile(r"[\d.+-]+\s*([^\w\s.,+-])\s*[\d.+-]+")
 _LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
 """Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
 _LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
 _CUT_OFF = re.compile(rb"[.eE+-]\s*$")
-_DATE = re.compile(r"(\d{4}-\d\d-\d\d[T ])?\d\d:\d\d.*")
 
 
 class Layout(Struct, frozen=True):
@@ -93,7 +84,7 @@ class Head(Struct, frozen=True):
     separator: str
     decimal_comma: bool
     thousands: bool
-    """Whether a comma is one of thousands, as decimals were said to stand behind a point."""
+    """Whether the other sign is known to separate thousands."""
 
     def place(self, name: str) -> int:
         """Return which column has a name; raises ConfigError where none has it, or several."""
@@ -114,9 +105,9 @@ class Head(Struct, frozen=True):
         """Return True if none of the first cells of a column begins as a number does."""
         return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
 
-    def is_date(self, place: int) -> bool:
-        """Return True if the first cell of a column is an ISO date with a time, or a time of day."""
-        return bool(self.sample) and bool(_DATE.fullmatch(self.sample[0][place]))
+    def is_clock(self, place: int) -> bool:
+        """Return True if the first cell of a column is a date with a time, or a time of day."""
+        return bool(self.sample) and is_clock(self.sample[0][place])
 
 
 class Numbers(Struct, frozen=True):
@@ -161,8 +152,11 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     names = [with_unit(each, layout.units[each.written]) if each.written in layout.units else each for each in names]
     sample = [_cells(text, separator) for text in texts[at : at + _SAMPLE]]
     full = tuple(tuple(row) for row in sample if len(row) == len(header))
-    comma = _decimal_comma(full, separator, layout.decimal, f"{name}, line {at + 1}")
-    thousands = layout.decimal in {"point", "."} and separator != ","
+    two = _TWO_NUMBERS.fullmatch(full[0][0]) if full and len(header) == 1 else None
+    if two and two[1] in header[0]:
+        raise ConfigError(f"{name}: {full[0][0]!r} is not a number", hint=f"--separator '{two[1]}'")
+    stated = None if layout.decimal is None else _DECIMALS[layout.decimal]
+    comma, thousands = decimals(full, separator, stated, f"{name}, line {at + 1}")
     before = sum(len(each) + 1 for each in lines[:at])
     return Head(name, tuple(names), full, at + 1, before, separator, comma, thousands)
 
@@ -194,7 +188,7 @@ def _header(  # noqa: PLR0917
     first = re.sub(r"\s+(?=[\[(])", "_", texts[at]) if separator == " " else texts[at]
     header, below = _cells(first, separator, where), _cells("".join(texts[at + 1 : at + 2]), separator)
     usual = Counter(len(_cells(text, separator)) for text in texts[at + 1 : at + _SAMPLE] if text.strip())
-    numbers = any(map(_is_any_number, header))
+    numbers = any(map(is_any_number, header))
     beside = len(below) != len(header) or (not numbers and not any(map(_below_names, below)))
     named = not numbers and below and len({*header}) != len(below) == len(layout.columns)
     unlike = beside or (usual and usual.most_common(1)[0][0] != len(header))
@@ -237,7 +231,7 @@ def read_numbers(
     file.seek(0, io.SEEK_END)
     left = max(1, file.tell() - head.offset)
     file.seek(head.offset)
-    dates = any(map(head.is_date, places))
+    dates = any(map(head.is_clock, places))
     values = np.empty((0, len(places)))
     filled, line, blank, dropped = 0, head.line, 0, list[int]()
     for raw in _pieces(file):
@@ -329,7 +323,8 @@ def _cell_by_cell(
     raw: bytes, head: Head, places: Sequence[int], line: int, blank: int
 ) -> tuple[Floats, list[int], int]:
     """Return the numbers of a piece, the rows before which a comment stood, and the line of a blank one at its end."""
-    rows, dropped, dates = list[list[float]](), list[int](), {place for place in places if head.is_date(place)}
+    rows, dropped, dates = list[list[float]](), list[int](), {place for place in places if head.is_clock(place)}
+    comma = head.decimal_comma
     for at, each in enumerate(raw.removesuffix(b"\n").split(b"\n"), line):
         where = f"{head.file}, line {at}"
         text = _decoded(each, where, at).strip(" \r\n" if head.separator == "\t" else None)
@@ -346,7 +341,12 @@ def _cell_by_cell(
             hint = "; are there decimal commas?" if len(cells) > len(head.names) else ""
             raise ConfigError(f"{where}: {len(head.names)} columns expected, got {len(cells)}{hint}")
         here = [(cells[place], f"{where}, column {head.names[place].written}", place in dates) for place in places]
-        rows.append([_date_s(cell, at_) if date else _number(cell, at_, head) for cell, at_, date in here])
+        rows.append(
+            [
+                clock_s(cell, at_) if date else number(cell, at_, decimal_comma=comma, thousands=head.thousands)
+                for cell, at_, date in here
+            ]
+        )
     return np.array(rows, np.float64).reshape(-1, len(places)), dropped, blank
 
 
@@ -368,7 +368,7 @@ def _separator(header: str, below: str) -> str:
         if sign in header:
             return sign
     numbers = below.split()
-    if len(numbers) > 1 and all(map(_is_number, numbers)):
+    if len(numbers) > 1 and all(map(is_number, numbers)):
         return " "
     return ";" if ";" in below else ","
 
@@ -392,8 +392,8 @@ def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
     for place in range(at + 1, min(len(texts) - 1, at + 60)):
         for sign in dict.fromkeys((separator, ",", ";", "\t")):
             names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
-            named = len(names) == len(numbers) and not any(map(_is_any_number, names))
-            if named and sum(map(_is_any_number, numbers)) * 3 > len(numbers):
+            named = len(names) == len(numbers) and not any(map(is_any_number, names))
+            if named and sum(map(is_any_number, numbers)) * 3 > len(numbers):
                 return place
     return None
 
@@ -401,7 +401,7 @@ def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
 def _unit_row(cells: Sequence[str], names: Sequence[ColumnName]) -> list[str] | None:
     """Return the units in a line of their own below the names, None if the line is none."""
     bare = [cell.strip(_BRACKETS) for cell in cells]
-    if len(bare) != len(names) or any(map(_is_number, bare)) or not any(map(unit_of, bare)):
+    if len(bare) != len(names) or any(map(is_number, bare)) or not any(map(unit_of, bare)):
         return None
     return bare if all(not cell or cell == "-" or unit_of(cell) for cell in bare) else None
 
@@ -415,76 +415,11 @@ def _with_unit(name: ColumnName, written: str, where: str) -> ColumnName:
     return replace(name, unit=unit, unknown="")
 
 
-def _decimal_comma(rows: Sequence[Sequence[str]], separator: str, stated: str | None, where: str) -> bool:
-    """Return True if the decimals of a file are behind a comma; refuses numbers that may as well be thousands."""
-    if stated is not None or separator == ",":
-        return stated is not None and _DECIMALS[stated] == ","
-    commas = [cell for row in rows for cell in row if _is_comma_number(cell) or _THOUSANDS.fullmatch(cell)]
-    if not commas:
-        return False
-    if all(_THOUSANDS.fullmatch(cell) for cell in commas):
-        raise ConfigError(
-            f"{where}: {commas[0]!r} may be a decimal comma, or one of thousands", hint="--decimal comma, or point"
-        )
-    return True
-
-
 def _alike(first: str, second: str) -> bool:
     """Return True if two lines differ in their digits alone."""
     bare, other = (re.sub(r"-?\d+", "0", text) for text in (first, second))
     return bare == other and first != second
 
 
-def _is_number(cell: str) -> bool:
-    return _NUMBER.fullmatch(cell) is not None
-
-
-def _is_any_number(cell: str) -> bool:
-    return _is_number(cell) or _is_comma_number(cell)
-
-
 def _below_names(cell: str) -> bool:
-    return _is_any_number(cell) or unit_of(cell.strip(_BRACKETS)) is not None
-
-
-def _is_comma_number(cell: str) -> bool:
-    return _WITH_COMMA.fullmatch(cell) is not None
-
-
-def _date_s(cell: str, where: str) -> float:
-    try:
-        found = datetime.fromisoformat(cell if "-" in cell[:5] else f"2000-01-01T{cell}")
-    except ValueError:
-        raise ConfigError(
-            f"{where}: expected a date such as 2026-11-29T10:00:00.5, got {shorten(cell, 40)!r}"
-        ) from None
-    apart = found.replace(tzinfo=None) - datetime(2000, 1, 1)  # noqa: DTZ001  # differences alone count
-    shift_s = offset.total_seconds() if (offset := found.utcoffset()) is not None else 0.0
-    return apart.days * 86400.0 + apart.seconds + apart.microseconds * 1e-6 - shift_s
-
-
-def _number(cell: str, where: str, head: Head) -> float:
-    shown = shorten(cell, 40)
-    text = cell.replace(",", ".") if head.decimal_comma and "." not in cell else cell
-    if head.thousands and _THOUSANDS.fullmatch(cell):
-        text = cell.replace(",", "")
-    if not _NUMBER.fullmatch(text):
-        if not cell:
-            raise ConfigError(f"{where}: the value is missing")
-        if cell.lower().lstrip("+-") in {"nan", "inf", "infinity"}:
-            raise ConfigError(f"{where}: {shown} is not a measured value")
-        if "\N{MINUS SIGN}" in cell or "\N{EN DASH}" in cell:
-            raise ConfigError(f"{where}: {shown!r} has a typographic minus sign; write it with a hyphen")
-        if "," in cell:
-            meant = "a comma of thousands, or a decimal one" if _THOUSANDS.fullmatch(cell) else "a decimal comma"
-            raise ConfigError(
-                f"{where}: {shown!r} has {meant}; write a point, or no separator", hint="--decimal comma, or point"
-            )
-        two = _TWO_NUMBERS.fullmatch(cell)
-        raise ConfigError(f"{where}: {shown!r} is not a number", hint=f"--separator '{two[1]}'" if two else None)
-    value = float(text)
-    if not math.isfinite(value):
-        raise ConfigError(f"{where}: {shown} is too large for a number")
-    if abs(value) >= NO_VALUE:
-        raise ConfigError(f"{where}: {shown} is an instrument's word for overload, not a measured value")
-    return value
+    return is_any_number(cell) or unit_of(cell.strip(_BRACKETS)) is not None

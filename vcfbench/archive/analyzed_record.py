@@ -245,7 +245,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     if layout.time is not None:
         place = head.place(layout.time)
     else:
-        dated = list(map(head.is_date, range(len(head.names))))
+        dated = list(map(head.is_clock, range(len(head.names))))
         timed = [each.is_time and not head.is_text(place) for place, each in enumerate(head.names)]
         found = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
         if len(found) > 1:
@@ -255,7 +255,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
             return None
         place = found[0]
     name = head.names[place]
-    if head.is_date(place):
+    if head.is_clock(place):
         return place, 1.0
     if name.unit is None or name.unit.kind is not Kind.TIME:
         raise ConfigError(
