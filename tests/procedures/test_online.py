@@ -265,7 +265,7 @@ def test_levels_as_set_may_be_off_by_the_generator_s_gain_and_by_its_offsets_of_
     settings = structs.replace(settings, station=structs.replace(settings.station, meter_resolution_v=1e-5))
     records.pairs = [(step, structs.replace(each, v_vc_v=())) for step, each in records.pairs]
     found, known = online_results(settings, records), settings.station.sources  # type: ignore[arg-type]
-    u_gain = {part.source: part.u for part in found.scale_factor.parts}["gain of what V_Vc is known by"]
+    u_gain = {part.source: part.u for part in found.scale_factor.parts}["V_Vc gain"]
     assert u_gain == pytest.approx(abs(found.scale_factor.value) * known.generator_gain / 3**0.5)
     u = {part.source: part.u for part in found.disturbance.parts}
     offset_v = math.hypot(known.generator_offset_v, known.generator_offset_v) / 3**0.5

@@ -10,6 +10,7 @@ import pytest
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench import steps
 from vcfbench.errors import LimitError, PlanError
+from vcfbench.instructions import routines
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.parts import Limits, RailWiring
@@ -116,6 +117,18 @@ def test_plan_beyond_a_limit_in_its_third_hour_is_refused() -> None:
         "rate 301 deg/s is beyond the bench's limit of 300 deg/s, "
         "step 3 (table to +301 deg/s at 100 deg/s^2, 3:00:00 into the plan)"
     )
+
+
+def test_plan_that_expects_a_rate_it_has_not_set_is_refused() -> None:
+    """On the bench the table's read-back would be told to be wrong, and the run to be not safe."""
+
+    def plan(set_deg_s: float) -> Plan:
+        yield SetRate(set_deg_s, 100.0, 0.0)
+        yield from routines.take(SETTINGS, 1, rate_deg_s=10.0, v_vc_v=0.0, table_deg_s=10.0)
+
+    assert len(dry_run(plan(10.0), SETTINGS.expected_gyro(), CHECKS)) == 2
+    with pytest.raises(PlanError, match=r"step 2 \(.*\) expects \+10 deg/s; the plan has set \+0 deg/s"):
+        dry_run(plan(0.0), SETTINGS.expected_gyro(), CHECKS)
 
 
 def test_an_adaptive_plan_is_walked_with_predicted_answers() -> None:

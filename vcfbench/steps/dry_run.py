@@ -9,7 +9,10 @@ from msgspec import Struct
 from vcfbench.errors import LimitError, PlanError
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
+from vcfbench.steps.meter import Acquire
+from vcfbench.steps.sampling import SampleModulated
 from vcfbench.steps.step import Plan, Routine, Step, abandon
+from vcfbench.steps.table import AwaitRate, SetRate
 
 
 class PlannedStep(Struct, frozen=True):
@@ -53,8 +56,9 @@ def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedSt
 
     Raises:
         LimitError: a step would leave a limit; it names step, limit and the time in the plan.
+        PlanError: a step expects the table at another rate than the plan has set.
     """
-    steps = []
+    steps, set_deg_s = [], 0.0
     with closing(walk(plan, gyro)) as planned:
         for each in planned:
             try:
@@ -65,5 +69,21 @@ def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedSt
                 error.step = f"{each.number} ({each.step.describe()}, {at} into the plan)"
                 error.hint = "nothing was opened; change the procedure, or the limits if the bench can bear it"
                 raise
+            if isinstance(each.step, SetRate):
+                set_deg_s = each.step.rate_deg_s
+            due_deg_s = _due_deg_s(each.step)
+            if due_deg_s is not None and due_deg_s != set_deg_s:
+                came = f"the plan has set {set_deg_s:+g} deg/s"
+                raise PlanError(f"step {each.number} ({each.step.describe()}) expects {due_deg_s:+g} deg/s; {came}")
             steps.append(each)
     return steps
+
+
+def _due_deg_s(step: Step) -> float | None:
+    """Return the rate that the table must read back in a step; None: it asks no table."""
+    match step:
+        case AwaitRate():
+            return step.rate_deg_s
+        case Acquire() | SampleModulated():
+            return step.table_deg_s
+    return None
