@@ -11,6 +11,7 @@ from msgspec import structs
 from simrack_tests.cells import few
 
 import vcfbench
+from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import checked_bench
@@ -60,7 +61,10 @@ def test_a_table_and_a_meter_calibrate_what_feeds_itself(procedure: str, tmp_pat
     run = vcfbench.run(procedure, TABLE_AND_METER, seed=1, settings=BY_TABLE[procedure], runs=tmp_path)
     assert run.status is Status.COMPLETE
     assert spoken_of(run) == []
-    assert "not checked: power and when it came on" in vcfbench.text_of(run.report())
+    text = vcfbench.text_of(full_report(run))
+    assert "not checked: power and when it came on" in text
+    assert "wait before the first reading" in text
+    assert "wait after power-on" not in text
     assert run.directory is not None
     assert verify_run(run.directory).wrong is None
 

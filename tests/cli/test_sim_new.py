@@ -54,6 +54,16 @@ def test_extreme_data_sheets_give_bench_for_all_procedures(figures: str, tmp_pat
         dry_run(procedure, tmp_path / "own.toml")
 
 
+def test_dry_run_expects_the_noise_of_the_data_sheet(tmp_path: Path) -> None:
+    said = {}
+    for noise in ("0", "0.2"):
+        assert new("--noise", noise).exit_code == 0
+        said[noise] = dry_run("turntable", tmp_path / "own.toml").expected.noise
+        (tmp_path / "own.toml").unlink()
+    assert said["0"].startswith("a perfect gyroscope, without noise")
+    assert said["0.2"].startswith("white noise of 0.2 deg/sqrt(h) ([simulation])")
+
+
 def test_with_the_papers_imperfections_comes_the_papers_noise(tmp_path: Path) -> None:
     assert new("--imperfections", "paper", "--bias-instability", "10").exit_code == 0
     noise = physical_parameters(load_bench(tmp_path / "own.toml")).noise

@@ -198,3 +198,14 @@ def test_ages_that_cannot_be_are_refused() -> None:
     assert "multimeter.calibrated: expected a day that is past" in refusal(lambda: settings_of(TURNTABLE, on_day(-3)))
     old = refusal(lambda: settings_of(TURNTABLE, on_day(0, stated=800.0)))
     assert old == "uncertainty.meter_age_days: at most 365 days after calibration: a 34401A has no limits beyond"
+
+
+@pytest.mark.parametrize(("procedure", "counts"), [("zero", "powered_s"), ("warmup", "shortest_s")])
+def test_a_wait_that_does_not_count_is_refused_where_it_is_for_this_procedure(procedure: str, counts: str) -> None:
+    said = rf"warm_up_s: expected {counts}, which counts here and is 1800 s, got 100"
+    with pytest.raises(ConfigError, match=said):
+        vcfbench.dry_run(procedure, settings={"warm_up_s": 100.0})
+    bench = vcfbench.load_bench()
+    shared = structs.replace(bench, procedure_table={**bench.procedure_table, "warm_up_s": 100.0})
+    vcfbench.dry_run(procedure, shared)
+    vcfbench.dry_run(procedure, settings={"warm_up_s": 2000.0, counts: 2000.0})

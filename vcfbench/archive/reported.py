@@ -104,6 +104,8 @@ def _record(run: Run) -> Iterator[Part]:
 def _conditions(run: Run, header: Mapping[str, Any]) -> Table:
     bench, settings = header.get("bench", {}), header.get("settings", {})
     took_s = run.bench_seconds
+    waits = [settings[key] for key in ("warm_up_s", "powered_s") if settings.get(key) is not None]
+    began = "after power-on" if bench.get("power") else "before the first reading"
     rows = [
         ("began", None if header.get("utc") is None else clock(header["utc"])),
         ("took", None if took_s is None else f"{took_s:.0f} s ({took_s / 3600.0:.2f} h) of bench time"),
@@ -112,7 +114,7 @@ def _conditions(run: Run, header: Mapping[str, Any]) -> Table:
         ("latitude", _with_unit(bench.get("site", {}).get("latitude_deg"), "deg")),
         ("temperature of the room", _with_unit(run.metadata.ambient_temperature_c, "degC") or BLANK),
         ("relative humidity", _with_unit(run.metadata.humidity_percent, "%") or BLANK),
-        ("wait after power-on", _with_unit(settings.get("warm_up_s"), "s")),
+        (f"wait {began}", _with_unit(max(waits, default=None), "s")),
     ]
     return Table(texts("", ""), _known(rows))
 

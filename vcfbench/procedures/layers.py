@@ -76,8 +76,12 @@ def settings_of(
     The bench file is `source` in errors (ConfigError: a key is unknown, a value cannot be, or the meter has no data
     sheet), its name without one. What is known of the device is looked up unless `recalled` is false.
     """
-    layers = layers_of(procedure, description, source or description.name)
-    chosen = _settled(procedure.settings, [*layers, asked] if asked else layers, _station(description))
+    layers = [*layers_of(procedure, description, source or description.name), *([asked] if asked else [])]
+    chosen = _settled(procedure.settings, layers, _station(description))
+    counts_s = getattr(chosen, chosen.waits)
+    if 0.0 < chosen.warm_up_s < counts_s and any(layer.has(("warm_up_s",)) for layer in layers[1:]):
+        expected = f"{chosen.waits}, which counts here and is {counts_s:g} s"
+        raise refusal(named(layers, ("warm_up_s",)), expected, words(chosen.warm_up_s))
     resolution_v, meter = None, description.multimeter
     if description.stream:
         resolution_v = description.stream.last_digit

@@ -63,6 +63,7 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
 
     creeps: ClassVar[bool] = True
     checked_warm: ClassVar[bool] = False
+    waits: ClassVar[str] = "shortest_s"
     shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
     longest_s: Annotated[float, ranged(180.0, 86_400.0, "and at most, steady or not")] = 3600.0
     window_s: Annotated[float, ranged(10.0, 600.0, "length of the means that must agree")] = 60.0

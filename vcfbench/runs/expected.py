@@ -21,6 +21,7 @@ from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.schema import Point
 from vcfbench.records.stated import InParts, values_of
+from vcfbench.station.description import Simulation
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import ConfigureMeter, ModulatedRecord, Window
@@ -138,11 +139,16 @@ def _mode(f_hz: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(0.5 * (sides[0] + sides[1]) * (1.0 + _WIDTH**2) / (1.0 + (f_hz / _FILTER_HZ) ** 8))
 
 
-def expectation(procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]) -> Expectation:
-    """Return the expected statement of a run of `steps` of `procedure`, without opening the bench."""
-    words = _noise_words(settings)
+def expectation(
+    procedure: AnyProcedure, settings: ProcedureSettings, simulation: Simulation | None, steps: Iterable[Step]
+) -> Expectation:
+    """Return the expected statement of a run of `steps` of `procedure`, without opening the bench.
+
+    The noise is what the bench file tells: of a simulated gyroscope its own, which may have none at all.
+    """
+    walk, words = _noise(settings, simulation)
     try:
-        values, unknown = _stated(procedure, settings, steps)
+        values, unknown = _stated(procedure, settings, walk, steps)
     except BenchError as error:
         return Expectation((), words, error.what)
     except Exception as error:  # noqa: BLE001  # what predicted points come to is anybody's arithmetic
@@ -150,48 +156,55 @@ def expectation(procedure: AnyProcedure, settings: ProcedureSettings, steps: Ite
     return Expectation(values, words, None if values or unknown else "its results state no U95", unknown)
 
 
-def _gyro(settings: ProcedureSettings) -> _Scattering:
-    base, expected, flicker_deg_h = settings.expected_gyro(), settings.expected, _flicker_deg_h(settings)
-    per_deg_s, largest_ppm = abs(base.scale_factor), 0.0 if flicker_deg_h == 0.0 else expected.nonlinearity_ppm
+def _gyro(settings: ProcedureSettings, walk_deg_sqrt_h: float | None) -> _Scattering:
+    base, expected = settings.expected_gyro(), settings.expected
+    flicker_deg_h = settings.station.sources.bias_instability_deg_h
+    perfect = walk_deg_sqrt_h == 0.0
+    per_deg_s, largest_ppm = abs(base.scale_factor), 0.0 if perfect else expected.nonlinearity_ppm
     gyro = _Scattering(
         k_vc=base.k_vc,
         scale_factor=base.scale_factor,
-        bias_v=_PAPER_BIAS_V / 0.0125 * per_deg_s if expected.bias_v is None and flicker_deg_h != 0.0 else base.bias_v,
+        bias_v=_PAPER_BIAS_V / 0.0125 * per_deg_s if expected.bias_v is None and not perfect else base.bias_v,
         rng=Random(5),  # noqa: S311  # the same plan is told the same, by a draw near the middle of what draws give
-        white_v_sqrt_s=(_DIGITS if flicker_deg_h == 0.0 else 1.0) * PAPER_WALK_DEG_SQRT_H / 60.0 * per_deg_s,
+        white_v_sqrt_s=(_DIGITS * PAPER_WALK_DEG_SQRT_H if perfect else walk_deg_sqrt_h or PAPER_WALK_DEG_SQRT_H)
+        / 60.0
+        * per_deg_s,
         flicker_v=(flicker_deg_h or 0.0) / 3600.0 * per_deg_s,
         integration_s=settings.aperture_s,
         bends=1.0 if largest_ppm is None else min(1.0, largest_ppm / _PAPER_NONLINEARITY_PPM),
     )
-    if expected.reading_noise_v is not None and flicker_deg_h != 0.0:
+    if expected.reading_noise_v is not None and not perfect:
         gyro.white_v_sqrt_s *= fmean(expected.reading_noise_v) / gyro.of_a_reading_v()
     return gyro
 
 
-def _flicker_deg_h(settings: ProcedureSettings) -> float | None:
-    """Return B, deg/h: 0 is said of a perfect gyroscope alone, which has no noise at all, and is straight."""
-    return settings.station.sources.bias_instability_deg_h
+def _noise(settings: ProcedureSettings, simulation: Simulation | None) -> tuple[float | None, str]:
+    """Return the angle random walk of a simulated gyroscope that is perfect but for it, and words for all noise.
 
-
-def _noise_words(settings: ProcedureSettings) -> str:
-    known = settings.station.sources
-    if _flicker_deg_h(settings) == 0.0:
-        return "a perfect gyroscope, without noise (uncertainty.bias_instability_deg_h = 0)"
-    window = settings.expected.reading_noise_v
+    It is 0 of one without any noise, and None of all others.
+    """
+    known, window, walk = settings.station.sources, settings.expected.reading_noise_v, None
+    by = f"{PAPER_WALK_DEG_SQRT_H:g} deg/sqrt(h), the paper's (assumed: no expected.reading_noise_v)"
+    quiet = window is None and known.bias_instability_deg_h == 0.0
+    if quiet and simulation is not None and simulation.parameters == "ideal":
+        walk = 60.0 * float(simulation.override.get("noise", {}).get("angle_random_walk_deg_sqrt_s", 0.0))
+        by = f"{walk:g} deg/sqrt(h) ([simulation])"
+    if walk == 0.0:
+        return walk, "a perfect gyroscope, without noise (uncertainty.bias_instability_deg_h = 0)"
     white = (
-        f"white noise of {PAPER_WALK_DEG_SQRT_H:g} deg/sqrt(h), the paper's (assumed: no expected.reading_noise_v)"
+        f"white noise of {by}"
         if window is None
         else f"readings that scatter by {0.5 * (window[0] + window[1]):.2g} V (expected.reading_noise_v)"
     )
     flicker = known.bias_instability_deg_h
-    return f"{white}, flicker of {flicker or 0.0:g} deg/h ({known.bias_instability_from})"
+    return walk, f"{white}, flicker of {flicker or 0.0:g} deg/h ({known.bias_instability_from})"
 
 
 def _stated(
-    procedure: AnyProcedure, settings: ProcedureSettings, steps: Iterable[Step]
+    procedure: AnyProcedure, settings: ProcedureSettings, walk_deg_sqrt_h: float | None, steps: Iterable[Step]
 ) -> tuple[tuple[ExpectedValue, ...], tuple[tuple[str, str], ...]]:
     """Return the results with their U95, and the names of those with one that nobody can expect, with the reason."""
-    lines, points, gyro = [], [], _gyro(settings)
+    lines, points, gyro = [], [], _gyro(settings, walk_deg_sqrt_h)
     for line, point in _lines(steps, gyro, settings.station.mains_hz):
         lines.append(line)
         points += [] if point is None else [point]

@@ -29,7 +29,7 @@ from vcfbench.reports.shielded import NoProgress
 from vcfbench.runs.needs import require_ambient, require_needs, require_several, with_duts
 from vcfbench.safety.control import RunControl
 from vcfbench.safety.trust import Trust
-from vcfbench.station.description import BenchDescription, whole_seed
+from vcfbench.station.description import BenchDescription, Simulation, whole_seed
 from vcfbench.station.layering import Layer
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro, LinearGyros
@@ -204,7 +204,7 @@ class Prepared:
     def _walked(self) -> DryRun:
         with blamed_on(self.procedure):
             steps = walked(self.plan(), self.gyro(), LimitChecks.of(self.description))
-        return DryRun(self.procedure.name, tuple(steps), (self.procedure, self.settings))
+        return DryRun(self.procedure.name, tuple(steps), (self.procedure, self.settings, self.description.simulation))
 
     def require_operator(self) -> None:
         """Check the plan; PlanError if it has manual steps and no operator is there."""
@@ -291,7 +291,7 @@ class DryRun(Struct, frozen=True):
 
     procedure: str
     steps: tuple[PlannedStep, ...]
-    _planned_by: tuple[AnyProcedure, ProcedureSettings] | None = None
+    _planned_by: tuple[AnyProcedure, ProcedureSettings, Simulation | None] | None = None
 
     @property
     def expected(self) -> Expectation:

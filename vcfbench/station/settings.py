@@ -305,9 +305,8 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     """Keys to which :meth:`recalled` gives values where nobody did."""
     creeps: ClassVar[bool] = False  # Whether the output may die away with any time constant: it is what is measured
     checked_warm: ClassVar[bool] = True  # Whether the drive is checked when warm, at the temperature of all values
-    smooth: ClassVar[bool] = True
-    """Tells whether the outputs lie along a curve, by which windows are held against each other; else each level has
-    an output of its own."""
+    smooth: ClassVar[bool] = True  # Whether outputs lie along a curve, by which windows are held against each other
+    waits: ClassVar[str] = "warm_up_s"  # The key of the wait after power-on
 
     @property
     def unforeseen(self) -> dict[str, str]:

@@ -206,9 +206,16 @@ class StreamReader:
         return [(now_s, each) for each in self._decoder.feed(data)]
 
     def health(self) -> dict[str, Any]:
-        """Return counts of the frames so far, and the device's clock against bench time."""
+        """Return counts of the frames so far, and the device's clock against bench time.
+
+        Without a counter the missing ones follow from the time that readings took. How late the first and the last
+        frame of one arrive is as it happens, and is in `u_dropped`.
+        """
+        dropped, u_dropped = self._dropped, 0.0
+        if self.stream.counter is None and len(self._longer) > 1:
+            dropped = max(0, round(math.fsum(self._longer)))
+            u_dropped = round(math.sqrt(len(self._longer)) * stdev(self._longer), 3)
         clock_ppm, u_clock_ppm = self._clock_ppm() or (None, None)
-        dropped, u_dropped = self._missing()
         return {
             "frames": self._frames,
             "dropped": dropped,
@@ -219,16 +226,6 @@ class StreamReader:
             "u_clock_ppm": u_clock_ppm,
             "temperature_c": self._temperature_c,
         }
-
-    def _missing(self) -> tuple[int, float]:
-        """Return how many frames are missing from the readings, with u: by the counter, else by the time they took.
-
-        How late the first and the last frame of a reading arrive is as it happens, and is in u.
-        """
-        if self.stream.counter is not None or len(self._longer) < 2:
-            return self._dropped, 0.0
-        u = math.sqrt(len(self._longer)) * stdev(self._longer)
-        return max(0, round(math.fsum(self._longer))), round(u, 3)
 
     def command_safe(self) -> UnprovedCommand:
         """Return an empty command: a stream drives nothing."""

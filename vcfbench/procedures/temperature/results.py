@@ -175,7 +175,7 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     factor = over_temperature(temperatures, slopes, [of_slope, *_of_instruments(settings, mean)], units)
     biases = [(each.zero_v - settings.null_v) / volts for each in seen]
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
-    of_bias = [*_of_bias(settings, seen, u_bias, noise), *_of_meter(settings, volts)]
+    of_bias = _of_bias(settings, seen, (u_bias, volts), noise)
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
@@ -264,20 +264,18 @@ def _at_all(settings: TemperatureSettings, source: str, u: float) -> Cause:
     return Cause(source, np.zeros((len(settings.temperatures_c),) * 2), None, u)
 
 
-def _of_meter(settings: TemperatureSettings, volts: float) -> Iterator[Cause]:
-    """Yield what the meter does to a bias at a scale factor in `volts`; its gain to the output at no rate."""
-    meter = v_vc.meter_error(settings, "multimeter")
-    yield _at_all(settings, METER_OFFSET, meter.u_offset_v / abs(volts))
-    if settings.null_v:
-        yield _at_all(settings, METER_GAIN, meter.u_gain * abs(settings.null_v / volts))
+def _of_bias(
+    settings: TemperatureSettings, seen: Sequence[_Seen], u_at: tuple[float, float], noise: BlockNoise
+) -> list[Cause]:
+    """Return the causes of a bias: its readings, the meter, and its wander from one temperature to the next.
 
-
-def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noise: BlockNoise) -> list[Cause]:
-    """Return the causes of a bias: its readings, and its wander from one temperature to the next.
+    `u_at` are the u of its readings and the scale factor by which it is a rate. The meter's gain tells at a null.
 
     Flicker of coefficient B has the density (B^2 / pi) / f: no variance, but that of differences, by the logarithm of
     the time between them, which is all that slopes and hysteresis are made of.
     """
+    (u, volts), meter = u_at, v_vc.meter_error(settings, "multimeter")
+    null = [_at_all(settings, METER_GAIN, meter.u_gain * abs(settings.null_v / volts))] if settings.null_v else []
     wander = settings.bias_instability_deg_h / 3600.0
     middle_s = np.array([0.5 * (each.begin_s + each.end_s) for each in seen])
     lasts_s = fmean(each.end_s - each.begin_s for each in seen)
@@ -287,6 +285,8 @@ def _of_bias(settings: TemperatureSettings, seen: Sequence[_Seen], u: float, noi
     return [
         Cause("readings", u**2 * np.eye(len(seen)), 2.0 * noise.dof if math.isinf(noise.dof) else noise.dof),
         Cause("wander (flicker)", flicker, None, math.sqrt(2.0 * math.log(2.0) / math.pi) * wander),
+        _at_all(settings, METER_OFFSET, meter.u_offset_v / abs(volts)),
+        *null,
     ]
 
 

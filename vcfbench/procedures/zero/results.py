@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from enum import Enum
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -51,6 +51,7 @@ class Mode(Enum):
 class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of the static record, in addition to those of all procedures."""
 
+    waits: ClassVar[str] = "powered_s"
     powered_s: Annotated[float, ranged(0.0, 86_400.0, "time under power before the record, at least warm_up_s")] = (
         1800.0
     )
