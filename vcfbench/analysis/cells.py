@@ -13,7 +13,7 @@ from vcfbench.errors import ConfigError
 NO_VALUE = 9.9e37 * (1.0 - 1e-9)
 """From this magnitude on a number is an instrument's word for none (SCPI-99 vol. 1, 7.2.1.4: 9.9E37, 9.91E37)."""
 
-DAY_S = 86400.0
+_DAY_S = 86400.0
 _OR_POINT = "--decimal comma, or point"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
@@ -55,14 +55,14 @@ def is_day(cell: str) -> bool:
 
 
 def clock_period_s(cell: str) -> float | None:
-    """Return after which time such cells begin anew; None for ISO dates.
+    """Return after which time such cells begin anew, half a day or an hour; None for ISO dates.
 
     A date in another form has no certain order of day and month, so the time of day alone is read.
     """
     found = _CLOCK.fullmatch(cell)
     if found is None or _ISO.fullmatch(cell):
         return None
-    return 3600.0 if found[6] else DAY_S
+    return 3600.0 if found[6] else 0.5 * _DAY_S
 
 
 def fraction_digits(cell: str) -> int:
@@ -84,7 +84,7 @@ def clock_s(cell: str, where: str) -> float:
     if when is not None:
         apart = when.replace(tzinfo=None) - datetime(2000, 1, 1)  # noqa: DTZ001  # differences alone count
         shift_s = offset.total_seconds() if (offset := when.utcoffset()) is not None else 0.0
-        return apart.days * DAY_S + apart.seconds + apart.microseconds * 1e-6 - shift_s
+        return apart.days * _DAY_S + apart.seconds + apart.microseconds * 1e-6 - shift_s
     hours, minutes, seconds = int(found[2]), int(found[3]), int(found[4] or 0)
     if found[6]:
         hours, minutes, seconds = 0, hours, minutes

@@ -70,6 +70,7 @@ _SECONDS = {
     **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), 1e-9),
     **dict.fromkeys(("min", "minute", "minutes"), 60.0),
     **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
 }
 _ANGLES = {
     **dict.fromkeys(("deg", "degree", "degrees", "\u00b0"), 1.0),
@@ -146,7 +147,7 @@ def unit_of(written: str) -> Unit | None:
 def known_unit(written: str, where: str) -> Unit:
     """Return the unit of a given name; raises ConfigError for an unknown one."""
     if (unit := unit_of(written)) is None:
-        raise ConfigError(f"{where}: expected a unit of {KNOWN}, s, ms, us, ns, degC, got {written!r}")
+        raise ConfigError(f"{where}: expected a unit of {KNOWN}, s, ms, us, ns, min, h, d, degC, got {written!r}")
     return unit
 
 

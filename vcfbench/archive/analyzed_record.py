@@ -10,6 +10,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.cells import clock_period_s, fraction_digits, is_day
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.digit import COARSE, FINE, digit_of
@@ -36,7 +37,14 @@ _AGREE: Final = 0.01
 """Part by which a stated rate may differ from that of the times."""
 _UNEVEN: Final = 0.1
 """Part of the interval by which times scatter that are not even."""
+_LINES: Final = 2.0
+"""Lines by which the number between two changes of the time may be off."""
+_FEW_MISSING: Final = 0.01
 _MOST_HZ: Final = 1e9
+_DAYS_FROM: Final = 3e4
+"""Days from 1900 to 1982: times before it are no dates of a spreadsheet."""
+_AS_DAYS_S: Final = 2e-5
+"""Interval of readings a second apart, if days are taken for seconds."""
 _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 
 
@@ -149,7 +157,8 @@ def analyze_record(
         raise ConfigError(f"{head.file}: expected {_FEWEST} readings at least, got {record.size}")
     notices, begin = list[str](), 0
     if time is not None:
-        record, interval_s, begin, notices = _piece(record, numbers, time[1], rate_hz, head.file)
+        times_s = _unbroken(numbers.values[:, 1] * time[1], head, time[0])
+        record, interval_s, begin, notices = _piece(record, numbers, times_s, rate_hz, head)
     elif rate_hz is None:
         raise ConfigError(f"{head.file} has no column of times", hint="--rate 100, readings a second")
     else:
@@ -247,7 +256,9 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     else:
         dated = list(map(head.is_clock, range(len(head.names))))
         timed = [each.is_time and not head.is_text(place) for place, each in enumerate(head.names)]
-        found = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
+        either = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
+        days = [place for place in either if head.sample and is_day(head.sample[0][place])]
+        found = [place for place in either if place not in days] or either
         if len(found) > 1:
             several = ", ".join(head.names[place].written for place in found)
             raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time NAME selects one")
@@ -260,19 +271,57 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     if name.unit is None or name.unit.kind is not Kind.TIME:
         raise ConfigError(
             f"{head.file}, column {name.written}: expected a unit of time in its name, got {name.unknown or 'none'}",
-            hint=f"--unit {name.written}=s, or ms, us, ns; --time none ignores it",
+            hint=f"--unit {name.written}=s, or ms, us, ns, d; --time none ignores it",
         )
     return place, name.unit.factor
 
 
+def _unbroken(times_s: Floats, head: Head, place: int) -> Floats:
+    """Return times of day as times that go on over midnight; raises ConfigError for what is no time in seconds."""
+    if not head.is_clock(place):
+        return times_s
+    period_s = clock_period_s(head.sample[0][place])
+    times_s = times_s if period_s is None else np.unwrap(times_s, period=period_s)
+    if len({fraction_digits(row[place]) for row in head.sample}) > 1 and (np.diff(times_s) < 0.0).any():
+        raise ConfigError(
+            f"{head.file}, column {head.names[place].written}: times with fractions of one digit and of more run "
+            "backwards, as milliseconds without their zeros do",
+            hint="write .005 for 5 ms",
+        )
+    return times_s
+
+
+def _rate_without_times(times_s: Floats, head: Head) -> str:
+    """Return the options that replace times of too few digits, without a number where lines are of several sensors."""
+    unknown = "--time none --rate HZ, of readings a second, ignores the times"
+    changes = np.flatnonzero(np.diff(times_s) != 0.0)
+    if changes.size < 2 or (np.diff(times_s) < 0.0).any():
+        return unknown
+    lines = int(changes[-1] - changes[0])
+    several = round(lines / (changes.size - 1))
+    for column in zip(*head.sample, strict=True):
+        if column[several:] == column[:-several] and len(set(column)) == several:
+            return unknown
+    span_s = float(times_s[changes[-1]] - times_s[changes[0]])
+    whole, rate_hz = round(lines / span_s), lines / span_s
+    rate_hz = whole if abs(whole - rate_hz) * span_s < _LINES else rate_hz
+    return f"--time none --rate {rate_hz:.6g}, if each line is a reading of the same sensor"
+
+
 def _piece(
-    record: Floats, numbers: Numbers, unit_s: float, rate_hz: float | None, file: str
+    record: Floats, numbers: Numbers, times_s: Floats, rate_hz: float | None, head: Head
 ) -> tuple[Floats, float, int, list[str]]:
     """Return the longest piece of a record without a break, its interval and first row, and its irregularities."""
+    file = head.file
     try:
-        pace = pace_of(numbers.values[:, 1] * unit_s)
+        pace = pace_of(times_s)
     except ConfigError as error:
-        raise ConfigError(f"{file}: {error}", hint="--time none --rate 100 ignores the times") from error
+        raise ConfigError(f"{file}: {error}", hint=_rate_without_times(times_s, head)) from error
+    if rate_hz is None and times_s[0] > _DAYS_FROM and pace.interval_s < _AS_DAYS_S:
+        raise ConfigError(
+            f"{file}: times of {times_s[0]:.9g} s with steps of {pace.interval_s:.2g} s may be days of a spreadsheet",
+            hint="--unit TIME=d, or --rate if they are seconds",
+        )
     if rate_hz is not None and abs(rate_hz * pace.interval_s - 1.0) > _AGREE:
         raise ConfigError(
             f"{file}: --rate says {rate_hz:g} readings a second, the times say {1.0 / pace.interval_s:.6g}",
@@ -288,13 +337,17 @@ def _piece(
             notices.append(f"{words}: {len(rows)}, the first in line {numbers.line(rows[0])}")
     if pace.jitter_s > _UNEVEN * pace.interval_s:
         notices.append(f"the times scatter by {pace.jitter_s:.2g} s about steps of {pace.interval_s:.4g} s")
+    span_s = float(times_s[-1] - times_s[0])
+    missing = span_s / pace.interval_s + 1.0 - times_s.size
+    few = abs(missing) < _FEW_MISSING * times_s.size  # which move no noise by its u
+    whole = f"--time none --rate {1.0 / pace.interval_s:.6g} takes all lines as even" if few else None
     if pace.breaks:
         first, last = numbers.line(pace.begin), numbers.line(pace.end - 1)
-        notices.append(f"analysed is the longest piece without a break, lines {first} to {last}")
+        of = f"{(pace.end - pace.begin) * pace.interval_s:.4g} of {span_s:.4g} s"
+        cure = f" ({missing:.0f} are missing: {whole})" if whole else ""
+        notices.append(f"analysed is the longest piece without a break, lines {first} to {last}, {of}{cure}")
     piece = record[pace.begin : pace.end]
     if piece.size < _FEWEST:
-        raise ConfigError(
-            f"{file}: expected {_FEWEST} readings without a break in their times, got {piece.size}",
-            hint="--time none --rate 100 ignores the times",
-        )
+        came = f"{file}: expected {_FEWEST} readings without a break in their times, got {piece.size}"
+        raise ConfigError(came, hint=whole)
     return piece, pace.interval_s, pace.begin, notices

@@ -1,0 +1,96 @@
+"""Times of records: what loggers write is read, what cannot be is told with the cure that the file itself holds."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from vcfbench.analysis.csv_table import Layout
+from vcfbench.archive.analyzed_record import analyze_record
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+RATES = np.random.default_rng(8).standard_normal(3000).round(4).tolist()
+
+
+def log(path: Path, cell: Callable[[int], str], head: str = "time", count: int = 3000) -> Path:
+    rows = [f"{cell(each)},{RATES[each]}" for each in range(count)]
+    path.write_text("\n".join([f"{head},gz [deg/s]", *rows]))
+    return path
+
+
+def clock(ms: int) -> str:
+    return f"{ms // 3_600_000 % 24:02d}:{ms // 60_000 % 60:02d}:{ms // 1000 % 60:02d}.{ms % 1000:03d}"
+
+
+BEFORE = 24 * 3_600_000 - 15_000
+READ: dict[str, tuple[str, Callable[[int], str]]] = {
+    "over midnight": ("time", lambda k: clock(BEFORE + 10 * k)),
+    "of twelve hours": (
+        "time",
+        lambda k: clock(BEFORE // 2 + 7500 + 10 * k).replace("11:", "12:").replace("00:", "01:", 1),
+    ),
+    "before noon and after": (
+        "time",
+        lambda k: f"{'11:59' if k < 1500 else '12:00'}:{(45 + 0.01 * k) % 60:06.3f} {'AM' if k < 1500 else 'PM'}",
+    ),
+    "day and time": ("date,time", lambda k: f"2026-05-0{4 + (k >= 1500)},{clock(BEFORE + 10 * k)}"),
+    "days with points": ("time", lambda k: f"0{4 + (k >= 1500)}.05.26 {clock(BEFORE + 10 * k)}"),
+    "over the hour": ("time", lambda k: clock(BEFORE + 10 * k)[3:-1]),
+}
+
+
+@pytest.mark.parametrize("kind", READ)
+def test_times_go_on_over_their_period(tmp_path: Path, kind: str) -> None:
+    head, cell = READ[kind]
+    found = analyze_record(log(tmp_path / "a.csv", cell, head))
+    assert (found.samples, found.interval_s) == (3000, pytest.approx(0.01))
+    assert found.notices == ()
+
+
+def test_days_of_a_spreadsheet_are_no_seconds(tmp_path: Path) -> None:
+    file = log(tmp_path / "a.csv", lambda k: f"{46000.5 + k / 8640000:.10f}")
+    with pytest.raises(ConfigError, match="may be days of a spreadsheet") as error:
+        analyze_record(file, layout=Layout(units={"time": "s"}))
+    assert "--unit TIME=d" in (error.value.hint or "")
+    assert analyze_record(file, layout=Layout(units={"time": "d"})).interval_s == pytest.approx(0.01, rel=1e-4)
+
+
+@pytest.mark.parametrize("hz", [250, 400, 1000])
+def test_rate_of_times_with_too_few_digits_is_that_of_the_file(tmp_path: Path, hz: int) -> None:
+    file = log(tmp_path / "a.csv", lambda k: f"{k / hz:.2f}", "t_s")
+    with pytest.raises(ConfigError) as error:
+        analyze_record(file)
+    assert f"--time none --rate {hz}, if each" in (error.value.hint or "")
+
+
+REFUSED: dict[str, tuple[str, Callable[[int], str], str]] = {
+    "axes by turns": ("t_s,axis", lambda k: f"{k // 3 / 100:.2f},{'xyz'[k % 3]}", "most of the times repeat"),
+    "milliseconds without zeros": ("time", lambda k: f"12:00:{k // 100:02d}.{k % 100 * 10}", "without their zeros"),
+}
+
+
+@pytest.mark.parametrize("kind", REFUSED)
+def test_no_rate_is_proposed_that_the_file_does_not_have(tmp_path: Path, kind: str) -> None:
+    head, cell, words = REFUSED[kind]
+    with pytest.raises(ConfigError, match=words) as error:
+        analyze_record(log(tmp_path / "a.csv", cell, head))
+    assert re.search(r"--rate \d", error.value.hint or "") is None
+
+
+def test_few_missing_lines_are_told_with_the_option_for_all(tmp_path: Path) -> None:
+    steps = np.ones(3000, int)
+    steps[np.random.default_rng(2).integers(0, 3000, 10)] = 2
+    places = np.cumsum(steps)
+    file = log(tmp_path / "a.csv", lambda k: f"{places[k] / 100:.2f}", "t_s")
+    found = analyze_record(file)
+    assert found.samples < 2000
+    assert "10 are missing: --time none --rate 100 takes all lines as even" in found.notices[-1]
+    told: dict[str, Any] = {"layout": Layout(time="none")}
+    assert analyze_record(file, 100.0, **told).samples == 3000
