@@ -186,6 +186,18 @@ def test_a_smaller_table_has_smaller_rates(served: ServedLab, tmp_path: Path) ->
     assert bench.served is not None
 
 
+@pytest.mark.exhaustive
+def test_served_instruments_are_known_without_being_told(
+    served: ServedLab, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("VCFBENCH_CONTROL_PORT", str(served.control_port))
+    tries = ("--try", served.resource("multimeter"), "--try", served.resource("power"))
+    done = CliRunner().invoke(app, ["bench", "new", "--yes", *LATITUDE, *tries])
+    assert done.exit_code == 0, done.stderr
+    assert f"simulated, served by 127.0.0.1:{served.control_port}" in done.stderr
+    assert load_bench(tmp_path / "station.toml").simulated
+
+
 def test_no_file_is_written_over(tmp_path: Path) -> None:
     (tmp_path / "station.toml").write_text("mine", "utf-8")
     refused = new("--yes")

@@ -1,5 +1,7 @@
 """``vcfbench bench new``: finds instruments, asks for limits and latitude, and writes the bench file of a station."""
 
+from contextlib import suppress
+from os import environ
 from pathlib import Path
 from typing import Annotated, Any, Final
 
@@ -10,10 +12,11 @@ from rich.prompt import Prompt
 from vcfbench.cli import options
 from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import flag, option
+from vcfbench.cli.serve import CONTROL_PORT, CONTROL_VARIABLE
 from vcfbench.cli.set_option import plain_value
 from vcfbench.clock import utc_now
 from vcfbench.drivers.wire import is_simulated
-from vcfbench.errors import BenchError, ConfigError
+from vcfbench.errors import BenchError, ConfigError, ConnectFailed
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
@@ -118,6 +121,12 @@ def _found(
             draft.values["visa_library"] = library
         if is_simulated(library):
             typer.echo(f"  {library}: simulated, without a rate table; `sim serve` and --served have one", err=True)
+        at = {each.resource for each in answering if "//127." in each.resource or "::127." in each.resource}
+        with suppress(ConnectFailed):  # a server of simulated instruments tells which are its own
+            control, known = served_places(environ.get(CONTROL_VARIABLE, str(CONTROL_PORT))) if at else ("", {})
+            if at & known.keys():
+                places, draft.values["served"] = known, {"control": control}
+                typer.echo(f"  {', '.join(sorted(at & known.keys()))}: simulated, served by {control}", err=True)
     for each in answering:
         typer.echo(f"  {each.resource}: {each.answer or each.problem}", err=True)
     for port in asked.serial_ports:

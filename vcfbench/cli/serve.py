@@ -24,8 +24,8 @@ from vcfbench.sim.served import build_served, on_wires
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.writing import bench_text
 
-_CONTROL_PORT = 20220
-_CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
+CONTROL_PORT = 20220
+CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 
 
 def serve(
@@ -37,7 +37,7 @@ def serve(
     control_port: Annotated[
         int | None,
         option(
-            "PORT", "Control port; by default 20220, or one that is free.", min=1, max=65535, envvar=_CONTROL_VARIABLE
+            "PORT", "Control port; by default 20220, or one that is free.", min=1, max=65535, envvar=CONTROL_VARIABLE
         ),
     ] = None,
     faults: Annotated[Path | None, option("FILE", "TOML file of the faults to happen, and when.")] = None,
@@ -99,8 +99,8 @@ def serve(
 def ctl(
     command: Annotated[list[str], argument(None, "Command and its arguments, e.g. set applied_rate_deg_s 10.")],
     port: Annotated[
-        int, option(None, "Control port, as printed by serve.", min=1, max=65535, envvar=_CONTROL_VARIABLE)
-    ] = _CONTROL_PORT,
+        int, option(None, "Control port, as printed by serve.", min=1, max=65535, envvar=CONTROL_VARIABLE)
+    ] = CONTROL_PORT,
 ) -> None:
     """Read and change a served bench through its control port.
 
