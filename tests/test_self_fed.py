@@ -76,6 +76,17 @@ def test_v_vc_calibrates_what_feeds_itself(procedure: str, tmp_path: Path) -> No
     assert spoken_of(run) == []
 
 
+@pytest.mark.parametrize("null_v", [None, 0.5])
+def test_bias_of_a_self_fed_device_names_the_null_it_counts_from(null_v: float | None, tmp_path: Path) -> None:
+    """No rail tells it: 0 V is assumed, and it is said."""
+    declared = structs.replace(TABLE_AND_METER.gyro, **({} if null_v is None else {"null_v": null_v}))
+    bench = structs.replace(TABLE_AND_METER, gyro=declared)
+    run = vcfbench.run("turntable", bench, seed=1, settings=BY_TABLE["turntable"], runs=tmp_path)
+    text = " ".join(vcfbench.text_of(run.report()).split())
+    assert ("from 0 V at no rate (assumed: no gyro.null_v)" in text) == (null_v is None)
+    assert ("from 0.5 V at no rate" in text) == (null_v is not None)
+
+
 def test_self_fed_scale_factor_is_that_with_supply(tmp_path: Path) -> None:
     settings = BY_TABLE["turntable"]
     own, ours = (vcfbench.run("turntable", bench, seed=1, settings=settings, runs=tmp_path) for bench in (FED, PAPER))

@@ -108,6 +108,8 @@ def statement(
     # With the Earth's rate added to the table's, none of it is in the bias
     earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
     null = f", from {settings.null_v:g} {settings.station.output_unit} at no rate" if settings.null_v else ""
+    if not (settings.rails or settings.station.stream or settings.null_v):  # a device that feeds itself tells no rail
+        null = ", from 0 V at no rate (assumed: no gyro.null_v)"
     unit_and_meaning = {
         name: (unit, words.replace(*earth) + null * name.endswith("bias_deg_s"))
         for name, (unit, words) in meanings.items()
