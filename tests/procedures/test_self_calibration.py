@@ -493,6 +493,26 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
     assert level_for(curve, 0.0, "rates") == 0.0
 
 
+def test_levels_may_be_beyond_the_curve_by_a_twentieth_of_its_half(quiet: tuple[Path, dict[str, Any]]) -> None:
+    where, settings = quiet
+    done = vcfbench.run("self-calibration", still(LAB), seed=2, settings=settings, runs=where)
+    procedure: Any = PROCEDURES["self-calibration"]
+    chosen: Any = recorded_settings(procedure, done.header["settings"])
+    largest_v = max(each.v_vc_v for each in done.results.levels)
+
+    def evaluated(low_v: float, half_v: float) -> None:
+        known = chosen.station.known
+        curve = structs.replace(known.k_vc, v_vc_min_v=low_v, v_vc_max_v=low_v + 2.0 * half_v)
+        station = structs.replace(chosen.station, known=structs.replace(known, k_vc=curve))
+        procedure.results(structs.replace(chosen, station=station), done.measured)
+
+    for low_v in (-1.1 * largest_v, -2.0 * largest_v):
+        just_v = (largest_v - low_v) / 2.05
+        evaluated(low_v, 1.001 * just_v)
+        with pytest.raises(ConfigError, match="K_Vc is known from"):
+            evaluated(low_v, 0.999 * just_v)
+
+
 @pytest.mark.exhaustive
 def test_failed_drift_ends_with_1_each_time(tmp_path: Path) -> None:
     settings = calibrated(tmp_path, LAB)

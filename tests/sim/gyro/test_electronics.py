@@ -39,6 +39,12 @@ def test_output_amplifier_is_a_clipped_polynomial() -> None:
     assert limits.tightest(1.0) == (-7.5, 8.5)
 
 
+def test_moving_limits_are_cut_after_1_4_and_16_time_constants_of_either_rail() -> None:
+    limits = OutputLimits(PAPER.output_stage, Oscillation(10.0, [(0.1, -2.0)]), Oscillation(-10.0, [(0.1, -0.1)]))
+    assert sorted(limits.cuts_s(100.0)) == pytest.approx([0.5, 2.0, 8.0, 10.0, 40.0])
+    assert limits.cuts_s(1.0) == {0.5}
+
+
 def test_the_generators_source_loads_against_the_pull_down() -> None:
     v_vc = passage(Drive(5.0, source_ohm=50.0), PAPER.virtual_path, 0.0).v_vc
     assert v_vc.at(np.zeros(1)) == pytest.approx(5.0 * 1e6 / 1000050)
