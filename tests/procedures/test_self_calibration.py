@@ -25,7 +25,7 @@ from vcfbench.devices.device import CUSUM_ACTION, E_N_ACTION, KnownDevice, Refer
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.page.station import StationDirectories
 from vcfbench.procedures.catalogue import PROCEDURES
-from vcfbench.procedures.layers import recorded_settings
+from vcfbench.procedures.layers import asked_in_python, recorded_settings, settings_of
 from vcfbench.procedures.self_calibration.results import SelfCalibrationResult
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.records.devices import Certificate, DeviceStore, KvcCurve, SelfCalibration
@@ -491,6 +491,30 @@ def test_levels_are_where_the_curve_has_the_rates(quiet: tuple[Path, dict[str, A
     for rate_deg_s in (-200.0, -1.0, 35.0, 200.0):
         assert curve.rate_deg_s(level_for(curve, rate_deg_s, "rates")) == pytest.approx(rate_deg_s, abs=0.01)
     assert level_for(curve, 0.0, "rates") == 0.0
+
+
+@pytest.mark.parametrize("bent", [6.0, -6.0])
+def test_a_level_beyond_the_bench_s_limit_is_refused_on_either_side(
+    bent: float, quiet: tuple[Path, dict[str, Any]]
+) -> None:
+    """150 V + 6 V^2 = -200 has its root at -1.413 V; for +200 deg/s 1.27 V do."""
+    where, settings = quiet
+    curve = KvcCurve(coefficients=(0.0, 150.0, bent), covariance=((0.0,) * 3,) * 3, v_vc_min_v=-2.0, v_vc_max_v=2.0)
+    known = {
+        **dated_back(where, settings, f"bent {bent}", 0.0, k_vc=curve),
+        "virtual_rates_deg_s": [50.0, 100.0, 200.0],
+    }
+    bench = structs.replace(still(LAB), limits=structs.replace(LAB.limits, max_v_vc_v=1.35))
+    side = math.copysign(200.0, -bent)
+    with pytest.raises(ConfigError, match=rf"virtual_rates_deg_s: {side:g} deg/s needs 1.413 V of V_Vc"):
+        vcfbench.dry_run("self-calibration", bench, settings=known)
+
+
+@pytest.mark.parametrize(("name", "key"), [("kvc", "match_rates_deg_s"), ("self-calibration", "virtual_rates_deg_s")])
+def test_rates_of_either_sign_are_one_magnitude(name: str, key: str) -> None:
+    told = {key: [-200.0, 20.0, -20.0, 80.0, 200.0], **({"k_vc": "150"} if name == "self-calibration" else {})}
+    settings: Any = settings_of(PROCEDURES[name], LAB, asked_in_python(told))
+    assert settings.magnitudes_deg_s == (20.0, 80.0, 200.0)
 
 
 def test_levels_may_be_beyond_the_curve_by_a_twentieth_of_its_half(quiet: tuple[Path, dict[str, Any]]) -> None:
