@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from msgspec import structs
 from simrack_tests.cells import few
 
 import vcfbench
@@ -221,6 +222,20 @@ def test_perfect_generator_gives_small_signal_k_vc(by: KvcBy) -> None:
     settings = make_settings(k_vc_by=by, **TOLD)
     found = virtual_coriolis_results(settings, Drawn(0, 0.0).points(settings))
     assert found.k_vc.value == pytest.approx(K_VC, rel=1e-3)
+
+
+@pytest.mark.parametrize("by", [KvcBy.PLUS_MINUS, KvcBy.CURVE])
+def test_noise_of_a_window_moves_coefficients_as_another_output_there_does(by: KvcBy) -> None:
+    settings = make_settings(k_vc_by=by, **TOLD)
+    quiet = Drawn(0, 0.0).points(settings)
+    points = [structs.replace(each, std_v=1e-3) for each in quiet if each.step in {1, 2}]
+    found = null_matching(settings, points)
+    for place in range(0, len(points), 5):
+        output_v = points[place].output_v + 1e-6
+        moved = [*points[:place], structs.replace(points[place], output_v=output_v), *points[place + 1 :]]
+        by_v = (np.array(null_matching(settings, moved).coefficients) - found.coefficients) / 1e-6
+        expected = found.noise_weights[:, place]
+        assert by_v == pytest.approx(expected, rel=0.02, abs=5e-3 * float(np.abs(found.noise_weights).max()))
 
 
 def test_match_next_to_a_range_end_has_its_range() -> None:
