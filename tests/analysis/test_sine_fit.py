@@ -104,6 +104,8 @@ def test_channels_that_tell_two_frequencies_settle_between_them(apart_hz: float,
     sense = 2.2 * np.cos(2.0 * math.pi * (24_490.0 - apart_hz) * t + 1.0) + 2.2 * noise * left[1]
     found = phase_difference(drive, sense, 5e-7)
     assert found.phase_deg == pytest.approx(math.degrees(1.0) - 180.0 * apart_hz * t[-1], abs=0.5)
+    for size in (1e-9, 1e-6, 1e6):  # in any unit
+        assert phase_difference(size * drive, size * sense, 5e-7).phase_deg == pytest.approx(found.phase_deg, abs=1e-6)
 
 
 def test_a_gain_is_that_of_the_second_over_the_first() -> None:
