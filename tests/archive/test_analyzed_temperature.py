@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from vcfbench.analysis.csv_table import Layout
 from vcfbench.archive.analyzed_temperature import analyze_temperature
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError
@@ -79,8 +78,31 @@ def test_log_at_rest_gives_its_bias(tmp_path: Path) -> None:
     assert abs((value.value or 0.0) - truth) <= (value.u95 or 0.0) < 0.01
     assert abs((slope.value or 0.0) - 1e-3) <= (slope.u95 or 0.0) < 2e-4
     assert [each.name for each in bias.stated] == ["value", "tc", "tc2"]
-    kelvin = analyze_temperature(file, "imu [degC]", layout=Layout(units={"imu [degC]": "K", "gz [LSB]": "mdps"}))
-    assert kelvin.found[0].temperature_c[0] == pytest.approx(bias.temperature_c[0] - 273.15)
+
+
+UNITS = {"degC": 0.0, "K": -273.15, "degF": -160.0 / 9.0, "mK": -273.15, "m\u00b0C": 0.0, "0.1 \u00b0C": 0.0}
+SIZES = {"degF": 5.0 / 9.0, "mK": 1e-3, "m\u00b0C": 1e-3, "0.1 \u00b0C": 0.1}
+
+
+@pytest.mark.parametrize("unit", UNITS)
+def test_temperatures_are_converted_from_their_unit(tmp_path: Path, unit: str) -> None:
+    at_c, rate = np.repeat([-20.0, 0.0, 25.0, 50.0, 70.0], 3), np.tile([-10.0, 0.0, 10.0], 5)
+    written = (at_c - UNITS[unit]) / SIZES.get(unit, 1.0)
+    rows = [f"{t:.6f},{x},{2 * x + 0.1 * c:.6f}" for t, c, x in zip(written, at_c, rate, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join([f"temp [{unit}],rate [dps],out [dps]", *rows]), "utf-8")
+    found = analyze_temperature(tmp_path / "t.csv", f"temp [{unit}]")
+    assert found.found[1].temperature_c == pytest.approx((-20.0, 0.0, 25.0, 50.0, 70.0), abs=1e-5)
+    assert found.found[1].stated[1].value == pytest.approx(0.05)
+
+
+def test_bias_is_over_the_scale_factor_at_its_temperature(tmp_path: Path) -> None:
+    """Where the scale factor changes by a third, the rate that is read at rest does not follow its mean."""
+    at_c, rate = np.repeat([-40.0, -10.0, 25.0, 55.0, 85.0], 3), np.tile([-10.0, 0.0, 10.0], 5)
+    size = 1.0 + 4e-3 * (at_c - 25.0)
+    rows = [f"{t},{x},{k * (x + 0.5 + 0.01 * t):.6f}" for t, x, k in zip(at_c, rate, size, strict=True)]
+    (tmp_path / "t.csv").write_text("\n".join(["temp_c,rate [dps],out [dps]", *rows]))
+    bias = analyze_temperature(tmp_path / "t.csv", "temp_c").found[1]
+    assert bias.value == pytest.approx([0.1, 0.4, 0.75, 1.05, 1.35], abs=1e-5)
 
 
 def test_ramp_up_and_down_without_hysteresis_shows_none(tmp_path: Path) -> None:
@@ -97,8 +119,10 @@ def test_ramp_up_and_down_without_hysteresis_shows_none(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("head", "column", "words"),
     [
-        ("temp,rate_deg_s,out_v", "temp", "expected degC or K, got no unit"),
-        ("temp_f,rate_deg_s,out_v", "temp_f", "expected degC or K, got f"),
+        ("temp,rate_deg_s,out_v", "temp", "of degC, K, degF, got none"),
+        ("temp_v,rate_deg_s,out_v", "temp_v", "of degC, K, degF, got v"),
+        ("temp [MC],rate_deg_s,out_v", "temp [MC]", "of degC, K, degF, got MC"),
+        ("temp_k,rate_deg_s,out_v", "temp_k", "expected temperatures from -200 to 300 degC, got -313"),
         ("temp_c,rate_deg_s,out_v", "t", "has no column 't'"),
     ],
 )

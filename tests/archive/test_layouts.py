@@ -274,9 +274,16 @@ def test_outputs_in_different_units_are_not_compared(tmp_path: Path) -> None:
         *((name, Kind.RATE, 1 / 3600) for name in ("x [deg/hr]", "x (\u00b0/h)", "x_deg_h", "x deg/h")),
         *((name, Kind.RATE, math.degrees(1.0)) for name in ("x [rad s^-1]", "x_rad_s", "x [rad\u00b7s\u207b\u00b9]")),
         *((name, Kind.RATE, 1e-3) for name in ("x [mdps]", "x_mdeg_s", "x [mdeg/s]")),
+        *(
+            (name, Kind.RATE, 0.1)
+            for name in ("x [0.1 deg/s]", "x [1e-1 deg/s]", "x (10^-1 \u00b0/s)", "x [10\u207b\u00b9 dps]")
+        ),
+        *((name, Kind.RATE, 0.9) for name in ("x [gon/s]", "x_gon_s")),
         *((name, Kind.VOLTAGE, 1e-6) for name in ("x [\u00b5V]", "x [\u03bcV]", "x_uv")),
         *((name, Kind.TIME, 1e-3) for name in ("t_ms", "time [ms]", "millis")),
         *((name, Kind.COUNT, 1.0) for name in ("x [LSB]", "x_counts", "adc_raw")),
+        *((name, None, None) for name in ("x [V] (deg/s)", "Rate (deg/s) raw counts", "x [deg/s x100]", "x [rps]")),
+        *((name, None, None) for name in ("x [deg/s\u00b2]", "x [250 deg/s]", "x [131 LSB]", "x [1/s]", "x (10 V)")),
         *((name, None, None) for name in ("x", "wz_foo_s", "x [MV]", "gyro (z)", "temperature / h", "u_x_v", "x_std")),
         *((name, None, None) for name in ("x_mV/V", "x LSB/dps", "gain (deg/s)/V", "x [(deg/s)^2]", "x [mV/V]", "x_h")),
     ],
@@ -287,6 +294,27 @@ def test_unit_is_longest_end_of_name_that_is_a_unit(name: str, kind: Kind | None
     if factor is not None:
         assert found.unit is not None
         assert found.unit.factor == pytest.approx(factor)
+
+
+@pytest.mark.parametrize(
+    ("unit", "words"),
+    [
+        ("rps", "--unit gz [rps]=rev/s, or rad/s"),
+        (
+            "deg/s x100",
+            "--unit 'gz [deg/s x100]=1e-2 deg/s' if numbers were multiplied, 'gz [deg/s x100]=1e2 deg/s' if",
+        ),
+        ("deg/s\u00b2", None),
+        ("V] [deg/s", None),
+    ],
+)
+def test_unit_that_is_not_known_has_no_proposal_but_what_it_may_be(
+    tmp_path: Path, unit: str, words: str | None
+) -> None:
+    (tmp_path / "log.csv").write_text(log(f"t_s,gz [{unit}]\n"), "utf-8")
+    with pytest.raises(ConfigError, match=r"expected a unit in its name") as error:
+        analyze_record(tmp_path / "log.csv")
+    assert (error.value.hint or "").startswith(words or "--unit with that of its numbers")
 
 
 def test_rates_in_the_place_of_volts_are_told(tmp_path: Path) -> None:

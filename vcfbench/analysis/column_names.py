@@ -6,7 +6,7 @@ and is no unit that is known is kept as `unknown`: nobody may take the column fo
 
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import Enum
 from math import degrees
 
@@ -28,11 +28,12 @@ class Kind(Enum):
 
 
 class Unit(Struct, frozen=True):
-    """A unit as written, and the factor to the unit of its kind."""
+    """A unit as written, and what makes the unit of its kind of a number: a factor, then `added`."""
 
     written: str
     kind: Kind
     factor: float
+    added: float = 0.0
 
 
 class ColumnName(Struct, frozen=True):
@@ -77,6 +78,7 @@ _ANGLES = {
     **dict.fromkeys(("rad", "radian", "radians"), degrees(1.0)),
     **dict.fromkeys(("arcsec", "arcsecond", "arcseconds"), 1.0 / 3600.0),
     **dict.fromkeys(("rev", "turn", "turns"), 360.0),
+    "gon": 0.9,
 }
 _SHORT_RATES = {"dps": 1.0, "dph": 1.0 / 3600.0, "rpm": 6.0}
 _COUNTS = {"lsb", "lsbs", "count", "counts", "cts", "digit", "digits", "raw", "adc"}
@@ -84,7 +86,22 @@ _OTHERS = {
     *("g", "mg", "ug", "m/s2", "m/s^2", "m_s2", "m/s**2", "ms-2", "a", "ma", "ua", "hz", "khz", "pa", "hpa", "kpa"),
     *("mbar", "bar", "%", "rh", "%rh", "ohm", "kohm", "t", "mt", "ut", "gauss", "mgauss", "w", "mw", "m", "mm"),
 }
-_TEMPERATURES = {"degc", "\u00b0c", "c", "deg_c", "deg c", "celsius", "k", "kelvin", "degf", "\u00b0f", "f"}
+_TEMPERATURES = {
+    **dict.fromkeys(("degc", "\u00b0c", "c", "deg_c", "deg c", "degrees c", "celsius"), (1.0, 0.0)),
+    **dict.fromkeys(("mdegc", "m\u00b0c", "millicelsius"), (1e-3, 0.0)),
+    **dict.fromkeys(("k", "kelvin"), (1.0, -273.15)),
+    **dict.fromkeys(("mk", "millikelvin"), (1e-3, -273.15)),
+    **dict.fromkeys(("degf", "\u00b0f", "f", "deg_f", "deg f", "fahrenheit"), (5.0 / 9.0, -160.0 / 9.0)),
+    **dict.fromkeys(("degr", "\u00b0r", "rankine"), (5.0 / 9.0, -273.15)),
+}
+_KINDS = {
+    **dict.fromkeys(_OTHERS, Kind.OTHER),
+    **dict.fromkeys(_COUNTS, Kind.COUNT),
+    **dict.fromkeys(_TEMPERATURES, Kind.TEMPERATURE),
+    **dict.fromkeys(_SECONDS, Kind.TIME),
+}
+_OUTPUTS = {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
+_SCALED = {Kind.RATE, Kind.VOLTAGE, Kind.TIME, Kind.TEMPERATURE}
 _WHOLE_ANGLE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_ANGLES)})")
 _RATE = re.compile(
     rf"([kmun\u03bc]?)({'|'.join(_ANGLES)})(?: ?/ ?|[_ ]?per[_ ]?|_)({'|'.join(_SECONDS)})"
@@ -92,6 +109,12 @@ _RATE = re.compile(
 )
 _SHORT_RATE = re.compile(rf"([kmun\u03bc]?)({'|'.join(_SHORT_RATES)})")
 _VOLT = re.compile(r"([kmun\u03bc]?)(?:v|volt|volts)(?:[ _]?dc)?")
+_FACTOR = re.compile(
+    r"(?:(10\^[+-]?\d+|10-\d+)|(\d*\.?\d+e[+-]?\d+|0?\.\d+))\s*[*x\u00b7\u00d7]?\s*([^\W\d].*|\u00b0.*)", re.IGNORECASE
+)
+"""A factor before a unit that is no range: one that is below 1, or has an exponent."""
+_TIMES = re.compile(r"(.*[^\s*x\u00d7_])[\s_]*[*x\u00d7][\s_]*(10{1,6})", re.IGNORECASE)
+_COUNTED_END = re.compile(r"\b(?:lsbs?|counts|cts)\b", re.IGNORECASE)
 _TIME_WORDS = {
     *(
         "t",
@@ -136,12 +159,22 @@ def unit_of(written: str) -> Unit | None:
         return Unit(written, Kind.RATE, _PREFIXES[found[1]] * _SHORT_RATES[found[2]])
     if found := _VOLT.fullmatch(low):
         return Unit(written, Kind.VOLTAGE, _PREFIXES[found[1]])
-    if low in _SECONDS:
-        return Unit(written, Kind.TIME, _SECONDS[low])
-    others = {Kind.COUNT: _COUNTS, Kind.TEMPERATURE: _TEMPERATURES, Kind.OTHER: _OTHERS}
-    kind = next((kind for kind, words in others.items() if low in words), None)
-    kind = kind or (Kind.OTHER if _WHOLE_ANGLE.fullmatch(low) else None)
-    return None if kind is None else Unit(written, kind, 1.0)
+    if (found := _FACTOR.fullmatch(text)) and (unit := unit_of(found[3])) and unit.kind in _SCALED:
+        power = float(found[2] or f"1e{found[1][2:].removeprefix('^')}")
+        return Unit(written, unit.kind, power * unit.factor, unit.added)
+    kind = _KINDS.get(low, Kind.OTHER if _WHOLE_ANGLE.fullmatch(low) else None)
+    return None if kind is None else Unit(written, kind, *_TEMPERATURES.get(low, (_SECONDS.get(low, 1.0), 0.0)))
+
+
+def cure_of(unknown: str, column: str) -> str | None:
+    """Return the option for a unit that may mean one of two, None where nothing is known to propose."""
+    if unknown.strip().lower() in {"rps", "rads"}:
+        return f"--unit {column}=rev/s, or rad/s"
+    if (found := _TIMES.fullmatch(unknown)) and unit_of(found[1]):
+        power = len(found[2]) - 1
+        small, large = (f"'{column}=1e{sign}{power} {found[1]}'" for sign in ("-", ""))
+        return f"--unit {small} if numbers were multiplied, {large} if they count so much"
+    return None
 
 
 def known_unit(written: str, where: str) -> Unit:
@@ -159,6 +192,8 @@ def column_name(written: str) -> ColumnName:
         if found[0].rstrip().endswith("("):  # u(output) [V]
             text = text.replace(")", "", 1)
     groups = list(_BRACKETS.finditer(text))
+    if several := _contradicting(text, groups):
+        return _named(written, text[: groups[0].start()], spread, None, several)
     for group in reversed(groups):
         if (unit := unit_of(group[1])) is not None and not _GOES_ON.search(text, group.end()):
             base = f"{text[: group.start()]} {text[group.end() :]}"
@@ -171,9 +206,16 @@ def column_name(written: str) -> ColumnName:
             return _named(written, base, spread, unit)
     if groups and _CLOSING.search(text):
         return _named(written, text[: groups[-1].start()], spread, None, groups[-1][1].strip() or " ")
-    if (over := re.search(r"\S\s+/\s+(.+)$", text)) or (over := re.search(r"\S\s*/\s*(\(.+\))$", text)):
-        return _named(written, text[: over.start() + 1], spread, None, over[1])
-    return _named(written, text, spread, None)
+    over = re.search(r"\S\s+/\s+(.+)$", text) or re.search(r"\S\s*/\s*(\(.+\))$", text)
+    return _named(written, text[: over.start() + 1] if over else text, spread, None, over[1] if over else "")
+
+
+def _contradicting(text: str, groups: Sequence[re.Match[str]]) -> str:
+    """Return the units of a name that has several of different kinds, in words."""
+    kinds = {unit.kind: unit.written for group in groups if (unit := unit_of(group[1])) and unit.kind in _OUTPUTS}
+    if kinds and (counted := _COUNTED_END.search(_BRACKETS.sub(" ", text))):
+        kinds[Kind.COUNT] = counted[0]
+    return " and ".join(kinds.values()) if len(kinds) > 1 else ""
 
 
 def _ends(text: str) -> Iterator[tuple[str, str]]:

@@ -8,7 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
+from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
@@ -311,7 +311,7 @@ def outputs_of(head: Head, asked: Sequence[str], rates: Sequence[int]) -> list[i
             raise ConfigError(
                 f"{head.file}, column {name}: expected the unit of an output, of {KNOWN}, got "
                 f"{head.names[place].unknown or (unit and unit.written)}",
-                hint=f"--unit {name}=mV sets it",
+                hint=cure_of(head.names[place].unknown, name) or f"--unit {name}=, then that of its numbers",
             )
     return outputs
 

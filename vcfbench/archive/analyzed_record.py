@@ -11,7 +11,7 @@ from msgspec import Struct
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.cells import clock_period_s, fraction_digits, is_day
-from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind
+from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.digit import COARSE, FINE, digit_of
 from vcfbench.analysis.pace import pace_of
@@ -227,7 +227,7 @@ def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[f
         came = name.unknown or (unit.written if unit else "none")
         raise ConfigError(
             f"{column}: expected a unit in its name, of {KNOWN}, got {came}",
-            hint="--unit deg/s, or name it 'rate / (deg/s)', 'rate [deg/h]' or 'output_v'",
+            hint=cure_of(name.unknown or column, name.written) or "--unit with that of its numbers",
         )
     if unit.kind is Kind.RATE:
         if scale is not None:
@@ -237,7 +237,7 @@ def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[f
         what = "give the scale factor" if scale is None else f"expected a scale factor other than 0, got {scale:g}"
         raise ConfigError(
             f"{column} is in {'volts' if unit.kind is Kind.VOLTAGE else 'counts'}: {what}",
-            hint=f"--scale-factor -12.5e-3, in {unit.kind.value}/(deg/s)",
+            hint=f"--scale-factor, in {unit.kind.value}/(deg/s)",
         )
     each = f"{unit.factor:g} {unit.kind.value} each, over {scale:g} {unit.kind.value}/(deg/s)"
     return unit.factor / scale, f"an output in {unit.written}, {each}"

@@ -10,7 +10,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.column_names import Kind
+from vcfbench.analysis.column_names import Kind, Unit
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.regression import slope
 from vcfbench.archive.analyzed import TableColumn, read_table
@@ -27,6 +27,9 @@ from vcfbench.values.value import Value
 
 _ROOM_C: Final = 25.0
 _ICE_K: Final = 273.15
+_COLDEST_C: Final = -200.0
+_HOTTEST_C: Final = 300.0
+"""Between them gyroscopes are used, down-hole and in liquid nitrogen (ours)."""
 _NEAR_K: Final = 0.5
 _SHARE: Final = 0.02
 """Part of the range within which temperatures count as one."""
@@ -37,7 +40,8 @@ _LASTS: Final = 6.0
 """What a parabola leaves lasts for so many-th a part of all temperatures (ours)."""
 _HELD: Final = (
     "u: the scatter from one temperature to the next, and what the parabola leaves, as an error that lasts for a sixth "
-    "of them. It holds nothing of the instruments, nor of a temperature sensor that is off or lags behind."
+    "of them. It holds nothing of the instruments, nor of a temperature sensor that is off or lags behind. A bias is "
+    "the output at rest over the scale factor at its temperature, or over the one that was given."
 )
 
 
@@ -122,7 +126,7 @@ def analyze_temperature(
         head = read_head(raw, shown(path), layout)
         if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS and not layout.columns:
             layout = replace(layout, columns=("rate_deg_s", "output_v"))
-        at, zero_c = _temperature_place(head, temperature)
+        at, unit = _temperature_place(head, temperature)
         if scale_factor_per_deg_s is not None or is_record(head, layout):
             place = record_place(head, layout)
             factor, taken_as = factor_to_rate(head.names[place], scale_factor_per_deg_s, head.file)
@@ -134,8 +138,8 @@ def analyze_temperature(
             raw.seek(0)
             columns = read_table(raw, head.file, layout, notes)
             notes = [each for each in notes if not each.startswith("not analysed")]  # the temperature among them
-    at_c = at_c + zero_c
-    groups = _groups(at_c, head.file)
+    at_c = unit.factor * at_c + unit.added
+    groups = _groups(at_c, f"{head.file}, column {temperature}")
     if left := at_c.size - sum(each.stop - each.start for each in groups):
         notes.append(f"{left} rows between temperatures are not analysed")
     means_c = np.array([at_c[rows].mean() for rows in groups])
@@ -155,21 +159,26 @@ def analyze_temperature(
     return TemperatureAnalysis(reference_c, tuple(found), tuple(notes))
 
 
-def _temperature_place(head: Head, name: str) -> tuple[int, float]:
-    """Return the column of temperatures, and what makes degC of them."""
+def _temperature_place(head: Head, name: str) -> tuple[int, Unit]:
+    """Return the column of temperatures, and its unit."""
     place = head.place(name)
     unit = head.names[place].unit
-    written = unit.written.lower() if unit and unit.kind is Kind.TEMPERATURE else ""
-    if not written or "f" in written:
+    if unit is None or unit.kind is not Kind.TEMPERATURE:
+        came = unit.written if unit else head.names[place].unknown or "none"
         raise ConfigError(
-            f"{head.file}, column {name}: expected degC or K, got {unit.written if unit else 'no unit'}",
-            hint=f"--unit {name}=degC",
+            f"{head.file}, column {name}: expected a unit of temperature, of degC, K, degF, got {came}",
+            hint=f"--unit {name}=degC, or that of its numbers",
         )
-    return place, -_ICE_K if written in {"k", "kelvin"} else 0.0
+    return place, unit
 
 
 def _groups(at_c: Floats, file: str) -> list[slice]:
     """Return the rows of each temperature, in their order; not those at which it was only passed through."""
+    low, high = (float(at_c.min()), float(at_c.max())) if at_c.size else (0.0, 0.0)
+    if not _COLDEST_C <= low <= high <= _HOTTEST_C:
+        came = f"expected temperatures from {_COLDEST_C:g} to {_HOTTEST_C:g} degC, got {low:g} to {high:g} degC"
+        kelvins = low > _ICE_K + _COLDEST_C and high < _ICE_K + _HOTTEST_C
+        raise ConfigError(f"{file}: {came}", hint="--unit says what they are in: K?" if kelvins else None)
     near, begins = max(_NEAR_K, _SHARE * float(np.ptp(at_c))), [0]
     for row, each in enumerate(at_c.tolist()):
         if abs(each - at_c[begins[-1]]) > near:
@@ -178,7 +187,7 @@ def _groups(at_c: Floats, file: str) -> list[slice]:
     usual = float(np.median([each.stop - each.start for each in pieces]))
     found = [each for each in pieces if each.stop - each.start >= _BRIEF * usual]
     if len(found) < _FEWEST:
-        came = f"from {at_c.min():.2f} to {at_c.max():.2f} degC" if at_c.size else "none"
+        came = f"from {low:.2f} to {high:.2f} degC" if at_c.size else "none"
         raise ConfigError(f"{file}: expected {_FEWEST} temperatures at least, got {len(found)}, {came}")
     return found
 
@@ -194,7 +203,7 @@ def _lines(head: Head, groups: Sequence[slice], column: TableColumn) -> tuple[li
             )
     slopes = [slope(rates[rows], y[rows]) for rows in groups]
     at_rest = [y[rows].mean() - each * rates[rows].mean() for each, rows in zip(slopes, groups, strict=True)]
-    return slopes, [float(each / np.mean(slopes)) for each in at_rest]
+    return slopes, [float(each / at) for each, at in zip(at_rest, slopes, strict=True)]
 
 
 def _found(
