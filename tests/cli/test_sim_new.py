@@ -17,6 +17,7 @@ from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.sim.own_gyro import LEFT_OUT
 from vcfbench.sim.simulation import physical_parameters, true_output
+from vcfbench.station.discovery import Discovery
 
 if TYPE_CHECKING:
     from typer.testing import Result
@@ -143,6 +144,23 @@ def test_a_stream_has_the_scale_and_the_range_of_its_own_unit(stream: tuple[str,
     dry_run("turntable", bench)
     with pytest.raises(ConfigError, match=r"rates_deg_s\[0\]: expected a rate of at most"):
         dry_run("turntable", bench, settings={"rates_deg_s": [1.02 * most_deg_s, 0.0, -1.0]})
+
+
+@pytest.mark.parametrize("command", ["sim", "bench"])
+def test_profile_is_found_from_the_folder_of_the_bench_file(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vcfbench.station.discovery.discover", lambda *_, **__: Discovery("@py", (), (), ()))
+    profile("rate", "deg/s", 1e-2)
+    of_bench = ("--yes", "--set", "site.latitude_deg=48", "--set", "gyro.stream.resource=COM3")
+    more = ("--stream", "imu.toml") if command == "sim" else (*of_bench, "--set", "gyro.stream.profile=imu.toml")
+    (tmp_path / "lab").mkdir()
+    assert CliRunner().invoke(app, [command, "new", "lab/own.toml", *more]).exit_code == 2
+    Path("imu.toml").rename("lab/imu.toml")
+    assert CliRunner().invoke(app, [command, "new", "lab/own.toml", *more]).exit_code == 0
+    stream = load_bench(tmp_path / "lab" / "own.toml").stream
+    assert stream is not None
+    assert stream.name == "imu"
 
 
 def test_figures_that_a_stream_has_not_are_refused() -> None:

@@ -102,7 +102,7 @@ def new(
     require_free(file)
     if devices > 1 and stream is None:
         raise ConfigError("--devices: several gyroscopes at once speak numbers here: --stream PROFILE too")
-    lsb_per_deg_s, given = (None, given) if stream is None else _behind_numbers(stream, given)
+    lsb_per_deg_s, given = (None, given) if stream is None else _behind_numbers(stream, given, file.parent)
     real = imperfections == "paper"
     figures: dict[str, float] = {}
     for key, (figure, _, usual) in _FIGURES.items():
@@ -123,12 +123,15 @@ def new(
         stream=table,
         lsb_per_deg_s=lsb_per_deg_s,
         devices=devices,
+        folder=file.parent,
     )
     written_anew(file, text)
     typer.echo(f"{file} is written; next: vcfbench run turntable --bench {file}")
 
 
-def _behind_numbers(profile: str, given: dict[str, float | None]) -> tuple[float | None, dict[str, float | None]]:
+def _behind_numbers(
+    profile: str, given: dict[str, float | None], folder: Path
+) -> tuple[float | None, dict[str, float | None]]:
     """Return LSB a deg/s, None in another unit, and the figures of the voltage of which a stream's numbers are made.
 
     Raises:
@@ -139,7 +142,7 @@ def _behind_numbers(profile: str, given: dict[str, float | None]) -> tuple[float
             option_ = figure.replace("_", "-")
             raise ConfigError(f"--{option_}: not with --stream: that gyroscope feeds itself, and has no input for V_Vc")
     asked: dict[str, Any] = {"gyro": {"stream": {"profile": profile, "resource": "sim"}}}
-    keys = with_stream(asked, "--stream", Path())["gyro"]["stream"]
+    keys = with_stream(asked, "--stream", folder)["gyro"]["stream"]
     stream = converted(keys, Stream, lambda path: f"{profile}: {dotted(path)}")
     per_deg_s, lsb = given["scale_factor"], stream.unit == "LSB"
     if lsb and not per_deg_s:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from msgspec import structs, to_builtins
@@ -31,6 +32,7 @@ from vcfbench.station.writing import device_text, table_text, value_text
 
 _HEAD = "# A simulated bench with a custom gyroscope, written by `vcfbench sim new` from these figures:"
 _LATITUDE_DEG = 37.9
+_HERE = Path()
 _USUAL_RANGE_DEG_S, _USUAL_V, _USUAL_SPLIT_HZ = 200.0, 200.0 / 150.0, 24.8
 """Range, V_Vc for it, and split of the gyroscope for which the settings of procedures have their defaults."""
 _AT_THE_PEAK = 0.6
@@ -86,13 +88,15 @@ def own_gyro_bench(
     stream: Mapping[str, Any] | None = None,
     lsb_per_deg_s: float | None = None,
     devices: int = 1,
+    folder: Path = _HERE,
 ) -> str:
     """Return the bench file of a simulated bench with the gyroscope of `sheet`.
 
     Without `imperfections` gyroscope, PCB and instruments are perfect, but for noise and quadrature of the sheet; with
     them they are as imperfect as those of the paper. Roles in `without` are left out: without a supply the gyroscope
     feeds itself. One that speaks numbers has the table ``[gyro.stream]`` and stands on a table alone, where there may
-    be several; the sheet is that of the voltage of which the numbers are made, `lsb_per_deg_s` of them in LSB.
+    be several; the sheet is that of the voltage of which the numbers are made, `lsb_per_deg_s` of them in LSB. Its
+    profile, if a file, is found from the `folder` of the bench file.
 
     Raises:
         ConfigError: it would be no bench, a role is none, or `name` is no name.
@@ -132,7 +136,7 @@ def own_gyro_bench(
     alone = range(1, devices + 1) if devices > 1 else ()
     lot = [device_text({"name": f"G-{number}", "resource": f"ASRL{8 + number}::INSTR"}) for number in alone]
     text = "\n".join((_HEAD, *figures, "", table_text(tables), *overrides, *lot, ""))
-    parse_bench(text, name)
+    parse_bench(text, str(folder / name))
     return text
 
 

@@ -62,8 +62,11 @@ def described(bench: BenchDescription | Path | str | None, *checks: Check) -> Be
 
 
 def parse_bench(text: str, source: str, *checks: Check) -> BenchDescription:
-    """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError)."""
-    return checked_bench(parse_toml(text, source), source, *checks)
+    """Return the bench that the TOML `text` describes; `source` names it in errors (ConfigError).
+
+    Files that it names are found from the folder of `source`.
+    """
+    return checked_bench(parse_toml(text, source), source, *checks, folder=Path(source).parent)
 
 
 def checked_bench(

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Iterator, Mapping
 from copy import deepcopy
+from pathlib import Path
 from typing import Any, Final
 
 from vcfbench.errors import ConfigError
@@ -109,7 +110,7 @@ class Draft:
                 values.pop(key, None)
             else:
                 values[key] = value
-        description = checked_bench(candidate, self.source)
+        description = checked_bench(candidate, self.source, folder=Path(self.source).parent)
         self.values = candidate
         return description
 
