@@ -308,10 +308,8 @@ class DeviceStore(Struct, frozen=True):
         found = next((each for each in entries if each.name == name), None)
         if found is None:
             known = ", ".join(each.name for each in entries) or "none"
-            raise ConfigError(
-                f"device {serial}: expected the name of an entry ({known}), got {name!r}",
-                hint="a run is taken out of the history by vcfbench runs amend RUN --set dut= --reason ...",
-            )
+            said = f"device {serial}: expected the name of an entry ({known}), got {name!r}"
+            raise ConfigError(said, hint="a run leaves its history by vcfbench runs amend RUN --set dut= --reason ...")
         if name in withdrawn(entries):
             raise ConfigError(f"{shown(found.path)}: it is withdrawn already")
         if not reason.strip() or not by.strip():
@@ -483,10 +481,9 @@ def _record(text: str, source: str) -> DeviceRecord:
     if values.pop("format") != FORMAT:
         raise ConfigError(f"{source}: expected format {FORMAT}; it was written by another version of vcfbench")
     try:
-        made: DeviceRecord = typed(values, DeviceRecord)
+        return typed(values, DeviceRecord)  # type: ignore[no-any-return]  # it is a union
     except msgspec.ValidationError as error:
         raise ConfigError(f"{source}: {error}") from error
-    return made
 
 
 def require_not_withdrawn(path: Path, record: DeviceRecord) -> None:
