@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.analysis.noise import flicker
-from vcfbench.analysis.plausibility import doubts_of_line, doubts_of_record
+from vcfbench.analysis.plausibility import _parted, doubts_of_line, doubts_of_record
 from vcfbench.analysis.regression import fit_line
 
 if TYPE_CHECKING:
@@ -138,3 +138,11 @@ def test_a_largest_rate_that_is_visited_twice_is_no_saturation() -> None:
 def test_a_burst_is_told_whatever_the_rate() -> None:
     (found,) = [each for each in doubts_of_record(100.0 + spoilt(3000, 3002, 9.5)) if "a burst" in each.words]
     assert abs(found.row - 3000) <= 100
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("count", "told"), [(3, False), (4, False), (5, True), (6, True), (30, True)])
+def test_five_readings_apart_are_a_state_and_fewer_are_spikes(count: int, sign: float, *, told: bool) -> None:
+    rates = np.round(np.random.default_rng(2).standard_normal(400), 3)
+    rates[np.linspace(10, 390, count, dtype=int)] += 40.0 * sign
+    assert bool(list(_parted(rates))) is told
