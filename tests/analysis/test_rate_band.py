@@ -13,6 +13,7 @@ from simrack_tests.cells import few
 
 from vcfbench.analysis.rate_band import (
     Known,
+    _filtered,
     _smooth_u,
     fit_rate_band,
     response_phase_deg,
@@ -221,3 +222,14 @@ def test_q_covers_mode_on_either_side_of_drive(drive_hz: float, split_hz: float)
     assert abs(band.q[0] - q) < 4.0 * band.q[1]
     assert band.q[1] < max(1e-3, 1.2 * size / drive_hz) * q
     assert band.in_phase_share[0] * split_hz > 0.0
+
+
+@pytest.mark.parametrize("lag", [-2.0, -0.3, 0.0, 0.3])
+@pytest.mark.parametrize("split_hz", [25.0, -25.0])
+def test_response_with_its_filter_is_1_at_rest_and_has_the_sizes_of_both(lag: float, split_hz: float) -> None:
+    shape = np.array([split_hz, 1200.0, 0.3, 150.0, lag])
+    known = Known(3489.0, 150.0, low_pass_hz=60.0, low_pass_order=3)
+    assert _filtered(np.array([1e-9]), known, shape) == pytest.approx(np.array([1.0 + 0.0j]), abs=1e-6)
+    f = np.array([0.5, 5.0, 20.0, 30.0, 90.0])
+    expected = split_response(f, 3489.0, shape) / np.sqrt(1.0 + (f / 60.0) ** 6)
+    assert np.abs(_filtered(f, known, shape)) == pytest.approx(expected)
