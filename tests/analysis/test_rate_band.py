@@ -233,3 +233,18 @@ def test_response_with_its_filter_is_1_at_rest_and_has_the_sizes_of_both(lag: fl
     f = np.array([0.5, 5.0, 20.0, 30.0, 90.0])
     expected = split_response(f, 3489.0, shape) / np.sqrt(1.0 + (f / 60.0) ** 6)
     assert np.abs(_filtered(f, known, shape)) == pytest.approx(expected)
+
+
+def test_a_sweep_has_its_split_and_q_in_any_unit() -> None:
+    rng = np.random.default_rng(6)
+    f = np.concatenate([np.linspace(5.0, 55.0, 12), 24.8 * np.array([0.95, 0.98, 1.0, 1.02, 1.05])])
+    gains = response(f, 24.8, 1224.0, 0.8, 0.02) / np.sqrt(1.0 + (f / 100.0) ** 8) + 4e-4 * rng.standard_normal(f.size)
+
+    def found(size: float) -> list[tuple[float, float]]:
+        lines = [tuple((at + 0.4 * np.arange(-6, 7)).tolist()) for at in f.tolist()]
+        columns = zip(f.tolist(), (size * gains).tolist(), lines, strict=True)
+        tones = [Tone(at, each, 4e-4 * size, 1e-4 * size, 5e-3, 28.0, near, 4e-4 * size) for at, each, near in columns]
+        band = fit_rate_band(tones, size, Known(3488.9))
+        return [band.split_hz, band.q, band.peak_gain]
+
+    assert np.array(found(1e-6)) == pytest.approx(np.array(found(1.0)), rel=1e-4)

@@ -27,8 +27,8 @@ from vcfbench.procedures.health.check import (
     not_measured,
     unmeasured,
 )
-from vcfbench.procedures.health.found import Health, beside, carrier_over_drive, means_of
-from vcfbench.procedures.health.plan import _expected, level_v, modes_of
+from vcfbench.procedures.health.found import Health, _one_share, beside, carrier_over_drive, means_of
+from vcfbench.procedures.health.plan import Modes, _expected, level_v, modes_of
 from vcfbench.procedures.layers import asked_in_python, settings_of
 from vcfbench.procedures.resonance import SenseDecay
 from vcfbench.procedures.self_calibration.shape import bent, has_changed, orders_of
@@ -228,6 +228,27 @@ def test_orders_of_an_output_are_those_at_rest_wherever_v_vc_is_then(rest_v: flo
     assert found == pytest.approx(orders, rel=1e-6)
     moves = [(orders_of(curve, v_vc_v, outputs + row, noise)[0] - found) / 1e-6 for row in 1e-6 * np.eye(6)]
     assert covariance == pytest.approx(np.transpose(moves) @ noise @ moves, rel=0.1)
+
+
+@pytest.mark.parametrize("splits_hz", [(-25.0, -150.0), (25.0, 150.0), (-25.0, 150.0)])
+@pytest.mark.parametrize("share", [0.15, 0.6, -0.2])
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_share_by_a_ring_down_is_that_of_the_static_answers(
+    splits_hz: tuple[float, float], share: float, late_s: float
+) -> None:
+    """Forces that make 1 - s and s of the static answer, their motions at the drive, released there and seen later."""
+    at_hz, q = [3489.0 + split_hz for split_hz in splits_hz], (1200.0, 700.0)
+    dynamic = [f**2 - 3489.0**2 + 1j * f * 3489.0 / own for f, own in zip(at_hz, q, strict=True)]
+    forces = [part * each.real for part, each in zip((1.0 - share, share), dynamic, strict=True)]
+    motions = [force / each for force, each in zip(forces, dynamic, strict=True)]
+    sizes = [
+        abs(moved) * 0.5 * (1.0 + 3489.0 / f) * math.exp(-math.pi * f / own * late_s)
+        for moved, f, own in zip(motions, at_hz, q, strict=True)
+    ]
+    modes = Modes(3489.0, *(RingingMode(*each) for each in zip(at_hz, q, sizes, strict=True)))
+    sign = math.copysign(1.0, forces[0] * forces[1])
+    found = _one_share(modes, sign, abs(sum(motions)))
+    assert found == pytest.approx(share, rel=0.01 if late_s else 1e-6)  # rounds towards when it was released
 
 
 @pytest.mark.parametrize("splits_hz", [(-25.0, -150.0), (25.0, 150.0), (-25.0, 150.0), (25.0, -150.0)])
