@@ -58,7 +58,7 @@ def test_a_drive_that_is_let_go_and_vanishes(let_go_s: float) -> None:
 
 
 @pytest.mark.parametrize("size", [9, 14, 30])
-def test_a_drive_is_let_go_where_a_line_begins_with_four_windows_of_it_at_least(size: int) -> None:
+def test_drive_ends_where_a_line_has_four_windows(size: int) -> None:
     for last in range(size - 1):
         logarithm = -0.3 * np.maximum(np.arange(size) - last, 0.0)
         assert _let_go(logarithm) == min(last, size - 5) + 1

@@ -133,9 +133,7 @@ def test_what_cannot_be_fitted_is_refused(curve: list[AllanPoint], message: str)
 
 @pytest.mark.parametrize("quantisation", [-30.0, -1.0, -0.3, 0.0, 0.3, 30.0])
 @pytest.mark.parametrize("interval_s", [0.01, 1.0, 20.0])
-def test_neighbouring_readings_share_no_more_than_those_of_a_mean_over_both(
-    quantisation: float, interval_s: float
-) -> None:
+def test_neighbouring_readings_share_one_mean(quantisation: float, interval_s: float) -> None:
     """The density of the readings, white^2 + 4 q |q| sin^2, is nowhere negative: it is 0 at its end for such a mean."""
     law = Coefficients(quantisation=quantisation * interval_s**0.5, angle_random_walk=1.0)
     noise = law.phase_noise(Sampling.without_gaps(interval_s))

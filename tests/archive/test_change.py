@@ -129,7 +129,7 @@ def test_another_temperature_is_corrected_or_refused(wide: Run) -> None:
     assert silent.note == "incomplete, without temperature of one of the runs"
 
 
-def test_a_warmer_device_is_seen_by_its_drive_where_no_temperature_is_told(wide: Run) -> None:
+def test_warmer_device_is_seen_by_its_drive(wide: Run) -> None:
     of_drive, of_line = Measured(value=-25.0, u=0.5), Measured(value=-104.0, u=2.0)
     drive = structs.replace(wide.values["scale_factor"].conditions.drive or Drive(0.0, 0.0), u_hz=0.01)
     cool, warm = (

@@ -144,7 +144,7 @@ def row_of(device: str, *values: Value) -> SheetRow:
     return SheetRow(device=device, procedure="own", run=f"r-{device}", started=began, values=values, **made)
 
 
-def test_mean_of_a_batch_is_no_better_known_than_its_devices() -> None:
+def test_mean_of_a_batch_has_common_errors() -> None:
     """Table, meter and room are common to all: three devices with u 0.27 had a mean with u 0.015."""
     slopes = [
         Value("scale_factor", -0.0125 - 1e-6 * n, "V/(deg/s)", 1e-6 * (25 + n), kind="scale_factor") for n in (1, 2, 3)

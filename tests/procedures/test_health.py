@@ -268,7 +268,7 @@ def test_a_dry_run_finds_nothing_that_has_changed() -> None:
 
 @pytest.mark.parametrize("k_vc", [-400.0, -150.0, 150.0, 20.0])
 @pytest.mark.parametrize("limit_v", [None, 0.2, 1.0, 5.0])
-def test_v_vc_of_ring_downs_leaves_room_for_sines_of_twice_its_size(k_vc: float, limit_v: float | None) -> None:
+def test_ring_downs_leave_room_for_larger_sines(k_vc: float, limit_v: float | None) -> None:
     """52.5 % of the largest rate, 200 deg/s, at most half of what the bench or a 10 V range may have."""
     known = settings_of(PROCEDURES["kvc"], LAB, asked_in_python({"k_vc_guess_deg_s_per_v": k_vc}))
     limits = structs.replace(known.station.limits, max_v_vc_v=limit_v)
@@ -283,7 +283,7 @@ def test_modes_of_a_dry_run_share_what_is_at_rest(drive_hz: float) -> None:
     assert found == [pytest.approx((25.0, 1200.0, 0.85)), pytest.approx((150.0, 1200.0, 0.15))]
 
 
-def test_means_of_exchanged_probes_begin_evenly_over_four_fifths_of_the_drive_on_either_channel() -> None:
+def test_exchanged_probes_begin_evenly_over_the_drive() -> None:
     steps = [each.step for each in vcfbench.dry_run("kvc", LAB).steps]
     begins: dict[int, list[float]] = {}
     for scope, mean in pairwise(steps):

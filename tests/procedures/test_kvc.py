@@ -340,7 +340,7 @@ def test_each_procedure_keeps_its_k_vc_characteristics_of_device(tmp_path: Path)
 
 
 @pytest.mark.parametrize("k_vc", [150.0, -40.0])
-def test_errors_of_a_generator_s_ranges_go_through_the_fit_as_moved_levels_do(k_vc: float) -> None:
+def test_errors_of_generator_ranges_are_moved_levels(k_vc: float) -> None:
     """Each coefficient's part is what the fit does where all levels of a range are off by its gain, or its offset."""
     sources = Sources(generator_gain=0.02, generator_offset_v=4e-3, generator_ranges_v=(0.4, 10.0), generator_bits=14)
     settings: Any = SimpleNamespace(station=SimpleNamespace(sources=sources))

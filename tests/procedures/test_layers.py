@@ -201,7 +201,7 @@ def test_ages_that_cannot_be_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("procedure", "counts"), [("zero", "powered_s"), ("warmup", "shortest_s")])
-def test_a_wait_that_does_not_count_is_refused_where_it_is_for_this_procedure(procedure: str, counts: str) -> None:
+def test_wait_that_does_not_count_is_refused(procedure: str, counts: str) -> None:
     said = rf"warm_up_s: expected {counts}, which counts here and is 1800 s, got 100"
     with pytest.raises(ConfigError, match=said):
         vcfbench.dry_run(procedure, settings={"warm_up_s": 100.0})

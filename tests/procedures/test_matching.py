@@ -89,9 +89,7 @@ def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
 
 @pytest.mark.parametrize("rate_deg_s", [10.0, -10.0])
 @pytest.mark.parametrize(("std_v", "least_v"), [(0.0, 1.25e-4), (1e-3, 3e-3 / 10.0**0.5)])
-def test_an_answer_to_v_vc_is_a_thousandth_of_the_table_s_and_beyond_noise(
-    rate_deg_s: float, std_v: float, least_v: float
-) -> None:
+def test_answer_to_v_vc_is_beyond_noise(rate_deg_s: float, std_v: float, least_v: float) -> None:
     def answered(answer_v: float) -> float:
         means = [point(1, 0.0, 0.0, 0.0), point(1, rate_deg_s, 0.0, K * rate_deg_s), point(2, 0.0, 0.0, 0.0)]
         return Matching.of([*means, point(2, 0.0, 0.25, answer_v, std_v)], Match.ZERO, rate_deg_s).slope

@@ -225,7 +225,7 @@ def test_perfect_generator_gives_small_signal_k_vc(by: KvcBy) -> None:
 
 
 @pytest.mark.parametrize("by", [KvcBy.PLUS_MINUS, KvcBy.CURVE])
-def test_noise_of_a_window_moves_coefficients_as_another_output_there_does(by: KvcBy) -> None:
+def test_noise_of_a_window_moves_coefficients(by: KvcBy) -> None:
     settings = make_settings(k_vc_by=by, **TOLD)
     quiet = Drawn(0, 0.0).points(settings)
     points = [structs.replace(each, std_v=1e-3) for each in quiet if each.step in {1, 2}]

@@ -258,7 +258,7 @@ def test_equal_bursts_give_planted_slope(chosen: OnlineSettings) -> None:
     assert abs(found.disturbance.value) < 4.0 * found.disturbance.u
 
 
-def test_levels_as_set_may_be_off_by_the_generator_s_gain_and_by_its_offsets_of_sine_and_of_rest() -> None:
+def test_levels_as_set_have_errors_of_the_generator() -> None:
     bench = structs.replace(LAB, v_vc_meter=None)
     asked = asked_in_python({"k_vc": "150", "duration_s": 500.0, "v_vc": "set"})
     settings, records = settings_of(ONLINE, bench, asked).recalled(), Records()

@@ -95,7 +95,7 @@ def test_v_vc_error_is_no_limit_of_gyroscope() -> None:
         assert side.limit.missing == ("scale factor",)
 
 
-def test_bound_by_levels_as_set_lacks_what_they_may_be_off_by() -> None:
+def test_bound_by_levels_as_set_lacks_their_errors() -> None:
     """A bench that ends at 2 V: within 2 % of the lowest level and of the highest, and 4 mV of the lowest."""
     lab = vcfbench.load_bench("lab")
     bench = structs.replace(lab, v_vc_meter=None, limits=structs.replace(lab.limits, max_v_vc_v=2.0))

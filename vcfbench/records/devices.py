@@ -308,8 +308,8 @@ class DeviceStore(Struct, frozen=True):
         found = next((each for each in entries if each.name == name), None)
         if found is None:
             known = ", ".join(each.name for each in entries) or "none"
-            said = f"device {serial}: expected the name of an entry ({known}), got {name!r}"
-            raise ConfigError(said, hint="a run leaves its history by vcfbench runs amend RUN --set dut= --reason ...")
+            wrong = f"device {serial}: expected the name of an entry ({known}), got {name!r}"
+            raise ConfigError(wrong, hint="a run leaves its history by vcfbench runs amend RUN --set dut= --reason ...")
         if name in withdrawn(entries):
             raise ConfigError(f"{shown(found.path)}: it is withdrawn already")
         if not reason.strip() or not by.strip():

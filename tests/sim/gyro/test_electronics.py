@@ -39,7 +39,7 @@ def test_output_amplifier_is_a_clipped_polynomial() -> None:
     assert limits.tightest(1.0) == (-7.5, 8.5)
 
 
-def test_moving_limits_are_cut_after_1_4_and_16_time_constants_of_either_rail() -> None:
+def test_moving_limits_are_cut_at_three_times() -> None:
     limits = OutputLimits(PAPER.output_stage, Oscillation(10.0, [(0.1, -2.0)]), Oscillation(-10.0, [(0.1, -0.1)]))
     assert sorted(limits.cuts_s(100.0)) == pytest.approx([0.5, 2.0, 8.0, 10.0, 40.0])
     assert limits.cuts_s(1.0) == {0.5}
