@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vcfbench.analysis import phase_noise
-from vcfbench.analysis.phase_noise import PhaseNoise, correlated_squares
+from vcfbench.analysis.phase_noise import PhaseNoise, _lags, correlated_squares
 
 MIXED = PhaseNoise(quantisation=0.7, white=1.0, flicker=0.6, random_walk=0.1)
 
@@ -46,3 +46,13 @@ def test_allan_variances_of_the_four_laws() -> None:
     for name, variance in expected.items():
         found = correlated_squares(PhaseNoise(**{name: 1.0}), 10, m, 10, m)
         assert found.mean_first / (2 * m**2) == pytest.approx(variance)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-5, 8), (-300, 900), (-20_000, 1_000_000)])
+@pytest.mark.parametrize("corners", [[0], [-200, 0, 700]])
+def test_lags_and_weights_have_every_whole_lag_once(low: int, high: int, corners: list[int]) -> None:
+    """A constant and a slope come out exactly, wherever the stretches begin."""
+    lags, weights = _lags(low, high, corners)
+    count = high - low + 1
+    assert float(weights.sum()) == pytest.approx(count, rel=1e-12)
+    assert float(weights @ lags) == pytest.approx(0.5 * count * (low + high), rel=1e-9)
