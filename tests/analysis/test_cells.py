@@ -47,9 +47,10 @@ def test_thousands_of_a_whole_table_are_never_taken_for_decimals(tmp_path: Path,
     file = tmp_path / "table.csv"
     rows = [f"{grouped(rate, 0, sign)};{grouped(500.0 + 0.001 * rate, millis, sign)}" for rate in ROWS]
     file.write_text("\n".join(["rate [deg/h];output [mV]", *rows]))
-    with pytest.raises(ConfigError) as error:
-        analyze(file)
-    assert error.value.hint == "--decimal comma, or point"
+    if not (millis and sign == ","):  # a decimal comma elsewhere says what the point is
+        with pytest.raises(ConfigError) as error:
+            analyze(file)
+        assert error.value.hint == "--decimal comma, or point"
     found = analyze(file, layout=Layout(decimal="comma" if sign == "," else "point")).series["output [mV]"]
     assert found.line.scale_factor == pytest.approx(3.6e-3)
 
@@ -62,7 +63,7 @@ def test_thousands_of_a_whole_table_are_never_taken_for_decimals(tmp_path: Path,
         ("0.01 sec", "write its unit sec into the name"),
     ],
 )
-def test_cell_that_is_no_number_has_no_cure_that_is_none(cell: str, words: str) -> None:
+def test_cell_that_is_no_number_has_no_false_cure(cell: str, words: str) -> None:
     with pytest.raises(ConfigError) as error:
         number(cell, "a", decimal_comma=False, thousands=False)
     assert words in str(error.value)

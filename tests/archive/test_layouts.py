@@ -81,6 +81,13 @@ RIGHT: dict[str, tuple[str, dict[str, Any], float | None]] = {
     "a separator of its own": (log("t_s | gz_dps\n", "{t} | {x}"), {"separator": "|"}, None),
     "commas of thousands": (log("t_s;gz [mdeg/h]\n", "{t};{h:,.1f}"), {"decimal": "point"}, None),
     "milli": (log("t_s,gyro [mdps]\n", "{t},{x}e3"), {}, None),
+    "Fortran": (log("t_s,gyro [deg/s]\n", "{t},{x}D+00"), {}, None),
+    "LabVIEW": (
+        log("LabVIEW Measurement\t\n***End_of_Header***\t\nX\tgz\tComment\n", "{t}\t{x}"),
+        {"skip": 2, "units": {"X": "s", "gz": "deg/s"}, "columns": ("gz",), "time": "X"},
+        None,
+    ),
+    "counters beside": (log("t_s,gz [LSB],error_count,loop_counts\n", "{t},{x},0,1"), {"units": {"": "dps"}}, None),
     "a minute": (log("t_s,gyro [deg/min]\n", "{t},{x}e0"), {}, None),
 }
 
@@ -106,7 +113,8 @@ def test_binary_files_are_read_by_the_same_grammar(tmp_path: Path) -> None:
     scipy_io = pytest.importorskip("scipy.io")
     scipy_io.savemat(tmp_path / "log.mat", {"t_s": times, "x_dps": rates, "who": "somebody", "n": 3.0})
     names = {"log.npy": ("t_s", "x_dps")}
-    written = ["log.npy", "named.npy", "log.mat"]
+    np.savez(tmp_path / "log.npz", t_s=times, x_dps=rates, who=np.array("somebody"))
+    written = ["log.npy", "named.npy", "log.npz", "log.mat"]
     if (openpyxl := pytest.importorskip("openpyxl")) and (arrow := pytest.importorskip("pyarrow")):
         book = openpyxl.Workbook()
         for row in (("t_s", "x [deg/s]", "note"), *zip(times, rates, ["a, b"] * 80, strict=True)):
@@ -127,10 +135,17 @@ def test_binary_files_are_read_by_the_same_grammar(tmp_path: Path) -> None:
         assert found.interval_s == pytest.approx(0.01)
 
 
+def test_struct_of_matlab_is_refused_with_how_to_save_it(tmp_path: Path) -> None:
+    pytest.importorskip("scipy.io").savemat(tmp_path / "log.mat", {"log": {"t": [1.0, 2.0], "x": [1.0, 2.0]}})
+    with pytest.raises(ConfigError, match="got none") as error:
+        analyze_record(tmp_path / "log.mat")
+    assert error.value.hint == "save the fields of log as variables, as by save -struct"
+
+
 LIBRARIES = {".xlsx": "openpyxl", ".parquet": "pyarrow", ".tdms": "nptdms"}
 
 
-@pytest.mark.parametrize("suffix", [".xlsx", ".npy", ".mat", ".parquet", ".tdms"])
+@pytest.mark.parametrize("suffix", [".xlsx", ".npy", ".npz", ".mat", ".parquet", ".tdms"])
 def test_file_that_is_not_what_its_name_says_is_refused(tmp_path: Path, suffix: str) -> None:
     if suffix in LIBRARIES:
         pytest.importorskip(LIBRARIES[suffix], reason="pip install '.[dev]'")
@@ -163,6 +178,14 @@ REFUSED: dict[str, tuple[str, str]] = {
     "no names": (log("", "{x}"), "--columns"),
     "preface": (log("Logger 7\nSerial 4\nt_s,gyro [deg/s]\n"), "--skip 2"),
     "header of LabVIEW": (log("Writer\t2\nA\tB\n***End***\t\nt_s\tx_dps\tC\n", "{t}\t{x}\t"), "--skip 3"),
+    "LabVIEW": (log("LabVIEW Measurement\t\nA\t2\n***End_of_Header***\t\nX\tY\tComment\n", "{t}\t{x}"), "--skip 3"),
+    "SignalExpress": (log("channel names:\t\nai0\t\ndt:\t\n0.01\t\ndata:\t\n", "{x}\t"), "--skip 4"),
+    "missing": (log("t_s,gyro_dps\n") + "0.8,\n0.81,0.5\n", "take the line out"),
+    "names again": (log("t_s,gyro_dps\n") + "t_s,gyro_dps\n", "take the line out"),
+    "footer": (log("t_s,gyro_dps\n") + "Max,0.4\n", "take the line out"),
+    "empty line": (log("t_s,gyro_dps\n") + "\n0.81,0.5\n", "take it out"),
+    "counters alone": (log("t_s,x,y,error_count\n", "{t},{x},1,0"), "--columns"),
+    "series on a table": (log("t_s,table_rate [dps],out [V]\n", "{t},{x},1"), "--columns RATE,OUTPUT"),
     "unknown unit": (log("t_s,gyro [furlong]\n"), "--unit"),
     "capital M": (log("t_s,gyro [MV]\n"), "--unit"),
     "no unit": (log("t_s,gyro\n"), "--unit"),
@@ -243,6 +266,21 @@ def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> 
     assert found.notes == ("not analysed: t_s, temperature_c, state, n",)
 
 
+def test_supply_is_no_output(tmp_path: Path) -> None:
+    rows = "".join(f"{x},{-2 * x + 0.1 * x**2},5.0{k}\n" for k, x in enumerate((-3, -1, 0, 1, 3)))
+    (tmp_path / "table.csv").write_text("rate [dps],out [mV],supply [V]\n" + rows)
+    found = analyze(tmp_path / "table.csv")
+    assert list(found.series) == ["out [mV]"]
+    assert found.notes == ("not analysed: supply [V]",)
+
+
+def test_rows_of_the_two_biases_have_names_of_their_own(tmp_path: Path) -> None:
+    (tmp_path / "table.csv").write_text("rate [dps],out [dps]\n-1,-1.9\n0,0.1\n1,2.1\n")
+    text = str(analyze(tmp_path / "table.csv").report())
+    assert text.count("'bias, deg/s'") == 1
+    assert "bias over scale factor, deg/s" in text
+
+
 def test_axes_of_a_record_are_no_table(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(log("t_s,x_dps,y_dps\n", "{t},{x},1"))
     with pytest.raises(ConfigError, match="of a record at rest one column is analysed at a time"):
@@ -308,9 +346,7 @@ def test_unit_is_longest_end_of_name_that_is_a_unit(name: str, kind: Kind | None
         ("V] [deg/s", None),
     ],
 )
-def test_unit_that_is_not_known_has_no_proposal_but_what_it_may_be(
-    tmp_path: Path, unit: str, words: str | None
-) -> None:
+def test_unknown_unit_has_no_cure_but_what_it_may_be(tmp_path: Path, unit: str, words: str | None) -> None:
     (tmp_path / "log.csv").write_text(log(f"t_s,gz [{unit}]\n"), "utf-8")
     with pytest.raises(ConfigError, match=r"expected a unit in its name") as error:
         analyze_record(tmp_path / "log.csv")

@@ -63,7 +63,7 @@ def test_days_of_a_spreadsheet_are_no_seconds(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("hz", [250, 400, 1000])
-def test_rate_of_times_with_too_few_digits_is_that_of_the_file(tmp_path: Path, hz: int) -> None:
+def test_rate_of_coarse_times_is_that_of_the_file(tmp_path: Path, hz: int) -> None:
     file = log(tmp_path / "a.csv", lambda k: f"{k / hz:.2f}", "t_s")
     with pytest.raises(ConfigError) as error:
         analyze_record(file)

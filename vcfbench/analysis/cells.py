@@ -15,6 +15,7 @@ NO_VALUE = 9.9e37 * (1.0 - 1e-9)
 
 _DAY_S = 86400.0
 _OR_POINT = "--decimal comma, or point"
+_TAKE_OUT = "take the line out, if times tell of the gap"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = {
@@ -104,8 +105,13 @@ def decimals(rows: Sequence[Sequence[str]], separator: str, stated: str | None, 
     commas = [cell for cell in cells if _WITH_COMMA.fullmatch(cell) or _THOUSANDS[","].fullmatch(cell)]
     if any(_sure(cell, ",") for cell in commas):
         return False, True
-    points = next((cell for cell in map(_points_of_thousands, zip(*rows, strict=False)) if cell), "")
+    # Points of thousands alone: below a thousand a number of such a column has none
+    whole = [column for column in zip(*rows, strict=False) if any(cell.lstrip("+-").isdecimal() for cell in column)]
+    pointed = [[cell for cell in column if "." in cell] for column in whole]
+    points = next((each[0] for each in pointed if each and all(map(_THOUSANDS["."].fullmatch, each))), "")
     if not commas and any(_sure(cell, ".") for cell in cells):
+        return True, True
+    if points and not all(_THOUSANDS[","].fullmatch(cell) for cell in commas):
         return True, True
     if points or (commas and all(_THOUSANDS[","].fullmatch(cell) for cell in commas)):
         sign = "point" if points else "comma"
@@ -121,13 +127,6 @@ def _sure(cell: str, sign: str) -> bool:
     return found is not None and (found[2] is not None or cell.count(sign) > 1)
 
 
-def _points_of_thousands(column: Sequence[str]) -> str:
-    """Return a cell of a column whose points may be of thousands alone, as below a thousand it has none."""
-    points = [cell for cell in column if "." in cell]
-    whole = any(cell.lstrip("+-").isdecimal() for cell in column)
-    return points[0] if whole and points and all(map(_THOUSANDS["."].fullmatch, points)) else ""
-
-
 def number(cell: str, where: str, *, decimal_comma: bool, thousands: bool) -> float:
     """Return the number of a cell; raises ConfigError with what stands there, and what would cure it."""
     shown, sign, other = shorten(cell, 40), *((",", ".") if decimal_comma else (".", ","))
@@ -139,12 +138,14 @@ def number(cell: str, where: str, *, decimal_comma: bool, thousands: bool) -> fl
     elif _FORTRAN.fullmatch(text):
         text = text.lower().replace("d", "e")
     if not _NUMBER.fullmatch(text):
-        raise ConfigError(f"{where}: {_fault(cell, shown)}", hint=_OR_POINT if "," in cell else None)
+        hint = _OR_POINT if "," in cell else _TAKE_OUT if not cell or cell[0].isalpha() else None
+        raise ConfigError(f"{where}: {_fault(cell, shown)}", hint=hint)
     value = float(text)
     if not math.isfinite(value):
         raise ConfigError(f"{where}: {shown} is too large for a number")
     if abs(value) >= NO_VALUE:
-        raise ConfigError(f"{where}: {shown} is an instrument's word for overload, not a measured value")
+        came = f"{shown} is an instrument's word for overload, not a measured value"
+        raise ConfigError(f"{where}: {came}", hint=_TAKE_OUT)
     return value
 
 

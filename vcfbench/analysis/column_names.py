@@ -82,6 +82,11 @@ _ANGLES = {
 }
 _SHORT_RATES = {"dps": 1.0, "dph": 1.0 / 3600.0, "rpm": 6.0}
 _COUNTS = {"lsb", "lsbs", "count", "counts", "cts", "digit", "digits", "raw", "adc"}
+_COUNTERS = {
+    *("error", "errors", "clip", "loop", "sample", "samples", "packet", "frame", "line", "row", "drop", "dropped"),
+    *("step", "message", "msg", "cycle", "retry", "lost", "missed", "reading", "readings", "device"),
+}
+"""Words before a count that is no output."""
 _OTHERS = {
     *("g", "mg", "ug", "m/s2", "m/s^2", "m_s2", "m/s**2", "ms-2", "a", "ma", "ua", "hz", "khz", "pa", "hpa", "kpa"),
     *("mbar", "bar", "%", "rh", "%rh", "ohm", "kohm", "t", "mt", "ut", "gauss", "mgauss", "w", "mw", "m", "mm"),
@@ -231,6 +236,8 @@ def _may_be(unit: Unit, base: str) -> bool:
         return _names_a_time(base)
     if unit.kind is Kind.TEMPERATURE:
         return "temp" in base.lower() or len(unit.written) > 1
+    if unit.kind is Kind.COUNT and _COUNTERS & set(_WORD.findall(base.lower())):
+        return False
     return len(unit.written) > 1 or unit.kind is Kind.VOLTAGE
 
 

@@ -33,6 +33,7 @@ _SAMPLE = 400
 _FORMULA = "=+-@"
 """First characters that spreadsheets take for a formula: names of columns go on into files that others open."""
 _BRACKETS = "[](){} "
+_END_OF_HEADER = "***End_of_Header***"
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", ",": ",", ";": ";", "\t": "\t", " ": " "}
 _DECIMALS = {"comma": ",", "point": ".", ",": ",", ".": "."}
@@ -187,11 +188,16 @@ def _header(  # noqa: PLR0917
     """Return the names of the columns, and the first line below them."""
     first = re.sub(r"\s+(?=[\[(])", "_", texts[at]) if separator == " " else texts[at]
     header, below = _cells(first, separator, where), _cells("".join(texts[at + 1 : at + 2]), separator)
+    header = header[:-1] if header[-1:] == ["Comment"] and len(below) == len(header) - 1 else header  # LabVIEW's
     usual = Counter(len(_cells(text, separator)) for text in texts[at + 1 : at + _SAMPLE] if text.strip())
     numbers = any(map(is_any_number, header))
     beside = len(below) != len(header) or (not numbers and not any(map(_below_names, below)))
     named = not numbers and below and len({*header}) != len(below) == len(layout.columns)
-    unlike = beside or (usual and usual.most_common(1)[0][0] != len(header))
+    unlike = (
+        beside
+        or any(text.startswith(_END_OF_HEADER) for text in texts[at:])
+        or (usual and usual.most_common(1)[0][0] != len(header))
+    )
     if not named and unlike and (skipped := _preface(texts, at, separator)) is not None:
         raise ConfigError(f"{where}: expected the names of the columns above the numbers", hint=f"--skip {skipped}")
     if named:  # a name for each column, of which there were none, or doubled ones
@@ -335,7 +341,7 @@ def _cell_by_cell(
             dropped.append(len(rows))
             continue
         if blank:
-            raise ConfigError(f"{head.file}, line {blank}: the line is empty")
+            raise ConfigError(f"{head.file}, line {blank}: the line is empty", hint="take it out")
         cells = _cells(text, head.separator, where)
         if len(cells) != len(head.names):
             hint = "; are there decimal commas?" if len(cells) > len(head.names) else ""
@@ -389,11 +395,14 @@ def _cells(text: str, separator: str, where: str | None = None) -> list[str]:
 
 def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
     """Return the number of lines that stand before one of names that has numbers below it, None if none is found."""
+    if ended := [place for place in range(at, len(texts)) if texts[place].startswith(_END_OF_HEADER)]:
+        return ended[-1] + 1
     for place in range(at + 1, min(len(texts) - 1, at + 60)):
         for sign in dict.fromkeys((separator, ",", ";", "\t")):
             names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
             named = len(names) == len(numbers) and not any(map(is_any_number, names))
-            if named and sum(map(is_any_number, numbers)) * 3 > len(numbers):
+            after = _cells("".join(texts[place + 2 : place + 3]), sign) or numbers
+            if named and all(sum(map(is_any_number, row)) * 3 > len(row) for row in (numbers, after)):
                 return place
     return None
 

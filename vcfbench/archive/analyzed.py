@@ -32,6 +32,8 @@ _APPLIED = {
 """Words in the name of the rate that was applied, where several columns are rates."""
 _NO_OUTPUT = {"n", "no", "nr", "index", "step", "sample", "line", "row", "id", "flag", "status", "point", "#"}
 """Names without a unit that are no output."""
+_SUPPLIES = {"supply", "vdd", "vcc", "vbat", "battery", "vref", "rail", "usb"}
+"""Words of what feeds a gyroscope, and is no output of it."""
 _OUTPUTS = {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
 _COUNTED = {"n", "count", "counts", "readings", "samples"}
 """Names of how many readings a point has."""
@@ -89,7 +91,7 @@ class TableAnalysis(Struct, frozen=True):
             (f"  u_fit, {unit}/(deg/s)", *(Cell(by * each.u_fit_scale_factor, ".2g") for each in found)),
             (f"bias, {unit}", *(Cell(by * each.line.bias, digits[1]) for each in found)),
             (f"  u_fit, {unit}", *(Cell(by * each.u_fit_bias, ".2g") for each in found)),
-            ("bias, deg/s", *(Cell(each.line.bias_deg_s, ".4f") for each in found)),
+            ("bias over scale factor, deg/s", *(Cell(each.line.bias_deg_s, ".4f") for each in found)),
             (f"residual std, {unit}", *(Cell(by * each.line.s_v, digits[1]) for each in found)),
             ("degrees of freedom", *(each.line.dof for each in found)),
         ]
@@ -322,6 +324,7 @@ def _outputs_beside(head: Head, rates: Sequence[int]) -> list[int]:
         for place, each in enumerate(head.names)
         if place not in rates and each.written and not each.spread and not each.is_time and not head.is_text(place)
     ]
+    left = [place for place in left if not _SUPPLIES & set(head.names[place].base.replace("_", " ").split())] or left
     in_units = [place for place in left if head.names[place].unit is not None or head.names[place].unknown]
     analysed = [place for place in in_units if head.names[place].unknown or head.names[place].kind in _OUTPUTS]
     bare = [place for place in left if place not in in_units and head.names[place].base not in _NO_OUTPUT]

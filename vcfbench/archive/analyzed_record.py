@@ -160,7 +160,7 @@ def analyze_record(
         times_s = _unbroken(numbers.values[:, 1] * time[1], head, time[0])
         record, interval_s, begin, notices = _piece(record, numbers, times_s, rate_hz, head)
     elif rate_hz is None:
-        raise ConfigError(f"{head.file} has no column of times", hint="--rate 100, readings a second")
+        raise ConfigError(f"{head.file} has no column of times", hint="--rate, in readings a second, or --time NAME")
     else:
         interval_s = 1.0 / rate_hz
     doubts = doubts_of_record(record)
@@ -215,7 +215,9 @@ def record_place(head: Head, layout: Layout) -> int:
         several = ", ".join(names[place].written for place in values) or "no column with a unit that can be analysed"
         raise ConfigError(
             f"{head.file} has the columns {several}" if values else f"{head.file} has {several}: {KNOWN}",
-            hint="--columns says which one" if values else "--columns says which one, --unit what its unit is",
+            hint="--columns says which one; of a table --columns RATE,OUTPUT"
+            if values
+            else "--columns says which one, --unit what its unit is",
         )
     return values[0]
 

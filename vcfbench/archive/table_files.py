@@ -1,12 +1,13 @@
 """Tables in files that are no text, as the text that is read of all others: one grammar of names, units and faults."""
 
 import csv
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import IO, Any, Final
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -71,6 +72,19 @@ def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
         found = matlab.loadmat(raw)
     except Exception as error:  # SciPy's own, zlib's, and what comes of bytes that are none
         raise ConfigError(f"{name}: expected a .mat file up to version 7: {error}", hint="save it with -v7") from error
+    return _variables(found, name)
+
+
+def _npz(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
+    try:
+        found = dict(np.load(raw, allow_pickle=False))
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
+        raise ConfigError(f"{name}: expected arrays of numbers: {error}") from error
+    return _variables({key: value[:, None] if value.ndim == 1 else value for key, value in found.items()}, name)
+
+
+def _variables(found: Mapping[str, Any], name: str) -> Iterator[Iterable[Any]]:
+    """Return the arrays of numbers of a file, which have one length, each as columns by its name."""
     columns = dict[str, Sequence[Any]]()
     for key, value in found.items():
         array = np.asarray(value)
@@ -82,7 +96,9 @@ def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     lengths = {key: len(column) for key, column in columns.items()}
     if len(set(lengths.values())) != 1:
         came = ", ".join(f"{key} of {length}" for key, length in lengths.items())
-        raise ConfigError(f"{name}: expected variables of one length, got {came or 'none'}")
+        structs = [key for key, value in found.items() if np.asarray(value).dtype.names]
+        cure = f"save the fields of {', '.join(structs)} as variables, as by save -struct" if structs else None
+        raise ConfigError(f"{name}: expected variables of one length, got {came or 'none'}", hint=cure)
     return _of_columns(columns)
 
 
@@ -132,6 +148,7 @@ def _tdms(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
 _READERS: Final[dict[str, Callable[[IO[bytes], str], Iterator[Iterable[Any]]]]] = {
     ".xlsx": _xlsx,
     ".npy": _npy,
+    ".npz": _npz,
     ".mat": _mat,
     ".parquet": _parquet,
     ".tdms": _tdms,
