@@ -346,6 +346,11 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("limits", "min_rail_v"), 1e-7, "limits.min_rail_v: expected 0, or at least 1e-06 either sign, got 1e-07"),
         (("procedure", "rates_deg_s"), [1, 2, -1e-300], "procedure.rates_deg_s[2]: expected 0, or at least 1e-06"),
         (("multimeter", "resource"), "gpib0::5::instr", "multimeter.resource: expected a resource of its own"),
+        (("expected", "scale_factor_v_per_deg_s"), [-12.7, -12.4], "expected.scale_factor_v_per_deg_s: expected at mo"),
+        (("expected", "bias_v"), [-50, -30], "expected.bias_v: expected at most 10.5 either way: the output ends at"),
+        (("expected", "zero_drift_v"), 30, "expected.zero_drift_v: expected at most 10.5 either way"),
+        (("acceptance", "bias_v"), [-42, 42], "acceptance.bias_v: expected at most 10.5 either way"),
+        (("acceptance", "reading_noise_v"), [0, 14], "acceptance.reading_noise_v: expected at most 10.5 either way"),
     ],
 )
 def test_contradictions_between_keys_are_refused(path: tuple[str, ...], value: object, said: str) -> None:

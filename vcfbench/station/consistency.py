@@ -9,7 +9,7 @@ from msgspec import UNSET, structs
 
 from vcfbench.models import ROLES, find_language, find_model, languages, models_for
 from vcfbench.station.description import BenchDescription, Device, RateTableRole
-from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
+from vcfbench.station.invalid_value import MOST_V, InvalidValue, beyond_output, lost_digits, turned_windows
 from vcfbench.station.parts import LimitKey, Node
 
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
@@ -50,14 +50,22 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if wiring.oscilloscope.channel_of(node) is None:
             yield InvalidValue("wiring.oscilloscope", f"a channel on {node!r}, for the start-up check", None)
-    yield from turned_windows(description.expected, "expected")
-    yield from turned_windows(description.acceptance, "acceptance")
+    yield from _windows(description)
     yield from _served(description)
     yield from _stream(description)
     for name, part in structs.asdict(description).items():
         # physical parameters have units of their own, settings of procedures are checked with their procedure
         if name not in {"simulation", "procedure_table", "devices"}:
             yield from lost_digits(structs.replace(part, stream=UNSET) if name == "gyro" else part, name)
+
+
+def _windows(description: BenchDescription) -> Iterator[InvalidValue]:
+    """Check that windows of results are none that the output cannot reach."""
+    limits, stream = description.limits, description.stream
+    most = stream.largest if stream else limits.max_rail_v or MOST_V
+    for path, windows in (("expected", description.expected), ("acceptance", description.acceptance)):
+        yield from turned_windows(windows, path)
+        yield from beyond_output(windows, f"{path}.", most, limits.slow_deg_s)
 
 
 def _instruments(description: BenchDescription) -> Iterator[InvalidValue]:

@@ -6,6 +6,11 @@ from msgspec import Struct, structs
 
 from vcfbench.station.bounds import LEAST
 
+MOST_V = 25.0
+"""Largest output where no limit of the rails tells it: that of the supplies."""
+OUTPUTS = ("bias_v", "reading_noise_v", "zero_drift_v")
+"""Keys of what an output is or scatters by."""
+
 
 class InvalidValue(Struct, frozen=True):
     """A value that cannot be, or that contradicts another: its key path, the expected one and itself."""
@@ -20,6 +25,17 @@ def turned_windows(table: Struct, path: str) -> Iterator[InvalidValue]:
     for key, window in structs.asdict(table).items():
         if isinstance(window, tuple) and not window[0] < window[1]:
             yield InvalidValue(f"{path}.{key}", "a window [low, high] with low below high", list(window))
+
+
+def beyond_output(table: Struct, path: str, most: float, slow_deg_s: float) -> Iterator[InvalidValue]:
+    """Yield every output of `table` that is larger than `most`, V, and every slope by which it were at a slow rate."""
+    for key, value in structs.asdict(table).items():
+        per = {**dict.fromkeys(OUTPUTS, 1.0), "scale_factor_v_per_deg_s": slow_deg_s}.get(key)
+        numbers = value if isinstance(value, tuple) else (value or 0.0,)
+        if per and max(map(abs, numbers)) * per > most:
+            ends = f"the output ends at {most:g}" + ("" if key in OUTPUTS else f", beyond {slow_deg_s:g} deg/s")
+            expected = f"at most {most / per:.4g} either way: {ends} (are the numbers in another unit, mV?)"
+            yield InvalidValue(path + key, expected, list(value) if isinstance(value, tuple) else value)
 
 
 def lost_digits(value: object, path: str) -> Iterator[InvalidValue]:

@@ -104,6 +104,11 @@ class Limits(BenchFileTable, frozen=True, kw_only=True):
     max_temperature_c: bounds.Temperature | None = None
     max_ramp_k_min: bounds.TemperatureRamp | None = None
 
+    @property
+    def slow_deg_s(self) -> float:
+        """Rate that every gyroscope of this bench follows, deg/s: a table may go beyond the range of one."""
+        return 10.0 if self.max_rate_deg_s is None else min(10.0, 0.5 * self.max_rate_deg_s)
+
     def of(self, key: LimitKey) -> float:
         """Return the limit called `key`; LimitError without one."""
         limit: float | None = getattr(self, key)
