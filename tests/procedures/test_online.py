@@ -210,7 +210,7 @@ def test_what_cannot_be_is_refused_before_anything_is_opened(settings: dict[str,
 
 def test_a_sine_beyond_the_limit_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"virtual_rate_deg_s: 50 deg/s needs 12.5 V of V_Vc, the bench allows"):
-        vcfbench.dry_run("online", FIELD, settings={"k_vc": "4"})
+        vcfbench.dry_run("online", FIELD, settings={"k_vc": "4", "k_vc_guess_deg_s_per_v": 4.0})
 
 
 def test_the_command_has_a_dry_run() -> None:

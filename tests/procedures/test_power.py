@@ -132,7 +132,7 @@ def test_rails_return_and_stay_within_step() -> None:
         assert [step.voltage_v for step in rails[-2:]] == [10.0, -10.0]
         assert {abs(step.voltage_v) for step in rails} == {9.8, 10.0, 10.2}
         turned = {step.rate_deg_s for step in steps if isinstance(step, SetRate)}
-        assert turned == ({0.0} if by is ScaleFactorBy.V_VC else {0.0, 200.0, -200.0})
+        assert turned == ({0.0, 10.0} if by is ScaleFactorBy.V_VC else {0.0, 10.0, 200.0, -200.0})
         assert any(type(step) is SetVvc for step in steps) is (by is ScaleFactorBy.V_VC)
 
 

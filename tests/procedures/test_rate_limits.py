@@ -194,6 +194,8 @@ def test_output_bending_at_line_has_limits_beyond_line(second_order_per_v: float
 
 @pytest.mark.parametrize("turned", [{"k_vc_guess_deg_s_per_v": -150.0}, {"scale_factor_v_per_deg_s": 0.0125}])
 def test_wrong_sign_of_the_output_is_refused_first(turned: dict[str, Any]) -> None:
-    with pytest.raises(MeasurementError, match=r"the output changes by -1\.8\d* V/V") as ended:  # as it was measured
+    with pytest.raises(
+        MeasurementError, match=r"the output changes by -1\.8\d* V a volt of V_Vc"
+    ) as ended:  # as it was measured
         run("ideal", **turned)
     assert "polarity" in str(ended.value)

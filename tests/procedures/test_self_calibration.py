@@ -674,10 +674,10 @@ def test_zero_of_another_generator_leaves_scale_factor(quiet: tuple[Path, dict[s
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_number_of_wrong_sign_for_k_vc_is_refused(sign: float, tmp_path: Path) -> None:
+def test_number_unlike_the_known_k_vc_is_refused(sign: float, tmp_path: Path) -> None:
     """By the guess of the bench file, or the certificate of the device, whatever K_Vc of the two has."""
     guessed = {**QUICK, "k_vc_guess_deg_s_per_v": sign * 150.0, "devices": str(tmp_path / "devices")}
-    with pytest.raises(ConfigError, match=r"--k-vc .*150.0: expected the sign of .*k_vc_guess_deg_s_per_v"):
+    with pytest.raises(ConfigError, match=r"--k-vc .*150.0: expected -?15.* about -?150 .*k_vc_guess_deg_s_per_v"):
         run(tmp_path, LAB, {**guessed, "k_vc": str(-150.0 * sign)})
     curve = KvcCurve(
         coefficients=(0.0, -sign * 150.0), covariance=((0.0, 0.0), (0.0, 1.0)), v_vc_min_v=-1.5, v_vc_max_v=1.5
@@ -686,8 +686,10 @@ def test_number_of_wrong_sign_for_k_vc_is_refused(sign: float, tmp_path: Path) -
     DeviceStore(tmp_path / "devices").add(
         Certificate(serial="G-1", issued=when, procedure="kvc", k_vc=curve, conditions=CONDITIONS)
     )
-    with pytest.raises(ConfigError, match=r"expected the sign of .*certificate 0001"):
+    with pytest.raises(ConfigError, match=r"expected .* about -?150 .*certificate 0001"):
         run(tmp_path, LAB, {**guessed, "dut": "G-1", "k_vc": str(150.0 * sign)})
+    with pytest.raises(ConfigError, match=r"expected .* about -?150 .*certificate 0001"):
+        run(tmp_path, LAB, {**guessed, "dut": "G-1", "k_vc": str(-300.0 * sign)})
 
 
 @pytest.mark.parametrize("procedure", few(["self-calibration", "online"], "self-calibration"))

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise, starmap
 
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.scale_factor import ROUGHLY
 from vcfbench.records.schema import Point
 from vcfbench.station.parts import Expected
 
@@ -22,9 +23,6 @@ SLOPES = (0.5, 1.5)
 
 _ZEROS_APART = 2.0
 """Largest shift of the zero by the generator coming on at 0 V, in outputs of the matching rate."""
-
-_ROUGHLY = 10.0
-"""Factor by which K_Vc may differ from the guess of the bench file, either way."""
 
 _DRIVEN = frozenset({2, 4, 6, 7})
 """Steps with the generator on: 2 and 4 and the zeros between, where the table is at rest."""
@@ -125,13 +123,18 @@ def require_expected_column(points: Sequence[Point], expected: Expected) -> None
     _require("bias_v", expected.bias_v, bias_v, points[-1].step, within_v(zero) + by_noise * abs(zero.rate_deg_s))
 
 
+def require_expected_slope(slope: float, expected: Expected, step: int) -> None:
+    """Raise MeasurementError unless a slope on the table, V/(deg/s), is one that the bench file expects."""
+    _require("scale_factor_v_per_deg_s", expected.scale_factor_v_per_deg_s, slope, step)
+
+
 def require_expected_k_vc(k_vc: float, guess: float, expected: Expected) -> None:
     """Raise MeasurementError unless K_Vc, (deg/s)/V, has the guess's sign and rough size, or the expected value."""
     _require("k_vc_deg_s_per_v", expected.k_vc_deg_s_per_v, k_vc, 2)
-    if expected.k_vc_deg_s_per_v is None and not 1.0 / _ROUGHLY <= k_vc / guess <= _ROUGHLY:
+    if expected.k_vc_deg_s_per_v is None and not 1.0 / ROUGHLY <= k_vc / guess <= ROUGHLY:
         raise MeasurementError(
             f"K_Vc comes out as {k_vc:.5g} (deg/s)/V, the bench file guesses {guess:g}: its sign, or its size by more "
-            f"than a factor of {_ROUGHLY:g}, is another",
+            f"than a factor of {ROUGHLY:g}, is another",
             instrument="multimeter",
             step="2",
             hint="are the leads of the output or of V_Vc swapped? else correct procedure.k_vc_guess_deg_s_per_v",

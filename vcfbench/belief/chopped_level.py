@@ -6,12 +6,11 @@ from vcfbench import steps
 from vcfbench.analysis.chopped import CHOPPED
 from vcfbench.belief.agreement import require_steady_slope
 from vcfbench.belief.walk import require_answer
-from vcfbench.errors import MeasurementError
 from vcfbench.instructions import routines
 from vcfbench.instructions.scale_factor import (
     LevelSettings,
     ScaleFactorBy,
-    scale_factor_used,
+    require_as_used,
     tells_scale_factor,
 )
 from vcfbench.records.schema import Point
@@ -67,12 +66,7 @@ def chopped(settings: LevelSettings, cycles: int, before: Sequence[Point] = ()) 
         points = yield from at_signs(settings, map(float, CHOPPED))
         require_steady_slope(points, same)
         slope = (points[1].output_v - points[2].output_v) / (points[1].rate_deg_s - points[2].rate_deg_s)
-        known = scale_factor_used(settings)
-        if tells_scale_factor(settings) and slope * known.value < 0.0:
-            raise MeasurementError(
-                f"the scale factor is {slope:+.4g} V/(deg/s), expected {known.value:+.4g} ({known.source})",
-                instrument="multimeter",
-                step=str(points[-1].step),
-                hint="correct the expected value, or check the leads: vcfbench run polarity",
-            )
+        by_v_vc = settings.by is ScaleFactorBy.V_VC
+        if by_v_vc or tells_scale_factor(settings):
+            require_as_used(settings, slope, by_v_vc=by_v_vc)
     return points

@@ -11,6 +11,7 @@ from vcfbench.devices.k_vc_change import require_characterised
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.files import shown
 from vcfbench.instructions.kept import require_valid, with_flicker
+from vcfbench.instructions.scale_factor import ROUGHLY, far
 from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.records import device_values, devices
 from vcfbench.station.bounds import ranged, said
@@ -149,14 +150,25 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             return reference.scale_factor_v_per_deg_s.value
         return None if expected is None else 0.5 * (expected[0] + expected[1])
 
-    def require_sign(self, found: float) -> None:
-        """See that a scale factor has the sign that is known; MeasurementError: it has the other one."""
+    def require_known(self, found: float) -> None:
+        """See that a scale factor has the sign that is known, and is within 10 % of what the bench file expects.
+
+        How far it is from that of a certificate is a result. MeasurementError: it is another one.
+        """
         known = self.known_scale_factor
         if known is not None and found * known < 0.0:
             raise MeasurementError(
                 f"the sign of the scale factor is wrong: expected {known:.4g} V/(deg/s)",
                 instrument="multimeter",
                 hint="check the leads of the meters and of V_Vc, and the sign of --k-vc: vcfbench run polarity tells",
+            )
+        expected = self.expected.scale_factor_v_per_deg_s
+        if expected is not None and not min(far(expected)) <= found <= max(far(expected)):
+            raise MeasurementError(
+                f"the scale factor is {found:.4g} V/(deg/s), the bench file expects {expected[0]:g} to {expected[1]:g} "
+                f"V/(deg/s) (expected.scale_factor_v_per_deg_s): by {self.known.source}",
+                instrument="multimeter",
+                hint="one of the two is wrong: K_Vc (--k-vc, the certificate), or what is expected; or the leads are",
             )
 
     def recalled(self) -> Self:
@@ -239,11 +251,16 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
     usual = (
         settings.expected_gyro().k_vc if own is None else cast("devices.Certificate", own.record).k_vc.coefficients[1]
     )
-    if number * usual < 0.0:
-        where = "k_vc_guess_deg_s_per_v or expected.k_vc_deg_s_per_v" if own is None else f"certificate {own.name}"
+    if own is not None:
+        may, where = far((usual, usual)), f"certificate {own.name}"
+    elif (window := settings.expected.k_vc_deg_s_per_v) is not None:
+        may, where = far(window), "expected.k_vc_deg_s_per_v"
+    else:
+        may, where = [usual / ROUGHLY, usual * ROUGHLY], "k_vc_guess_deg_s_per_v"
+    if not min(may) <= number <= max(may):
         raise ConfigError(
-            f"--k-vc {given}: expected the sign of {usual:g} (deg/s)/V ({where})",
-            hint="vcfbench run polarity measures the sign of K_Vc",
+            f"--k-vc {given}: expected {min(may):.4g} to {max(may):.4g} (deg/s)/V, about {usual:g} ({where})",
+            hint="vcfbench run kvc measures it, vcfbench run polarity its sign",
         )
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
+from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive, one_two_five
@@ -17,10 +18,9 @@ from vcfbench.steps.step import LOOK_AT_SIGNALS, Plan, Routine, answer
 S = TypeVar("S", bound=ProcedureSettings)
 T = TypeVar("T")
 
-_SLOW_DEG_S = 10.0
 SMALL_V = 1.0
 _LOOKS = 5
-"""Rate, V_Vc and readings of a window by which an output at rest is asked whether it answers."""
+"""V_Vc and readings of a window by which an output at rest is asked whether it answers."""
 _ANSWERS = 10.0
 """Standard uncertainties by which it must move: a thousandth of what 10 deg/s make of the paper's gyroscope."""
 
@@ -244,21 +244,28 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
         )
 
 
-def require_answer(settings: ProcedureSettings) -> Routine[None]:
-    """See that the output answers: to a slow rate, or to a small V_Vc where the bench has no table.
+def can_answer(settings: ProcedureSettings) -> bool:
+    """Return True if the bench has a table or a generator, by which the output may show its scale factor."""
+    return settings.station.limits.max_rate_deg_s is not None or _has_source(settings)
 
-    A record at rest has nothing else that tells a gyroscope from a lead that is off, or from a dead demodulator.
-    MeasurementError: it stands where it stood at rest.
+
+def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[None]:
+    """See that the output answers as told: to a slow rate, or to a small V_Vc where no table `turns` it.
+
+    A record at rest has nothing else that tells a gyroscope from a lead that is off, or from a dead demodulator; and
+    nothing else that tells its scale factor from another. MeasurementError: it stands where it stood at rest, or moves
+    otherwise than its scale factor has it.
     """
     limits = settings.station.limits
-    if limits.max_rate_deg_s is None and not _has_source(settings):
+    turns = turns and limits.max_rate_deg_s is not None
+    if not (turns or _has_source(settings)):
         yield steps.NotChecked("whether the output answers", "the bench has neither table nor generator")
         return
     yield steps.Note("Does the output answer?")
     yield from meter_set(settings)
     at_rest = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
-    if limits.max_rate_deg_s is not None:
-        rate_deg_s = min(_SLOW_DEG_S, limits.max_rate_deg_s)
+    if turns:
+        rate_deg_s = limits.slow_deg_s
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
         moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s, settings.rate_tolerance_deg_s)), steps.OutputSeen)
         what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
@@ -268,6 +275,7 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
         yield from set_v_vc(settings, v_vc_v)
         moved = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
         yield steps.DisableVvc()
+        rate_deg_s = v_vc_v * settings.k_vc_guess_deg_s_per_v
         what, aside = f"V_Vc of {v_vc_v:g} V", "the generator's lead to V_Vc, the carrier, "
     u_v = math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
     if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
@@ -278,6 +286,8 @@ def require_answer(settings: ProcedureSettings) -> Routine[None]:
             step="the end of the record",
             hint=f"look at the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
+    moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
+    require_as_used(settings, moved_v / rate_deg_s, abs(within_v / rate_deg_s), by_v_vc=not turns)
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:

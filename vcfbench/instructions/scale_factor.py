@@ -1,16 +1,25 @@
 """The scale factor that turns the output at rest into a rate: given, or expected."""
 
+import itertools
 from collections.abc import Iterator
 from enum import Enum
 from typing import Annotated
 
 from msgspec import Struct
 
+from vcfbench.errors import MeasurementError
 from vcfbench.instructions.kept import KeptSettings
 from vcfbench.station.bounds import ranged, said
-from vcfbench.station.invalid_value import InvalidValue
+from vcfbench.station.invalid_value import MOST_V, InvalidValue, beyond_output
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import DeviceSettings, Station
+
+_MOST_OFF = 0.1
+"""Part by which the output may answer otherwise than the scale factor used: warm-up, curvature, an axis askew."""
+_LEAST_SLOPE = 1e-5
+"""V/(deg/s): 10 deg/s are ten last digits of the meter's range."""
+ROUGHLY = 10.0
+"""Factor by which K_Vc may differ from the guess of the bench file, either way."""
 
 
 class ScaleFactorBy(Enum):
@@ -40,9 +49,15 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()
-        if self.scale_factor_v_per_deg_s == 0.0:
+        stream, slow_deg_s, given = self.station.stream, self.station.limits.slow_deg_s, self.scale_factor_v_per_deg_s
+        most = stream.largest if stream else max(map(abs, self.rails_v or (MOST_V,)))
+        yield from beyond_output(self, "", most, slow_deg_s)
+        if given and not stream and abs(given) < _LEAST_SLOPE:
+            expected = f"at least {_LEAST_SLOPE:g} either way, for a slow rate to be seen: volts by deg/s, not by deg/h"
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
+        if given == 0.0:
             expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
-            yield InvalidValue("scale_factor_v_per_deg_s", expected, self.scale_factor_v_per_deg_s)
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
 
 
 def not_on_bench(by: ScaleFactorBy, station: Station) -> Iterator[InvalidValue]:
@@ -96,3 +111,35 @@ def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
     usual = "nominal" if settings.station.stream else "that of the paper"
     source = "middle of what the bench file expects" if expected else f"{usual}: nothing tells this gyroscope's"
     return ScaleFactor(settings.expected_gyro().scale_factor, None, source)
+
+
+def far(ends: tuple[float, float], part: float = 0.0) -> list[float]:
+    """Return the ends of what was told with a tenth more either way, or the `part` that it may be off."""
+    return [each * (1.0 + sign * max(_MOST_OFF, part)) for each in ends for sign in (-1.0, 1.0)]
+
+
+def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> None:
+    """See that the output answers as the scale factor that is used has it; MeasurementError: it does not.
+
+    `found` is its slope, V/(deg/s), known to `within`; of V_Vc by `k_vc_guess_deg_s_per_v`, which is a rough one.
+    """
+    used, expected, k_vc = scale_factor_used(settings), settings.expected, settings.k_vc_guess_deg_s_per_v
+    factors, said = [1.0], f"{used.value:+.4g} V/(deg/s) ({used.source})"
+    scale = used.value, used.value
+    if settings.scale_factor_v_per_deg_s is None and expected.scale_factor_v_per_deg_s is not None:
+        scale = expected.scale_factor_v_per_deg_s
+    if by_v_vc:
+        of_guess = [each / k_vc for each in expected.k_vc_deg_s_per_v or ()]
+        factors = of_guess or [1.0 / ROUGHLY, ROUGHLY]
+        said += f" and a K_Vc of {'what is expected' if of_guess else f'some {k_vc:g} (deg/s)/V'}"
+    part = 2.0 * (used.u or 0.0) / abs(used.value)
+    may = [each * factor for each, factor in itertools.product(far(scale, part), factors)]
+    if min(may) - within <= found <= max(may) + within:
+        return
+    moves = f"{found * k_vc:+.4g} V a volt of V_Vc" if by_v_vc else f"{found:+.4g} V/(deg/s)"
+    raise MeasurementError(
+        f"the output changes by {moves}, which cannot be {said}",
+        instrument="multimeter",
+        hint="correct scale_factor_v_per_deg_s of the run, or [expected] of the bench file (V, deg/s, its sign); if "
+        "they are right, look at the leads: vcfbench run polarity",
+    )

@@ -15,6 +15,7 @@ from msgspec import Struct
 from vcfbench import steps
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.input_axis import angle_of, direction, tilts
+from vcfbench.belief.agreement import require_expected_slope
 from vcfbench.belief.jumps import watched
 from vcfbench.errors import ConfigError
 from vcfbench.instructions import routines
@@ -98,6 +99,7 @@ def results(settings: AxesSettings, measured: Measured) -> AxesResult:
         weights[number, own] = line_weights(rate[own])[0]
     slopes = weights @ output
     size, axis, _ = direction(slopes, np.zeros((3, 3)))
+    require_expected_slope(size, settings.expected, len(_CASE))
     noise = WindowNoise.of(settings, points, size)
     limit = math.radians(settings.mounting_deg)
     across = np.maximum(size**2 - slopes**2, 0.0)  # of which a mounting that is askew lets some into an axis

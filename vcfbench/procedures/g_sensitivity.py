@@ -95,6 +95,7 @@ def g_sensitivity(settings: GSensitivitySettings) -> steps.Plan:
                 yield steps.Settle(settings.settle_s, "gyro settles after it was turned")
             yield from routines.take(settings, number, rate_deg_s=0.0, v_vc_v=0.0)
             previous = up
+    yield from routines.require_answer(settings, turns=False)
     if previous != upright:
         yield _turned(settings, upright)
 

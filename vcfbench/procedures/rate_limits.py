@@ -24,6 +24,7 @@ from vcfbench.instructions.procedure import Procedure, Watched, roles
 from vcfbench.instructions.scale_factor import (
     LevelSettings,
     ScaleFactorBy,
+    require_as_used,
     scale_factor_used,
     tells_scale_factor,
 )
@@ -145,7 +146,17 @@ class RateLimitsResult(Struct, frozen=True):
                     yield titled(said_of, found)
 
 
-@routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest, partial(watched, steps=_HELD))
+def _answers(settings: RateLimitsSettings, work: steps.Plan) -> steps.Plan:
+    yield from work
+    if not settings.by_table:
+        yield steps.DisableVvc()
+        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
+        yield from routines.require_answer(settings)
+
+
+@routines.framed(
+    *(routines.energised, routines.drive_seen, routines.held_at_rest, _answers), partial(watched, steps=_HELD)
+)
 def rate_limits(settings: RateLimitsSettings) -> steps.Plan:
     """Measure the line, then search the limit of either side, and compare repeated rates."""
     if not settings.by_table:
@@ -204,16 +215,9 @@ def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) 
 
 def _line(settings: RateLimitsSettings, points: Sequence[Point]) -> Line:
     line = Line.of(list(map(settings.input_of, points[: len(CHOPPED)])), [each.output_v for each in points])
-    scale, k_vc = scale_factor_used(settings), 1.0 if settings.by_table else settings.k_vc_guess_deg_s_per_v
-    if line.slope * scale.value * k_vc < 0.0 and (tells_scale_factor(settings) or not settings.by_table):
-        goes = "/(deg/s) with the rate" if settings.by_table else "/V with V_Vc"
-        guess = "" if settings.by_table else f" and {k_vc:+g} (deg/s)/V (k_vc_guess_deg_s_per_v)"
-        raise MeasurementError(
-            f"the output changes by {line.slope:+.4g} V{goes}: not as {scale.value:+.4g} V/(deg/s) "
-            f"({scale.source}){guess} {'have' if guess else 'has'} it",
-            instrument="multimeter",
-            hint="give both with their signs, or check the leads: vcfbench run polarity",
-        )
+    if not settings.by_table or tells_scale_factor(settings):
+        slope = line.slope if settings.by_table else line.slope / settings.k_vc_guess_deg_s_per_v
+        require_as_used(settings, slope, by_v_vc=not settings.by_table)
     return line
 
 

@@ -110,6 +110,7 @@ def repeatability(settings: RepeatabilitySettings) -> steps.Plan:
         yield from routines.take(settings, _AFTER_POWER_ON, rate_deg_s=0.0, v_vc_v=0.0, table_deg_s=due_deg_s)
         yield steps.Settle(settings.start_up_s, "warm-up")
         block = yield from watched(settings, chopped(settings, settings.cycles, block))
+    yield from routines.require_answer(settings)
     yield from routines.look_again(settings, seen)
 
 

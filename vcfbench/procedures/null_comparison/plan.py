@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 
 from vcfbench.analysis.chopped import CHOPPED, Block
-from vcfbench.belief.agreement import require_expected_k_vc
+from vcfbench.belief.agreement import require_expected_k_vc, require_expected_slope
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.routines import at_rates, set_v_vc, v_vc_on
 from vcfbench.instructions.v_vc import take_driven
@@ -163,6 +163,7 @@ def _search(
             break
         levels = _chord(*seen[0], wanted[0], step), _chord(*seen[1], wanted[1], step)
     (left_plus_v, plus_v), (left_minus_v, minus_v) = nearest
+    require_expected_slope((wanted[0] - wanted[1]) / (2.0 * rate_deg_s), settings.expected, step)
     require_expected_k_vc(2.0 * rate_deg_s / (plus_v - minus_v), settings.k_vc_guess_deg_s_per_v, settings.expected)
     usable = [
         _USABLE * abs(want) + (min(left_v, _BETWEEN_RANGES * abs(want)) if len(sides) > 1 else 0.0)

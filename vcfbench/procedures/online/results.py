@@ -221,7 +221,6 @@ def _sign(
                 f"burst {number} of {len(turned)}: output and V_Vc differ by {angles}, expected 0 or 180",
                 instrument="multimeter",
             )
-    settings.require_sign(sign * slope)
     return sign
 
 
@@ -305,6 +304,7 @@ def online_results(settings: OnlineSettings, measured: Measured) -> OnlineResult
     missing = missing_of(settings)
     if settings.v_vc_role != "v_vc_meter" and settings.known_scale_factor is None:
         missing = (*missing, UNKNOWN_SIGN)
+    settings.require_known(gain.value * run.sign / k_vc)
     scale_factor = measurand(gain.value * run.sign / k_vc, "V/(deg/s)", [*own, *common], missing, "scale_factor_small")
     u_readings, u_common = gain.u_readings / abs(k_vc), math.sqrt(math.fsum(each.u**2 for each in (own[1], *common)))
     factors = gain.windows * run.sign / k_vc

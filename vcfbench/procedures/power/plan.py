@@ -132,6 +132,7 @@ def plan(settings: PowerSettings) -> steps.Plan:
     yield steps.Note("Steady currents")
     yield MeasureRails(rails, settings.samples, settings.sample_interval_s)
     yield from watched(settings, _moved(settings))
+    yield from routines.require_answer(settings)
     yield from routines.look_again(settings, seen)
 
 

@@ -218,7 +218,7 @@ def self_calibration_results(settings: SelfCalibrationSettings, points: Measured
     coefficients = np.array(known.k_vc.coefficients) * factor
     seen = _with_shape(settings, seen, coefficients)
     values = seen.estimates(coefficients, seen.v_vc_v, seen.output_v)
-    settings.require_sign(float(values[0]))
+    settings.require_known(float(values[0]))
     measured = () if check is None else check.measured
     settings = health_check.at_phases(settings, measured)
     moved = [*since, *health_check.by_phases(settings), *health_check.unmeasured(settings, measured)]

@@ -71,11 +71,11 @@ def results(settings: ZeroSettings, measured: Measured) -> Any:
 
 
 def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> devices.NewEntry | None:
-    """Return the entry of the device that was named; None where the record shows no flicker.
+    """Return the entry of the device that was named; None where the record shows no flicker, or nothing its rate.
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
     """
-    if settings.dut is None or found.flicker is None:
+    if settings.dut is None or found.flicker is None or not routines.can_answer(settings):
         return None
     value, u = found.flicker
     scale_factor = found.scale_factor_v_per_deg_s

@@ -15,6 +15,7 @@ from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_combination
 from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.instructions.kept import KeptSettings
+from vcfbench.instructions.routines import can_answer
 from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used, tells_scale_factor
 from vcfbench.instructions.v_vc import away_from_warm_k
 from vcfbench.procedures.zero import noise as noises
@@ -145,6 +146,9 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
+_UNSEEN = "no table and no generator has shown that the output answers so: its flicker is not kept of a device"
+
+
 class ZeroResult(Struct, frozen=True):
     """A static record. `mode` is the treatment of its dead time; rates are outputs over the scale factor."""
 
@@ -268,6 +272,7 @@ def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) ->
         described=noise.described,
         remarks=(
             *noise.remarks,
+            *(() if can_answer(settings) else (_UNSEEN,)),
             *(f"from reading {each.row + 1} on: {each.words}" for each in doubts_of_record(rates)),
         ),
     )

@@ -1,0 +1,101 @@
+"""A scale factor that was told is held against what the output shows, before anything is stated by it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from msgspec import structs
+
+import vcfbench
+from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used
+from vcfbench.records.devices import DeviceStore
+from vcfbench.station.parts import Expected
+from vcfbench.station.settings import Station
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TRUE = -0.0125527
+WRONG = {"in mV": 1e3 * TRUE, "sign": -TRUE, "per deg/h": TRUE / 3600.0, "twice": 2.0 * TRUE, "half": 0.5 * TRUE}
+SHORT: dict[str, dict[str, Any]] = {
+    "zero": {"duration_s": 200.0, "powered_s": 10.0},
+    "warmup": {"shortest_s": 180.0, "longest_s": 240.0},
+    "power": {"warm_up_s": 0.0, "samples": 4},
+    "rate-limits": {"warm_up_s": 0.0, "samples": 4},
+    "repeatability": {"power_cycles": 3, "off_s": 60.0, "warm_up_s": 60.0, "samples": 4},
+    "g-sensitivity": {"warm_up_s": 0.0, "samples": 4},
+    "temperature": {"temperatures_c": [20.0, 40.0, 60.0], "samples": 4},
+}
+BY_V_VC = {"g-sensitivity", "temperature"}
+"""Of these nobody turns the table: K_Vc is known to a factor of ten."""
+
+
+def told(value: float, *, expected: bool, **keys: Any) -> AtRestSettings:
+    if expected:
+        window = (min(0.99 * value, 1.01 * value), max(0.99 * value, 1.01 * value))
+        return AtRestSettings(station=Station(expected=Expected(scale_factor_v_per_deg_s=window, **keys)))
+    return AtRestSettings(scale_factor_v_per_deg_s=value, station=Station(expected=Expected(**keys)))
+
+
+@pytest.mark.parametrize("expected", [False, True])
+@pytest.mark.parametrize("wrong", WRONG)
+def test_an_output_that_answers_otherwise_is_refused(wrong: str, *, expected: bool) -> None:
+    with pytest.raises(MeasurementError, match=r"the output changes by -0\.01255 V/"):
+        require_as_used(told(WRONG[wrong], expected=expected), TRUE, by_v_vc=False)
+    known = told(WRONG[wrong], expected=expected, k_vc_deg_s_per_v=(148.0, 152.0))
+    with pytest.raises(MeasurementError, match=r"-1\.883 V a volt of V_Vc, .* what is expected"):
+        require_as_used(known, TRUE, by_v_vc=True)
+
+
+@pytest.mark.parametrize("expected", [False, True])
+@pytest.mark.parametrize("off", [0.92, 1.0, 1.08])
+def test_what_warm_up_and_curvature_make_is_let_through(off: float, *, expected: bool) -> None:
+    require_as_used(told(TRUE, expected=expected), off * TRUE, by_v_vc=False)
+    require_as_used(told(TRUE, expected=expected), 8.0 * off * TRUE, by_v_vc=True)
+    noisy = told(TRUE, expected=expected)
+    require_as_used(noisy, 1.4 * TRUE, abs(0.35 * TRUE), by_v_vc=False)
+
+
+def test_u_of_a_scale_factor_widens_the_limits() -> None:
+    rough = structs.replace(told(TRUE, expected=False), scale_factor_u_v_per_deg_s=abs(TRUE) / 3.0)
+    require_as_used(rough, 1.6 * TRUE, by_v_vc=False)
+    with pytest.raises(MeasurementError, match="cannot be"):
+        require_as_used(rough, 1.8 * TRUE, by_v_vc=False)
+
+
+def ended(name: str, tmp_path: Path, settings: dict[str, Any], window: list[float] | None = None) -> Exception | None:
+    bench = vcfbench.load_bench("lab" if name == "temperature" else "paper")
+    if window is not None:
+        bench = structs.replace(bench, expected=structs.replace(bench.expected, scale_factor_v_per_deg_s=tuple(window)))
+    try:
+        settings = {**SHORT[name], **settings, "dut": "Z", "devices": str(tmp_path)}
+        found = vcfbench.run(name, bench, seed=1, settings=settings, runs=None)
+    except (ConfigError, MeasurementError) as error:
+        return error
+    return found.error
+
+
+def test_nothing_is_kept_by_a_scale_factor_of_the_wrong_sign(tmp_path: Path) -> None:
+    assert isinstance(ended("zero", tmp_path, {"scale_factor_v_per_deg_s": -TRUE}), MeasurementError)
+    assert not DeviceStore(tmp_path).standing("Z")
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("expected", [False, True])
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("name", SHORT)
+def test_no_procedure_believes_it(name: str, wrong: str, tmp_path: Path, *, expected: bool) -> None:
+    value = WRONG[wrong]
+    window = sorted([0.99 * value, 1.01 * value]) if expected else None
+    found = ended(name, tmp_path, {} if expected else {"scale_factor_v_per_deg_s": value}, window)
+    rough = name in BY_V_VC and wrong in {"twice", "half"}
+    assert (found is None) is rough
+    assert not DeviceStore(tmp_path).standing("Z") or rough
+
+
+@pytest.mark.parametrize("value", [1e3 * TRUE, TRUE / 3600.0])
+def test_another_unit_is_refused_before_anything_is_opened(value: float) -> None:
+    with pytest.raises(ConfigError, match=r"scale_factor_v_per_deg_s: expected at (most 1|least 1e-05) either way"):
+        vcfbench.dry_run("zero", settings={"scale_factor_v_per_deg_s": value})
