@@ -14,7 +14,7 @@ ANGLES = {"deg": 1.0, "\u00b0": 1.0, "rad": 180.0 / math.pi, "arcsec": 1.0 / 360
 TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "hour": 3600.0}
 OTHERS = {
     Kind.COUNT: ("LSB", "counts", "digits", "raw", "ADC"),
-    Kind.TEMPERATURE: ("degC", "\u00b0C", "C", "deg C", "Celsius", "K", "kelvin", "degF", "F"),
+    Kind.TEMPERATURE: ("degC", "\u00b0C", "C", "deg C", "Celsius", "K", "kelvin"),
     Kind.OTHER: ("g", "m/s^2", "mA", "Hz", "hPa", "%", "ohm", "deg", "rad", "mrad"),
 }
 
@@ -38,6 +38,7 @@ def test_other_units_have_their_kinds_and_factors() -> None:
     short = {"dps": 1.0, "dph": 1.0 / 3600.0, "rpm": 6.0}
     rows += [(f"{p}{word}", Kind.RATE, by * short[word]) for p, by in PREFIXES.items() for word in short]
     rows += [(word, kind, 1.0) for kind, words in OTHERS.items() for word in words]
+    rows += [(word, Kind.TEMPERATURE, 5.0 / 9.0) for word in ("degF", "\u00b0F", "F")]
     for written, kind, factor in rows:
         found = unit_of(written)
         assert found is not None, written
