@@ -24,7 +24,7 @@ def grouped(value: float, decimals: int, sign: str) -> str:
 
 @pytest.mark.parametrize("sign", [".", ","])
 @pytest.mark.parametrize("told", [True, False])
-def test_thousands_are_read_where_they_are_sure_and_asked_about_elsewhere(sign: str, *, told: bool) -> None:
+def test_thousands_are_read_where_sure_and_asked_about_elsewhere(sign: str, *, told: bool) -> None:
     draw = np.random.default_rng(5)
     for value in (10.0 ** draw.uniform(0, 8, 60) * draw.choice([-1, 1], 60)).tolist():
         for decimals in (0, 1, 2, 3):

@@ -57,7 +57,7 @@ def test_n_of_a_coarse_record_is_right_or_a_bound(kind: str, sds: float) -> None
             assert abs(walk.value or 0.0) == pytest.approx(60.0, abs=3.0 * walk.u)
 
 
-def test_digit_of_a_mean_is_that_in_which_it_is_written() -> None:
+def test_digit_of_a_mean_is_that_of_its_text() -> None:
     readings = np.random.default_rng(1).integers(-9, 9, 3000) / 3.0 * (1.0 + 1e-15 * np.arange(3000))
     assert digit_of(readings).step == pytest.approx(1 / 3)
     assert digit_of(np.ones(100)).step == 0.0

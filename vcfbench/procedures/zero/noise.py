@@ -30,6 +30,9 @@ _PER_OCTAVE = 2
 _ALWAYS = (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY)
 _USUAL_MARGIN = 2
 """Points at the start of a curve that the fit always leaves as a margin."""
+_PARTS = 1000
+_FOLLOWS = 3.5
+"""Uncertainties by which the line through a record may rise less than its curve says."""
 _LARGEST = 1e30
 """deg/s: the fourth power of it is still a number."""
 _APART = range(8, 17)
@@ -48,6 +51,10 @@ _UNITS = {
 """From the units of the fit, seconds and degrees, to those that data sheets have."""
 
 
+_NO_RAMP: Final = (
+    "The curve rises as that of a rate ramp, but the record has no such slope: something slow goes to and fro (a "
+    "temperature, a control loop), and B, K, R are not stated. Record at a constant temperature, or for longer."
+)
 _FORMS: Final[tuple[Form, Form]] = ("plus-minus", "below")
 
 
@@ -134,6 +141,7 @@ def record_noise(
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
     spreads = spreads_of_means(rates_deg_s, sampling, _DEG_H)
+    slope, ramp = slope_of(rates_deg_s) / sampling.interval_s, True
     curve = allan.allan_deviation(
         rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE, overwrite=overwrite
     )
@@ -146,9 +154,9 @@ def record_noise(
     else:
         walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
         fit = with_what_is_let_through(by_scatter(model.fit, rates_deg_s, fitted), fitted, u_bandwidth_hz)
-        fit = without_meter(fit, fitted, meter_deg_s)
-        if digit is not None:
-            fit = without_digit(fit, digit, follows[0].tau_s, fitted.interval_s)
+        fit = without_digit(without_meter(fit, fitted, meter_deg_s), digit, follows[0].tau_s, fitted.interval_s)
+        ramp = follows_slope(fit, slope, size * sampling.interval_s)
+        fit = fit if ramp else with_bounds_alone(fit)
     law = PhaseNoise() if fit is None else fit.coefficients.phase_noise(fitted)
     if law.squares().any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
@@ -160,7 +168,7 @@ def record_noise(
         curve = points
     # In the units of data sheets; where the noise bandwidth of a reading is not known, but corrected for, N is a bound
     passed = not corrected or sampling.gapless or sampling.noise_bandwidth_hz is not None
-    described, coefficients = model is None or model.described, []
+    described, coefficients = (model is None or model.described) and ramp, []
     for term, each in ({} if fit is None or model is None else fit.terms).items():
         factor, unit = _UNITS[term]
         known = (passed or term is not Term.ANGLE_RANDOM_WALK) and (each.u is not None or described)
@@ -185,8 +193,29 @@ def record_noise(
         follows[0].tau_s,
         follows[-1].tau_s,
         described,
-        () if model is None else tuple(_remarks(model, curve, coefficients)),
+        () if model is None else tuple(_remarks(model, curve, coefficients)) if ramp else (_NO_RAMP,),
     )
+
+
+def slope_of(rates_deg_s: Floats) -> float:
+    """Return the slope of the line through a record, deg/s a reading."""
+    parts = np.array_split(rates_deg_s, min(rates_deg_s.size, _PARTS))
+    means = np.array([part.mean() for part in parts])
+    return float(np.polyfit(np.arange(means.size), means, 1)[0]) * means.size / rates_deg_s.size
+
+
+def follows_slope(fit: NoiseFit, slope: float, length_s: float) -> bool:
+    """Return whether a record has the slope, deg/s^2, of the rate ramp that its curve shows.
+
+    A slow sine rises like a ramp up to a quarter of its period, and chi-square does not see it in the few long
+    averages. A random walk gives the line a slope of K sqrt(6 / 5 / T) by itself.
+    """
+    ramp = fit.terms.get(Term.RATE_RAMP)
+    if ramp is None or ramp.u is None:
+        return True
+    walk = fit.terms.get(Term.RATE_RANDOM_WALK)
+    by_walk = walk.value * math.sqrt(1.2 / length_s) if walk is not None else 0.0
+    return abs(slope) >= ramp.value - _FOLLOWS * math.hypot(ramp.u, by_walk)
 
 
 def _remarks(
@@ -276,14 +305,20 @@ def without_meter(fit: NoiseFit, sampling: Sampling, meter_deg_s: float) -> Nois
     return _with_walk(fit, value, u, walk.upper_95)
 
 
-def without_digit(fit: NoiseFit, digit: Digit, begin_s: float, interval_s: float) -> NoiseFit:
+def with_bounds_alone(fit: NoiseFit) -> NoiseFit:
+    """Return the fit of which N alone is stated."""
+    terms = {term: replace(each, u=None) for term, each in fit.terms.items()}
+    return replace(fit, terms={**terms, Term.ANGLE_RANDOM_WALK: fit.terms[Term.ANGLE_RANDOM_WALK]})
+
+
+def without_digit(fit: NoiseFit, digit: Digit | None, begin_s: float, interval_s: float) -> NoiseFit:
     """Return the fit with N less what rounding adds; of a coarse digit nothing but a bound on N.
 
     Independent errors add q^2/12 an interval; of held readings they last as long as these, so the part of the variance
     counts. The middle of the two is taken out, the rest is a rectangular limit (ours).
     """
     walk, intervals = fit.terms.get(Term.ANGLE_RANDOM_WALK), round(begin_s / interval_s)
-    if walk is None or not digit.step:
+    if walk is None or digit is None or not digit.step:
         return fit
     if digit.in_sd(intervals) > COARSE:  # the noise is half a digit at most, of which the readings show too little
         hidden = max(1.0, 0.5 * digit.step / max(digit.over(intervals), 1e-9 * digit.step))
