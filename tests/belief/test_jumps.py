@@ -95,4 +95,6 @@ def test_outputs_vary_together_by_the_causes_that_they_share(seed: int, kind: st
     free = np.column_stack([x**order for order in range(ORDERS + 1)])
     found = _covariance(walk, walk.windows, x, free)
     count = range(len(levels))
-    assert found == pytest.approx(np.array([[by_causes(walk, x, free, i, j) for j in count] for i in count]), rel=1e-9)
+    assert found == pytest.approx(
+        np.array([[by_causes(walk, x, free, i, j) for j in count] for i in count]), rel=1e-6, abs=1e-17
+    )
