@@ -101,7 +101,7 @@ class RecordAnalysis(Struct, frozen=True):
                 *(Notice(each) for each in self.notices),
                 noise_table(self.noise),
                 *map(Text, self.remarks),
-                *(Text(f"{name}: {value:.4g}") for name, value in self.densities.items() if value),
+                *(Text(f"{name}, two-sided: {value:.4g}") for name, value in self.densities.items() if value),
                 stability_table(self.stability_deg_h),
                 allan_table(self.allan_deg_h),
                 Text(
