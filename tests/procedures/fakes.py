@@ -12,8 +12,8 @@ from vcfbench.drivers.hands import Hands
 from vcfbench.errors import LinkLost, MeasurementError
 from vcfbench.interfaces import Identity, Regulation, SafeReport, UnprovedCommand, Waveform
 from vcfbench.procedures.virtual_coriolis.settings import VirtualCoriolisSettings
-from vcfbench.station.parts import Expected
-from vcfbench.station.settings import DriveWindow, PlacedInstrument, Station
+from vcfbench.station.parts import DriveWindow, Expected
+from vcfbench.station.settings import PlacedInstrument, Station
 
 if TYPE_CHECKING:
     from vcfbench.clock import Deadline

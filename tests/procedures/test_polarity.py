@@ -27,8 +27,8 @@ from vcfbench.procedures.polarity import (
 from vcfbench.records.schema import Point
 from vcfbench.sim.gyro.warm_output import warm_output
 from vcfbench.sim.simulation import physical_parameters
-from vcfbench.station.parts import Expected, Limits, OscilloscopeWiring
-from vcfbench.station.settings import DriveWindow, PlacedInstrument, Station
+from vcfbench.station.parts import DriveWindow, Expected, Limits, OscilloscopeWiring
+from vcfbench.station.settings import PlacedInstrument, Station
 from vcfbench.steps import AwaitRate, ConfigureScope, DriveReading, SetRate, SetVvc
 from vcfbench.steps.executor import Executor
 from vcfbench.steps.measured import Measured

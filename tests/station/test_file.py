@@ -346,6 +346,13 @@ def test_what_was_expected_and_what_came(path: tuple[str, ...], value: object, s
         (("limits", "min_rail_v"), 1e-7, "limits.min_rail_v: expected 0, or at least 1e-06 either sign, got 1e-07"),
         (("procedure", "rates_deg_s"), [1, 2, -1e-300], "procedure.rates_deg_s[2]: expected 0, or at least 1e-06"),
         (("multimeter", "resource"), "gpib0::5::instr", "multimeter.resource: expected a resource of its own"),
+        (
+            ("procedure", "drive", "frequency_hz"),
+            [3.475, 3.503],
+            "procedure.drive.frequency_hz: expected a window",
+        ),
+        (("procedure", "drive", "amplitude_v"), [50, 300], "procedure.drive.amplitude_v: expected a window up to 25 V"),
+        (("procedure", "drive", "phase_deg"), [1.4, 1.75], "procedure.drive.phase_deg: expected a window of 2 degrees"),
         (("expected", "scale_factor_v_per_deg_s"), [-12.7, -12.4], "expected.scale_factor_v_per_deg_s: expected at mo"),
         (("expected", "bias_v"), [-50, -30], "expected.bias_v: expected at most 10.5 either way: the output ends at"),
         (("expected", "zero_drift_v"), 30, "expected.zero_drift_v: expected at most 10.5 either way"),

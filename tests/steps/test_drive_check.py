@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vcfbench.station.settings import DriveWindow
+from vcfbench.station.parts import DriveWindow
 from vcfbench.steps import DriveReading
 from vcfbench.steps.drive_check import _complaint
 

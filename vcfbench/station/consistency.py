@@ -50,7 +50,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
     for node in DRIVE_CHECK_NODES if description.oscilloscope is not None else ():
         if wiring.oscilloscope.channel_of(node) is None:
             yield InvalidValue("wiring.oscilloscope", f"a channel on {node!r}, for the start-up check", None)
-    yield from _windows(description)
+    yield from windows_of_results(description)
     yield from _served(description)
     yield from _stream(description)
     for name, part in structs.asdict(description).items():
@@ -59,7 +59,7 @@ def invalid_values(description: BenchDescription) -> Iterator[InvalidValue]:
             yield from lost_digits(structs.replace(part, stream=UNSET) if name == "gyro" else part, name)
 
 
-def _windows(description: BenchDescription) -> Iterator[InvalidValue]:
+def windows_of_results(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check that windows of results are none that the output cannot reach."""
     limits, stream = description.limits, description.stream
     most = stream.largest if stream else limits.max_rail_v or MOST_V

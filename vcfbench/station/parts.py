@@ -1,6 +1,6 @@
 """Tables of the bench file that settings of procedures hold too: wiring, limits, expected values, acceptance."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -8,6 +8,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import LimitError
 from vcfbench.station import bounds
+from vcfbench.station.invalid_value import MOST_V, InvalidValue, turned_windows
 
 Node = Literal["output", "v_vc", "drive", "carrier", "sense", "rail_positive", "rail_negative"]
 SupplyOutput = Literal["P6V", "P25V", "N25V"]
@@ -168,3 +169,33 @@ class AcceptanceLimits(BenchFileTable, frozen=True, kw_only=True):
     scale_factor_repeatability_ppm: bounds.PpmWindow | None = None
     drift_ppm: bounds.DriftWindow | None = None
     e_n: bounds.EnWindow | None = None
+
+
+class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
+
+    frequency_hz: Annotated[bounds.FrequencyWindow, bounds.said("frequency of the drive signal")] = (3475.0, 3503.0)
+    amplitude_v: Annotated[bounds.AmplitudeWindow, bounds.said("its amplitude")] = (0.05, 10.0)
+    phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against it")] = (-180.0, 180.0)
+    start_up_s: Annotated[bounds.StartUp, bounds.said("time given to the drive loop after power-on")] = 5.0
+
+    @property
+    def foreseen(self) -> tuple[float, float, float]:
+        """Frequency (Hz), amplitude (V) and phase (deg) with which a dry run answers; a run measures them."""
+        return middle(self.frequency_hz), middle(self.amplitude_v), middle(self.phase_deg)
+
+    def contradictions(self) -> Iterator[InvalidValue]:
+        """Yield the windows that no drive is in, or no oscilloscope tells: they are in another unit."""
+        yield from turned_windows(self, "drive")
+        for key, wrong, expected in (
+            ("frequency_hz", self.frequency_hz[0] < 1000.0, "from 1000 Hz on, in Hz and not kHz"),
+            ("amplitude_v", self.amplitude_v[1] > MOST_V, f"up to {MOST_V:g} V, the largest supply, in V and not mV"),
+            ("phase_deg", self.phase_deg[1] - self.phase_deg[0] < 2.0, "of 2 degrees and more, in degrees and not rad"),
+        ):
+            if wrong:
+                yield InvalidValue(f"drive.{key}", f"a window {expected}", list(getattr(self, key)))
+
+
+def middle(window: Window) -> float:
+    """Return the middle of a window."""
+    return 0.5 * (window[0] + window[1])

@@ -14,7 +14,7 @@ from vcfbench.errors import ConfigError
 from vcfbench.models import data_sheet_of
 from vcfbench.station import bounds, parts
 from vcfbench.station.gaps import GAPS, Gap
-from vcfbench.station.invalid_value import InvalidValue, lost_digits, turned_windows
+from vcfbench.station.invalid_value import InvalidValue, lost_digits
 from vcfbench.station.linear_gyro import LinearGyro
 
 if TYPE_CHECKING:
@@ -262,20 +262,6 @@ class Station(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 _RATES = "rates of the table, in their order; -5:5:0.5 is a range"
 
 
-class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
-
-    frequency_hz: Annotated[bounds.FrequencyWindow, bounds.said("frequency of the drive signal")] = (3475.0, 3503.0)
-    amplitude_v: Annotated[bounds.AmplitudeWindow, bounds.said("its amplitude")] = (0.05, 10.0)
-    phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against it")] = (-180.0, 180.0)
-    start_up_s: Annotated[bounds.StartUp, bounds.said("time given to the drive loop after power-on")] = 5.0
-
-    @property
-    def foreseen(self) -> tuple[float, float, float]:
-        """Frequency (Hz), amplitude (V) and phase (deg) with which a dry run answers; a run measures them."""
-        return _middle(self.frequency_hz), _middle(self.amplitude_v), _middle(self.phase_deg)
-
-
 class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The settings that all procedures share. A subclass adds the keys of one procedure, each with a default.
 
@@ -298,7 +284,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     meter_range_v: Annotated[Literal[1, 10, 100], bounds.said("fixed range of the multimeter")] = 10
     rates_deg_s: Annotated[bounds.Rates, bounds.said(_RATES, option="--rates")] = PAPER_RATES_DEG_S
     k_vc_guess_deg_s_per_v: Annotated[bounds.Slope, bounds.said("rate that 1 V of V_Vc stands for, roughly")] = 150.0
-    drive: DriveWindow = field(default_factory=DriveWindow)
+    drive: parts.DriveWindow = field(default_factory=parts.DriveWindow)
     station: Station = field(default_factory=Station)
 
     of_device: ClassVar[tuple[str, ...]] = ()
@@ -396,9 +382,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         expected = self.expected
         usual = {"V": -0.0125, "deg/s": 1.0}.get(self.station.output_unit, 100.0)
         return LinearGyro(
-            self.k_vc_guess_deg_s_per_v if expected.k_vc_deg_s_per_v is None else _middle(expected.k_vc_deg_s_per_v),
-            usual if expected.scale_factor_v_per_deg_s is None else _middle(expected.scale_factor_v_per_deg_s),
-            0.0 if expected.bias_v is None else _middle(expected.bias_v),
+            self.k_vc_guess_deg_s_per_v
+            if expected.k_vc_deg_s_per_v is None
+            else parts.middle(expected.k_vc_deg_s_per_v),
+            usual if expected.scale_factor_v_per_deg_s is None else parts.middle(expected.scale_factor_v_per_deg_s),
+            0.0 if expected.bias_v is None else parts.middle(expected.bias_v),
         )
 
     def made_plain(self) -> Self:
@@ -419,7 +407,7 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def contradictions(self) -> Iterator[InvalidValue]:
         """Yield the contradictions between values, or with the limits of the station."""
         yield from lost_digits(structs.replace(self, station=UNSET), "")
-        yield from turned_windows(self.drive, "drive")
+        yield from self.drive.contradictions()
         if len(set(self.rates_deg_s)) < 3:
             yield InvalidValue("rates_deg_s", "at least three different rates", list(self.rates_deg_s))
         if self.k_vc_guess_deg_s_per_v == 0.0:
@@ -493,7 +481,3 @@ class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
 def rate_words(limit_deg_s: float) -> str:
     """Say which rates the station bears."""
     return f"a rate of at most {limit_deg_s:g} deg/s either way (limits.max_rate_deg_s)"
-
-
-def _middle(window: tuple[float, float]) -> float:
-    return 0.5 * (window[0] + window[1])

@@ -4,7 +4,8 @@ import math
 from itertools import cycle
 
 from vcfbench.errors import MeasurementError
-from vcfbench.station.settings import DriveWindow, ProcedureSettings
+from vcfbench.station.parts import DriveWindow
+from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import ConfigureScope, DriveAmplitudes, DriveReading, FindDrive, MeasureDrive, ScopeReady, Settle
 from vcfbench.steps.step import Routine, answer
 
