@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import tomllib
+from datetime import date
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,6 +19,7 @@ from typer.testing import CliRunner
 import vcfbench
 from vcfbench.archive.results import evaluate
 from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import asked_in_python, meter_worth, settings_of
@@ -195,6 +197,39 @@ level_v = -10
 correction_v = -180e-6
 expanded_v = 40e-6
 """
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("correction_v", 0.12), ("correction_v", -0.12), ("expanded_v", 0.04), ("correction_v", 20e-3)]
+)
+def test_a_certificate_in_mv_is_refused_as_the_file_is_read(key: str, value: float) -> None:
+    known = tomllib.loads(embedded_text("paper") + CERTIFICATE)
+    known["multimeter"]["calibration"][1][key] = value
+    with pytest.raises(
+        ConfigError, match=rf"multimeter\.calibration\[1\]\.{key}: expected at most 0\.004\d* V, .*mV\?"
+    ):
+        checked_bench(known, "")
+
+
+def test_a_correction_beyond_the_data_sheet_is_told() -> None:
+    known = tomllib.loads(embedded_text("paper") + CERTIFICATE)
+    known["multimeter"]["calibration"][1]["correction_v"] = 1e-3
+    settings = settings_of(PROCEDURES["turntable"], checked_bench(known, ""))
+    assert "CORRECTED at 10 V by 2.5 limits of the data sheet" in settings.station.sources.meter_age_from
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value", "said"),
+    [
+        ("multimeter", "calibrated", date(2200, 1, 15), "multimeter.calibrated: expected a day that is past"),
+        ("uncertainty", "meter_age_days", 2026, "uncertainty.meter_age_days: at most 365 days"),
+    ],
+)
+def test_what_no_run_could_use_is_refused_as_the_file_is_read(table: str, key: str, value: Any, said: str) -> None:
+    known = tomllib.loads(embedded_text("paper"))
+    known[table][key] = value
+    with pytest.raises(ConfigError, match=said):
+        checked_bench(known, "")
 
 
 def test_certificate_corrects_readings_and_replaces_data_sheet() -> None:

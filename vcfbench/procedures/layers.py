@@ -26,6 +26,7 @@ from vcfbench.files import dotted
 from vcfbench.models import ROLES, data_sheet_of
 from vcfbench.specifications import (
     AGILENT_33220A,
+    HP_34401A,
     ROOM_C,
     WORST_OF_CLASS,
     Accuracy,
@@ -134,7 +135,8 @@ def check_tables(description: BenchDescription, source: str) -> None:
     ConfigError: a key is unknown to every procedure, or a value cannot be.
     """
     station = _station(description)
-    _settled(ProcedureSettings, [shared_layer(ProcedureSettings, description.procedure_table, source)], station)
+    shared_keys = shared_layer(ProcedureSettings, description.procedure_table, source)
+    _sources(description, _checked(ProcedureSettings, [shared_keys], station)[0])
     shared = setting_keys(ProcedureSettings)
     own = {key: value for key, value in description.procedure_table.items() if key not in shared and value != {}}
     if not own:
@@ -273,6 +275,7 @@ def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, rol
     worth: dict[str, Any] = {}
     sheet: VoltmeterSpecification | None = None if part is None else data_sheet_of(part.like or part.model)
     if sheet is not None:
+        said += "".join(f"; {each}" for each in large_corrections(part, role, sheet))
         if range_v not in sheet.accuracy:
             said += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
         elif sheet.known_accuracy(range_v, age_days) is None:
@@ -290,6 +293,28 @@ def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, rol
         if role == "multimeter":
             worth["meter_gain"] = _with_load(worth, description, range_v)
     return {key: age_days, key.replace("_days", "_from"): said, **worth}
+
+
+_MOST_LIMITS = 10.0
+"""Limits of the data sheet by which a meter may be off, or its certificate not know it; ten years are no more."""
+
+
+def large_corrections(part: Any, role: str, sheet: VoltmeterSpecification) -> Iterator[str]:
+    """Yield each correction beyond the data sheet's limit; ConfigError: a correction or its U is beyond ten of them."""
+    for number, each in enumerate(part.calibration):
+        known = sheet.accuracy.get(each.range_v) or HP_34401A.accuracy.get(each.range_v)
+        if known is None:
+            continue
+        limit = known[max(known)]
+        limit_v = limit.reading * abs(each.level_v) + limit.range * each.range_v
+        for key in ("correction_v", "expanded_v"):
+            came_v = getattr(each, key)
+            if abs(came_v) > _MOST_LIMITS * limit_v:
+                expected = f"at most {_MOST_LIMITS * limit_v:.2g} V, ten limits of the data sheet (in V, not mV?)"
+                raise refusal(f"{role}.calibration[{number}].{key}", expected, words(came_v))
+        if abs(each.correction_v) > limit_v:
+            times = abs(each.correction_v) / limit_v
+            yield f"CORRECTED at {each.level_v:g} V by {times:.2g} limits of the data sheet: is the meter in order?"
 
 
 def _stream_sources(stream: Stream) -> dict[str, Any]:
