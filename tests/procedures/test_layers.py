@@ -111,9 +111,11 @@ def test_table_of_a_custom_procedure_is_checked_when_run() -> None:
 
 def test_impossible_default_is_named_with_its_place() -> None:
     text = embedded_text("ideal").replace("max_rate_deg_s = 300", "max_rate_deg_s = 9")
-    said = refusal(lambda: parse_bench(text, "lab.toml"))
+    slow = parse_bench(text, "lab.toml")  # another rate may be asked for
+    said = refusal(lambda: settings_of(TURNTABLE, slow, source="lab.toml"))
     assert said.startswith("lab.toml: procedure.rates_deg_s[0]: expected a rate of at most 9 deg/s either way")
     assert said.endswith("got 200.0, the default; set rates_deg_s in [procedure] of the bench file")
+    assert settings_of(TURNTABLE, slow, asked_in_python({"rates_deg_s": [9, 0, -9]})).fastest_deg_s == 9.0
     lab = parse_bench(text.replace("[procedure.drive]", "[procedure]\nrates_deg_s = [5, 0, -5]\n[procedure.drive]"), "")
     assert settings_of(TURNTABLE, lab).rates_deg_s == (5.0, 0.0, -5.0)
     said = refusal(lambda: settings_of(VIRTUAL_CORIOLIS, lab, source="lab.toml"))

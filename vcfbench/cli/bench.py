@@ -17,7 +17,7 @@ from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError, PlanError
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
-from vcfbench.runs.needs import what_can_run
+from vcfbench.runs.needs import AS_SET, what_can_run
 from vcfbench.station import discovery, file
 from vcfbench.station.discovery import DiscoveredInstrument
 from vcfbench.station.equipment import calibration_words
@@ -173,12 +173,12 @@ def _abilities(lacks: Mapping[str, str | None], none_because: str) -> str:
             able.append(name)
         else:
             others[lack.removeprefix(f"{name} ")].append(name)
-    if not able:
+    if not able and not any(lack.startswith(AS_SET) for lack in others):
         return f"can run: no procedure: {none_because}"
     unable = (
         f"cannot run: {', '.join(names)}{': each ' if len(names) > 1 else ' '}{lack}" for lack, names in others.items()
     )
-    return "\n".join([f"can run: {', '.join(able)}", *unable])
+    return "\n".join([f"can run: {', '.join(able) or 'no procedure'}", *unable])
 
 
 def _checked_row(each: CheckedInstrument) -> tuple[str, ...]:

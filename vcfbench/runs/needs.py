@@ -16,6 +16,9 @@ from vcfbench.records.metadata import RunMetadata
 from vcfbench.safety.roles import needed_roles
 from vcfbench.station.description import BenchDescription
 
+AS_SET = "as it is set"
+"""What a procedure lacks whose settings the bench does not bear."""
+
 
 def require_needs(procedure: AnyProcedure, description: BenchDescription) -> None:
     """Raise ConfigError when the bench lacks an instrument that `procedure` needs, or one lacks a capability.
@@ -108,7 +111,7 @@ def what_can_run(description: BenchDescription, not_ready: Sequence[str] = ()) -
         try:
             settings_of(procedure, description, recalled=False)
         except ConfigError as error:
-            lacks[name] = f"{name} as it is set: {error.what}"
+            lacks[name] = f"{name} {AS_SET}: {error.what}"
             continue
         opened = ["watchdog", *(each.name for each in needed_roles(description, roles_of(procedure, description)))]
         failed = [each for each in not_ready if each.partition(" of ")[0] in opened]
