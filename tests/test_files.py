@@ -85,6 +85,36 @@ def test_what_no_setting_is_is_one_sentence(text: str, words: str) -> None:
     assert len(str(caught.value)) < 300
 
 
+@pytest.mark.parametrize(
+    ("text", "said", "cure"),
+    [
+        ("b = 1\na = 2\nb = 3\n", "line 3, column 6): b = 3;", "stands above already"),
+        ("[x]\n[y]\n[x]\n", "line 3, column 3): [x];", "the table stands above already"),
+        ("[site]\nlatitude_deg = 37,9\n", "line 2, column 18): latitude_deg = 37,9;", "a decimal point, not a comma"),
+        ("day = 01-15-2026", "day = 01-15-2026;", "write a day as 2026-01-15"),
+        ("day = 15.01.2026", "day = 15.01.2026;", "write a day as 2026-01-15"),
+        ("day = 2026-02-30", "day = 2026-02-30;", "write a day as 2026-01-15"),
+        ("name = lab", "name = lab;", 'a text in quotes: "..."'),
+        ("name = \u201clab\u201d", "name = \u201clab\u201d;", "straight quotes"),
+        ('name = "lab\nx = 1', 'name = "lab;', "a quote at the end of the text"),
+        ('name = "lab', 'name = "lab;', "a quote at the end of the text"),
+        ('path = "C:\\Users"', 'path = "C:\\Users";', "write / for"),
+        ("gain = .5", "gain = .5;", "on both sides of the decimal point"),
+        ("limit = 12 V", "limit = 12 V;", "the number alone"),
+        ("yes = True", "yes = True;", "in small letters"),
+        ("a = [1, 2\nb = 3", "b = 3;", "close the bracket"),
+        ("limit 12", "limit 12;", "KEY = VALUE"),
+        ("limit = # none", "limit = # none;", "a value behind ="),
+    ],
+)
+def test_a_slip_in_toml_is_told_with_its_line_and_its_cure(text: str, said: str, cure: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_toml(text, "f")
+    assert str(caught.value).startswith("f: expected TOML: ")
+    assert said in str(caught.value)
+    assert cure in (caught.value.hint or "")
+
+
 def test_key_with_most_parts_is_read() -> None:
     table = parse_toml(".".join("a" * DEEPEST) + " = 1.5\nb = ['a.b.c. d']", "f")
     for _ in range(DEEPEST):

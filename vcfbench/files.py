@@ -256,6 +256,27 @@ def is_utf8(text: str) -> bool:
     return True
 
 
+_AT_LINE: Final = re.compile(r"\(at line (\d+),")
+_SHOWN: Final = 80
+_CURES: Final = {
+    r"Cannot overwrite": "the key stands above already: keep one of the two",
+    r"Cannot declare|already": "the table stands above already: put its keys there",
+    r"Unclosed|Expected ']'": "close the bracket: a list, or the name of a table, ends with ]",
+    r"Expected '='": "write KEY = VALUE, or # before a remark",
+    r"[\u2018-\u201e\u00ab\u00bb]": 'write straight quotes: "..."',
+    r"=\s*[-+]?\d+,\d+": "write a decimal point, not a comma; numbers of a list stand in brackets",
+    r"=\s*(\d{1,4}[-./]){2}\d{1,4}": "write a day as 2026-01-15: year, month, day, and without quotes",
+    r"=\s*(True|False|TRUE|FALSE)": "write true or false, in small letters",
+    r"=\s*[-+]?\.\d|=\s*[-+]?\d+\.(\s|$)": "write digits on both sides of the decimal point: 0.5, 1.0",
+    r"=\s*[-+]?\d[\d.eE+-]*\s*[^\W\d]": "write the number alone: the unit is in the name of the key",
+    r'"[^"]*\\': "write / for \\ in a path, or '...' around it",
+    r"=\s*(\"[^\"]*|'[^']*)$": "write a quote at the end of the text too",
+    r"=\s*[^\W\d]": 'write a text in quotes: "..."',
+    r"=\s*(#|$)": "write a value behind =, or # before the key",
+}
+"""How to mend what people write for TOML, by a pattern of the reason and the line: the first that fits."""
+
+
 def parse_toml(text: str, source: str) -> dict[str, Any]:
     """Return the table that TOML `text` describes, its numbers such as can be a setting; `source` names it in errors.
 
@@ -269,7 +290,11 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         reason = "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())
-        raise ConfigError(f"{source}: expected TOML: {reason}") from None
+        found, lines = _AT_LINE.search(reason), text.rstrip().split("\n")
+        line = lines[min(int(found[1]) if found else len(lines), len(lines)) - 1].strip()[:_SHOWN]
+        cures = (cure for mistake, cure in _CURES.items() if re.search(mistake, line) or re.match(mistake, reason))
+        said = f"{reason}: {shown(line)}" if line else reason
+        raise ConfigError(f"{source}: expected TOML: {said}", hint=next(cures, None)) from None
     require_numbers(table, source)
     return table
 
