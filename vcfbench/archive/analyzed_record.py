@@ -122,7 +122,7 @@ def analyze_record(
     layout: Layout | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> RecordAnalysis:
-    """Analyse a record at rest, as ``vcfbench analyze --rate`` does: a text file with one line a reading.
+    """Analyse a record at rest, as ``vcfbench analyze --rate`` does: a text file with one line per reading.
 
     Args:
         file: its first line names the columns, with their units: ``rate / (deg/s)``, ``gyro_z [mdps]``, ``output_v``.

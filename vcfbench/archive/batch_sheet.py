@@ -91,7 +91,7 @@ def sheet_rows(
         batch: name of the batch.
         runs: directory of the records.
         left_out: names of the records that do not count; None: those of simulated benches, where there are real ones.
-        devices: directory of what is known of the devices.
+        devices: directory of the device history.
     """
     left_out = rehearsals(batch, runs) if left_out is None else left_out
     known = run_summaries(runs)
@@ -125,7 +125,7 @@ def device_rows(serial: str, runs: str | Path = "runs", devices: str | Path = "d
     Args:
         serial: serial number of the device.
         runs: directory of the records.
-        devices: directory of what is known of the devices.
+        devices: directory of the device history.
     """
     known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
     history = _History(known, devices)

@@ -30,13 +30,13 @@ def analyze(  # noqa: PLR0917  # options of a command
         argument(
             "FILE.csv",
             "Table: a column of rates, every other column an output, units in the names. With --rate, or a first "
-            "column of times: a record at rest, one line a reading.",
+            "column of times: a record at rest, one line per reading.",
         ),
     ],
     compare: Annotated[
         str | None, option("A,B", "Compare column B with column A. Two columns are compared by default.")
     ] = None,
-    rate: Annotated[float | None, option("HZ", "A record at rest: readings a second.", min=1e-6)] = None,
+    rate: Annotated[float | None, option("HZ", "A record at rest: readings per second.", min=1e-6)] = None,
     columns: Annotated[
         str | None,
         option(
@@ -49,24 +49,27 @@ def analyze(  # noqa: PLR0917  # options of a command
     ] = None,
     scale_factor: Annotated[
         float | None,
-        option("V/(deg/s)", "Of a record at rest in volts, or in counts: its scale factor, V or LSB a deg/s."),
+        option("V/(deg/s)", "Scale factor of a record at rest in volts or counts, V or LSB per deg/s."),
     ] = None,
     unit: Annotated[
-        list[str] | None, option("COLUMN=UNIT", "Unit of a column; UNIT alone: of the record's.", "--unit")
+        list[str] | None, option("COLUMN=UNIT", "Unit of a column; UNIT alone: unit of the record's column.", "--unit")
     ] = None,
     axes: Annotated[
         str | None, option("X,Y,Z", "Columns of rates about three axes: cross-axis matrix and misalignment of outputs.")
     ] = None,
     temperature: Annotated[
-        str | None, option("NAME", "Scale factor and bias over this column; of a record at rest the bias.")
+        str | None,
+        option("NAME", "Column of temperatures: scale factor and bias over it; of a record at rest the bias."),
     ] = None,
-    time: Annotated[str | None, option("NAME|none", "Column of times; none: they are not looked at.")] = None,
+    time: Annotated[str | None, option("NAME|none", "Column of times; none: ignore the times.")] = None,
     skip: Annotated[int, option("LINES", "Lines before the names of the columns.", min=0)] = 0,
-    separator: Annotated[str | None, option("comma|semicolon|tab|space", "What separates the columns.")] = None,
-    decimal: Annotated[str | None, option("point|comma", "How decimals are written.")] = None,
+    separator: Annotated[str | None, option("comma|semicolon|tab|space", "Separator of the columns.")] = None,
+    decimal: Annotated[str | None, option("point|comma", "Decimal sign.")] = None,
     output: Annotated[Path | None, output_option("Write a report: .html, .pdf or .md.")] = None,
     *,
-    strict: Annotated[bool, flag("Exit code 1 where a notice says what no sensor gives.", "--strict")] = False,
+    strict: Annotated[
+        bool, flag("Exit code 1 if a notice reports values that no sensor can give.", "--strict")
+    ] = False,
     json: Json_ = False,
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""

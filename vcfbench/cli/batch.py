@@ -35,7 +35,7 @@ def batch(
     runs: Runs_ = Path("runs"),
     devices: DevicesOfPlan_ = None,
     sheet: Annotated[Path | None, option("FILE", "Write the sheet: .html, .pdf, .xlsx or .md.")] = None,
-    operator: Annotated[str | None, option("NAME", "Who measures, in place of the plan's.")] = None,
+    operator: Annotated[str | None, option("NAME", "Operator, in place of the plan's.")] = None,
     speed: Speed_ = None,
     context: typer.Context,
     json: Json_ = False,

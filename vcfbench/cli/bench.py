@@ -62,7 +62,7 @@ def discover(
         for resource in (*found.resources, *found.tried):
             typer.echo(_answer_line(resource))
         for port in found.serial_ports:
-            unasked = f"{port.port}: {port.description}, not asked (--probe-serial asks)"
+            unasked = f"{port.port}: {port.description}, not queried (--probe-serial queries it)"
             typer.echo(unasked if port.found is None else _answer_line(port.found))
         if not (found.resources or found.tried or found.serial_ports):
             typer.echo("found no VISA resource and no serial port")

@@ -131,7 +131,7 @@ def _found(
         typer.echo(f"  {each.resource}: {each.answer or each.problem}", err=True)
     for port in asked.serial_ports:
         if port.found is None and served is None:
-            typer.echo(f"  {port.port}: {port.description}, not asked (--probe-serial asks)", err=True)
+            typer.echo(f"  {port.port}: {port.description}, not queried (--probe-serial queries it)", err=True)
     return [each for each in answering if each.answer is not None], places
 
 

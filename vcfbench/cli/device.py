@@ -82,7 +82,9 @@ def device(
     *,
     json: Json_ = False,
     csv: Annotated[bool, flag("Print comma-separated values, one row for each entry and run.", "--csv")] = False,
-    withdraw: Annotated[str | None, option("ENTRY", "Withdraw this entry: it stays, and counts no more.")] = None,
+    withdraw: Annotated[
+        str | None, option("ENTRY", "Withdraw this entry: it stays in the history, but is not used.")
+    ] = None,
     reason: Annotated[str, option("TEXT", "Why it is withdrawn.")] = "",
     by: Annotated[str | None, option("NAME", "Who withdraws it. Default: who is logged in.")] = None,
     add: Annotated[

@@ -58,14 +58,14 @@ Json_ = Annotated[bool, flag("Print one JSON object on stdout and nothing else t
 Run_ = Annotated[
     str, argument("RUN", "Name of the run, its beginning or end, 'last', or its directory.", autocompletion=run_names)
 ]
-Runs_ = Annotated[Path, option("DIR", "Where the records are.", "--runs")]
-Devices_ = Annotated[Path, option("DIR", "Where the devices are.", "--devices")]
+Runs_ = Annotated[Path, option("DIR", "Directory of the records.", "--runs")]
+Devices_ = Annotated[Path, option("DIR", "Directory of the device history.", "--devices")]
 DevicesOfPlan_ = Annotated[
-    Path | None, option("DIR", "Where the devices are; default: as the settings have it.", "--devices")
+    Path | None, option("DIR", "Directory of the device history; default: as in the settings.", "--devices")
 ]
 Seed_ = Annotated[int | None, seed_option("Seed of a simulated bench; the same seed gives the same results.")]
 Speed_ = Annotated[
-    str | None, option("X|max", "Simulated benches only: times real time, or max, the default.", "--speed")
+    str | None, option("X|max", "Simulated benches only: multiple of real time, or max, the default.", "--speed")
 ]
 Quiet_ = Annotated[bool, flag("Show no progress.", "--quiet")]
 Verbose_ = Annotated[bool, flag("Print the whole report, not one screen.", "--verbose", "-v")]
@@ -78,16 +78,20 @@ Port_ = Annotated[
 ]
 Yes_ = Annotated[
     bool,
-    flag("No questions: manual work on a real bench is done, programs named by bench file or record may run.", "--yes"),
+    flag(
+        "No questions: manual work on a real bench counts as done, programs named by bench file or record may run.",
+        "--yes",
+    ),
 ]
 Trace_ = Annotated[Path | None, option("FILE", "Write every byte to and from the instruments to FILE.", "--trace")]
 Library_ = Annotated[str, option(None, "PyVISA library; @vcfbench is simulated.", "--library")]
 Tries_ = Annotated[
-    list[str] | None, option("RESOURCE", "Ask this one too: a VISA resource, a port, socket://host:port.", "--try")
+    list[str] | None, option("RESOURCE", "Query this one too: a VISA resource, a port, socket://host:port.", "--try")
 ]
 AnswerTime_ = Annotated[float, option("S", "Longest wait for each answer.", "--timeout", min=0.01, max=60.0)]
 ProbeSerial_ = Annotated[
-    bool, flag("Ask serial ports too. Check first what is on them: bytes can move an unknown device.", "--probe-serial")
+    bool,
+    flag("Query serial ports too. Check first what is on them: bytes can move an unknown device.", "--probe-serial"),
 ]
 
 

@@ -23,7 +23,7 @@ def panel(
     *,
     runs: Runs_ = Path("runs"),
     devices: DevicesOfPlan_ = None,
-    operator: Annotated[str | None, option("NAME", "Who measures, in place of the plan's.")] = None,
+    operator: Annotated[str | None, option("NAME", "Operator, in place of the plan's.")] = None,
     speed: Speed_ = None,
     port: Annotated[int, option(None, "Port on this machine; 0 for any that is free.", min=0, max=65535)] = _PORT,
     yes: Yes_ = False,

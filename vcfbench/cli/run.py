@@ -56,7 +56,7 @@ _SECTIONS: Final = {
     "Settings": ("settings",),
     "Bench": ("bench", "seed", "speed", "trace"),
     "Before and during the run": ("dry_run", "yes", "quiet", "plain", "page", "port"),
-    "Answer": ("verbose", "json"),
+    "Output": ("verbose", "json"),
     "Record": ("runs", "dut", "operator", "note", "tag", "ambient_temperature_c", "humidity_percent"),
     "Help": ("help",),
 }
@@ -107,7 +107,7 @@ def run(
     ] = None,
     dut: Annotated[str | None, option("SERIAL", "Serial number of the device under test.")] = None,
     operator: Annotated[str | None, option("NAME", "Who runs the procedure, for the record.")] = None,
-    note: Annotated[str | None, option("TEXT", "Anything to remember, for the record.")] = None,
+    note: Annotated[str | None, option("TEXT", "A note for the record.")] = None,
     tag: Annotated[list[str] | None, option("KEY=VALUE", "A tag, for the record and for lists. Repeatable.")] = None,
     ambient_temperature_c: Annotated[
         str | None,

@@ -197,12 +197,12 @@ def amend(
         list[str],
         option(
             "KEY=VALUE",
-            "What is amended: dut, operator, note, checked_by, customer, tags.KEY. Repeatable; empty takes away.",
+            "Field to amend: dut, operator, note, checked_by, customer, tags.KEY. Repeatable; empty takes away.",
             "--set",
         ),
     ],
     reason: Annotated[str, option("TEXT", "Why.")],
-    by: Annotated[str | None, option("NAME", "Who. Default: who is logged in.")] = None,
+    by: Annotated[str | None, option("NAME", "Who amends. Default: who is logged in.")] = None,
     json: Json_ = False,
 ) -> None:
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""

@@ -32,7 +32,7 @@ def safe(
         bool, flag("First end the process that has the bench: SIGTERM, after 10 s SIGKILL.", "--end-owner")
     ] = False,
     force: Annotated[bool, flag("Do it even while another process uses the bench.", "--force")] = False,
-    once: Annotated[bool, flag("Try it once, not again until it is proved.", "--once")] = False,
+    once: Annotated[bool, flag("Try once; without this option, repeat until the bench is safe.", "--once")] = False,
     json: Json_ = False,
 ) -> None:
     """Stop the table, switch the outputs off, check both, and list those that were on. Exit code 0 or 5.

@@ -31,7 +31,9 @@ CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 def serve(
     bench: Bench_ = None,
     *,
-    speed: Annotated[str, option("X|max", "Times real time. max jumps to the instant that a client waits for.")] = "1",
+    speed: Annotated[
+        str, option("X|max", "Multiple of real time. max jumps to the instant that a client waits for.")
+    ] = "1",
     host: Annotated[str, option(None, "Address to listen on.")] = "127.0.0.1",
     ports: Annotated[str, option("auto|BASE", "Ports: any that are free, or from BASE on.")] = "auto",
     control_port: Annotated[
@@ -40,7 +42,7 @@ def serve(
             "PORT", "Control port; by default 20220, or one that is free.", min=1, max=65535, envvar=CONTROL_VARIABLE
         ),
     ] = None,
-    faults: Annotated[Path | None, option("FILE", "TOML file of the faults to happen, and when.")] = None,
+    faults: Annotated[Path | None, option("FILE", "TOML file of faults and their times.")] = None,
     offer: Annotated[
         list[str] | None, option("ROLE:KIND,...", "Further interfaces: tcp, vxi11, hislip, pty, lxi. May be repeated.")
     ] = None,

@@ -91,8 +91,8 @@ def new(
     without: Annotated[
         list[str] | None, option("ROLE", f"Leave out {', '.join(sorted(LEFT_OUT))}. Repeatable.")
     ] = None,
-    stream: Annotated[str | None, option("PROFILE", "Its output is a stream of numbers, by that profile.")] = None,
-    devices: Annotated[int, option("N", "So many of them on one table, with --stream.", min=1, max=64)] = 1,
+    stream: Annotated[str | None, option("PROFILE", "The output is a stream of numbers, by this profile.")] = None,
+    devices: Annotated[int, option("N", "Number of gyroscopes on one table, with --stream.", min=1, max=64)] = 1,
     **given: float | None,
 ) -> None:
     """Write a simulated bench with your own gyroscope: runs on it find the figures of its data sheet.
@@ -168,9 +168,9 @@ app.command("new")(with_options(new, _OPTIONS, place=1))
 @app.command("soak")
 def soak(
     seeds: Annotated[str, option("A:B", "Seeds from A up to, not including, B.")] = "0:100",
-    minutes: Annotated[float | None, option("N", "Begin no further seed after so long.", min=0.0)] = None,
+    minutes: Annotated[float | None, option("N", "Start no further seed after this time.", min=0.0)] = None,
     *,
-    verbose: Annotated[bool, flag("Say of each seed what it draws, and its end.", "--verbose", "-v")] = False,
+    verbose: Annotated[bool, flag("Print for each seed the drawn case and its end.", "--verbose", "-v")] = False,
 ) -> None:
     """Try runs on simulated benches under faults, kills and full disks that seeds draw.
 

@@ -80,7 +80,7 @@ def talk(
     ] = None,
     *,
     trace: Trace_ = None,
-    raw: Annotated[bool, flag("Allow any command. Limits are not checked; raw.jsonl has each.", "--raw")] = False,
+    raw: Annotated[bool, flag("Allow any command. Limits are not checked; raw.jsonl records each.", "--raw")] = False,
     runs: Runs_ = Path("runs"),
 ) -> None:
     """Talk to the bench, or to one of its instruments in its own language. All is left safe.

@@ -20,7 +20,9 @@ def validate(
         Path | None, output_option("File of the document: .html, .pdf or .md; without it no document is written.")
     ] = None,
     by: Annotated[str, option("NAME", "Who validates; without it the user.")] = "",
-    runs: Annotated[int, option(None, "Calibrations that are held against the truth.", min=30, max=10_000)] = RUNS,
+    runs: Annotated[
+        int, option(None, "Number of calibrations compared with the true values.", min=30, max=10_000)
+    ] = RUNS,
     *,
     json: Json_ = False,
     quiet: Quiet_ = False,

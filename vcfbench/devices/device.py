@@ -93,12 +93,14 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
         Annotated[str, Meta(min_length=1, max_length=4096)] | None,
         said("a certificate's file, or (deg/s)/V as a number; default the last certificate of --dut", option=True),
     ] = None
-    k_vc_u_deg_s_per_v: Annotated[float, ranged(0.0, 1e6, "u of a K_Vc that is a number")] = 0.0
+    k_vc_u_deg_s_per_v: Annotated[float, ranged(0.0, 1e6, "standard uncertainty of K_Vc if that is a number")] = 0.0
     station: DeviceStation = field(default_factory=DeviceStation)
 
     max_drift_ppm: Annotated[
         Annotated[float, ranged(0.0, 1e6)] | None,
-        said("of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"),
+        said(
+            "largest drift of the scale factor since the certificate, for the verdict; without it E_n and CUSUM decide"
+        ),
     ] = None
 
     rates_key: ClassVar[str] = "virtual_rates_deg_s"

@@ -70,7 +70,7 @@ class Keeps(Struct, frozen=True):
 class KnownFlickerSettings(DeviceSettings, frozen=True, kw_only=True):
     """Settings of procedures with the flicker of the device in their budgets."""
 
-    outdated: Annotated[bool, said("whether what is known may be used that is out of date")] = False
+    outdated: Annotated[bool, said("also use certificates and records that are out of date")] = False
 
     def recalled(self) -> Self:
         """Return these settings with characteristics and flicker of the device."""

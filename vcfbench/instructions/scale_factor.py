@@ -34,11 +34,11 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
 
     scale_factor_v_per_deg_s: Annotated[
         Annotated[float, ranged(-1e9, 1e9)] | None,
-        said("of this gyroscope; default what is expected, else the paper's"),
+        said("scale factor of this gyroscope; default: the expected one, else the paper's"),
     ] = None
     scale_factor_u_v_per_deg_s: Annotated[
         Annotated[float, ranged(0.0, 1e9)] | None,
-        said("its standard uncertainty; without it a bias in deg/s is incomplete"),
+        said("standard uncertainty of the scale factor; without it a bias in deg/s is incomplete"),
     ] = None
 
     def expected_gyro(self) -> LinearGyro:
@@ -56,7 +56,7 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
             expected = f"at least {_LEAST_SLOPE:g} either way, for a slow rate to be seen: volts by deg/s, not by deg/h"
             yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
         if given == 0.0:
-            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not told"
+            expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not given"
             yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
 
 
@@ -71,12 +71,8 @@ def not_on_bench(by: ScaleFactorBy, station: Station) -> Iterator[InvalidValue]:
 class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     """Settings of procedures that take the scale factor at a level of both signs, and keep the result."""
 
-    by: Annotated[ScaleFactorBy, said("what the scale factor is taken with: V_Vc or the table", option=True)] = (
-        ScaleFactorBy.V_VC
-    )
-    level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "rate of both signs, of the table or that V_Vc stands for")] = (
-        200.0
-    )
+    by: Annotated[ScaleFactorBy, said("source of the rates: V_Vc or the table", option=True)] = ScaleFactorBy.V_VC
+    level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "rate of both signs, by the table or by V_Vc")] = 200.0
 
     @property
     def level_v(self) -> float:

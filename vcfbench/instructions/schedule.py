@@ -78,11 +78,11 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
             "measure zeros around each series (ends) or each rate (bracket) and subtract their drift", option="--zero"
         ),
     ] = Zeros.NONE
-    repeat: Annotated[int, ranged(1, 100, "times that the series is taken", option=True)] = 1
+    repeat: Annotated[int, ranged(1, 100, "number of times that the series is measured", option=True)] = 1
     earth: Annotated[
         Earth, said("the Earth's rate stays in the bias, or is added to the table's rate", option=True)
     ] = Earth.BIAS
-    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit; counts where earth is rate")] = 0.5
+    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "largest tilt of the table's axis; used if earth is rate")] = 0.5
 
     table_step: ClassVar[int] = 1
     """The number that the points on the table carry."""

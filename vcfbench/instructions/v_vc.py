@@ -158,13 +158,13 @@ class KnownVvcSettings(KnownFlickerSettings, frozen=True, kw_only=True):
 
     v_vc: Annotated[
         VvcKnown,
-        said("V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or believed as it is set", option=True),
+        said("V_Vc is measured (by v_vc_meter, or the one meter moved by hand), or taken as set", option=True),
     ] = VvcKnown.MEASURED
     v_vc_range_v: Annotated[Literal[1, 10, 100], said("fixed range of the meter on V_Vc")] = 10
     temperature_c: Annotated[
-        Annotated[float, ranged(-100.0, 200.0)] | None, said("of the gyroscope, where it was measured")
+        Annotated[float, ranged(-100.0, 200.0)] | None, said("temperature of the gyroscope, if it was measured")
     ] = None
-    cycles: Annotated[int, ranged(1, 100, "times that every level is taken")] = 2
+    cycles: Annotated[int, ranged(1, 100, "measurements of every level")] = 2
 
     @property
     def store(self) -> DeviceStore:

@@ -44,7 +44,7 @@ class AxesSettings(DeviceSettings, frozen=True, kw_only=True):
     rates_deg_s: Annotated[Rates, said("rates of the table in each mounting", option="--rates")] = (50.0, 0.0, -50.0)
     mount_s: Annotated[float, ranged(1.0, 3600.0, "time that a mounting takes, for the estimate")] = 120.0
     mounting_deg: Annotated[
-        float, ranged(0.0, 10.0, "largest angle of an axis of the case from the table's, either way across")
+        float, ranged(0.0, 10.0, "largest angle between an axis of the case and the table's axis, in two directions")
     ] = 0.5
 
     smooth: ClassVar[bool] = False  # about an axis across the input axis there is no answer that could be asked for

@@ -143,23 +143,25 @@ class BandwidthSettings(KeptSettings, frozen=True, kw_only=True):
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     sine_amplitude_v: Annotated[float, ranged(0.01, 10.0, "peak of the sine on V_Vc, at all frequencies")] = 0.1
-    record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
-    frequencies_hz: Annotated[tuple[Hertz, ...], several(4, 200, "frequencies that the split is found from")] = (
+    record_samples: Annotated[int, ranged(128, 512, "readings per frequency")] = 512
+    frequencies_hz: Annotated[
+        tuple[Hertz, ...], several(4, 200, "frequencies of the first sweep, which finds the split")
+    ] = (
         *(0.3, 1.0, 2.0, 4.5, 6.5, 9.0, 12.0),
         *(16.0, 20.0, 25.0, 31.0, 38.0, 48.0, 60.0),
     )
     around_split: Annotated[
-        tuple[Ratio, ...], Meta(max_length=200, description="further frequencies, over the split that was found")
+        tuple[Ratio, ...], Meta(max_length=200, description="further frequencies, as ratios to the split found")
     ] = (
         *(0.5, 0.54, 0.6, 0.7, 0.8, 0.88, 0.93, 0.96, 0.98, 0.99, 1.0, 1.01, 1.02, 1.04, 1.07, 1.12, 1.2, 1.35),
         *(1.5, 1.55, 1.65),
     )
-    split_guess_hz: Annotated[Hertz, said("mode split that a dry run answers with")] = 24.8
-    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
-    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
-    low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
+    split_guess_hz: Annotated[Hertz, said("mode split that a dry run assumes")] = 24.8
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive minus in-phase sense frequency, roughly")] = 147.0
+    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "cut-off of the low-pass filter")] = 100.0
+    low_pass_order: Annotated[int, ranged(1, 12, "order of the low-pass filter, Butterworth")] = 4
     closed_form_ppm: Annotated[
-        float, ranged(0.0, 1e5, "u of each gain for what the closed form lacks of this chain, say a Q that drifts")
+        float, ranged(0.0, 1e5, "added u of each gain for deviations from the closed form, such as a Q that drifts")
     ] = 0.0
 
 

@@ -46,13 +46,13 @@ _YEAR_DAYS = 365.0
 class ElectricalSettings(ProcedureSettings, frozen=True, kw_only=True):
     """Settings of the electrical check; each line has the least and the largest resistance, null leaves it out."""
 
-    positive_rail_ohm: Annotated[_Window, said("of the positive rail without power")] = (100.0, 10_000.0)
-    negative_rail_ohm: Annotated[_Window, said("of the negative rail without power")] = (100.0, 10_000.0)
-    v_vc_ohm: Annotated[_Window, said("of the V_Vc input")] = (0.8e6, 1.2e6)
-    output_ohm: Annotated[_Window, said("of the output without power")] = (50.0, 200.0)
-    wires: Annotated[Literal[2, 4], said("by two wires, whose leads count, or by four", option=True)] = 2
-    lead_ohm: Annotated[float, ranged(0.0, 10.0, "two leads and the meter's input have 0 to so much")] = 0.2
-    ohm_readings: Annotated[int, ranged(2, 100, "readings a line")] = 5
+    positive_rail_ohm: Annotated[_Window, said("limits of the positive rail without power")] = (100.0, 10_000.0)
+    negative_rail_ohm: Annotated[_Window, said("limits of the negative rail without power")] = (100.0, 10_000.0)
+    v_vc_ohm: Annotated[_Window, said("limits of the V_Vc input")] = (0.8e6, 1.2e6)
+    output_ohm: Annotated[_Window, said("limits of the output without power")] = (50.0, 200.0)
+    wires: Annotated[Literal[2, 4], said("two wires, with the leads included, or four", option=True)] = 2
+    lead_ohm: Annotated[float, ranged(0.0, 10.0, "largest resistance of two leads and the meter's input")] = 0.2
+    ohm_readings: Annotated[int, ranged(2, 100, "readings per line")] = 5
 
     @property
     def windows(self) -> Mapping[str, tuple[float, float]]:

@@ -48,11 +48,11 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     axes: Annotated[tuple[Axes, ...], several(1, 3, "axes of the case that are turned up and down")] = ("x", "y", "z")
     input_axis: Annotated[Axes, said("axis of the case about which the gyroscope senses")] = "z"
-    cycles: Annotated[int, ranged(1, 100, "times there and back")] = 2
+    cycles: Annotated[int, ranged(1, 100, "cycles through the positions, there and back")] = 2
     turn_s: Annotated[float, ranged(1.0, 3600.0, "time that turning the case takes, for the estimate")] = 60.0
     samples: Annotated[int, ranged(2, 1000, "readings per mean", option=True)] = 60
-    tilt_deg: Annotated[float, ranged(0.0, 45.0, "of an axis from the vertical, limit")] = 1.0
-    heading_deg: Annotated[float, ranged(0.0, 90.0, "of a level input axis from east, limit")] = 5.0
+    tilt_deg: Annotated[float, ranged(0.0, 45.0, "largest angle of an axis from the vertical")] = 1.0
+    heading_deg: Annotated[float, ranged(0.0, 90.0, "largest angle of a level input axis from east")] = 5.0
 
     @property
     def positions(self) -> tuple[str, ...]:

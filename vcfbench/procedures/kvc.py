@@ -66,13 +66,13 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     ] = (10.0, 20.0, 50.0, 100.0, 200.0)
     match_iterations: Annotated[int, ranged(2, 100, "most settings of V_Vc that a search takes")] = 5
     curve_order: Annotated[int, ranged(3, 7, "order of the curve")] = 3
-    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the certificate, days")] = 365.0
+    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="validity of the certificate, days")] = 365.0
     wanted_u95_ppm: Annotated[
         float, Meta(gt=0.0, le=1e6, description="U95 of K_Vc at which the device should come back to a table, ppm")
     ] = 500.0
     health: Annotated[bool, said(HEALTH, option=True)] = True
     exchange: Annotated[bool, said(EXCHANGE)] = True
-    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "of the table's axis, limit")] = 0.5
+    axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "largest tilt of the table's axis")] = 0.5
 
     @property
     def fastest_deg_s(self) -> float:

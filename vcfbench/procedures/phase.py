@@ -43,18 +43,18 @@ class PhaseSettings(KeptSettings, frozen=True, kw_only=True):
     """Keys of `phase`."""
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 600.0
-    rate_deg_s: Annotated[float, ranged(1.0, 1e4, "of the table, both signs")] = 100.0
+    rate_deg_s: Annotated[float, ranged(1.0, 1e4, "rate of the table, both signs")] = 100.0
     v_vc_v: Annotated[float, ranged(0.01, 10.0, "V_Vc, both signs")] = 0.7
     sine_amplitude_v: Annotated[
         float, ranged(0.01, 10.0, "peak of the sine that finds the demodulator's reference")
     ] = 1.4
     difference_hz: Annotated[
-        float, ranged(0.5, 50.0, "by which that sine is off twice the drive frequency, both ways")
+        float, ranged(0.5, 50.0, "offset of that sine from twice the drive frequency, both ways")
     ] = 8.0
     records: Annotated[int, ranged(2, 1000, "records of each state in a cycle")] = 5
     rotation_records: Annotated[int, ranged(1, 100, "records of each of both sines in a cycle")] = 2
-    target_deg: Annotated[float, ranged(1e-3, 10.0, "expanded uncertainty at which cycles end, of every phase")] = 0.05
-    most_cycles: Annotated[int, ranged(LEAST_CYCLES, 1000, "and after so many they end anyway")] = 20
+    target_deg: Annotated[float, ranged(1e-3, 10.0, "cycles end at this expanded uncertainty of every phase")] = 0.05
+    most_cycles: Annotated[int, ranged(LEAST_CYCLES, 1000, "largest number of cycles")] = 20
 
     @property
     def fastest_deg_s(self) -> float:

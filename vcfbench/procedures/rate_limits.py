@@ -58,9 +58,11 @@ class RateLimitsSettings(LevelSettings, frozen=True, kw_only=True):
     level_deg_s: Annotated[float, ranged(1.0, 10_000.0, "small rate of both signs, through which the line goes")] = 50.0
     short_share: Annotated[
         Annotated[float, ranged(1e-4, 0.5)] | None,
-        said("part of the line's output that may lack; default 0.01, where nobody measures V_Vc what it may be off"),
+        said("share of the output that is missing at the limit; default 0.01, or the limit of V_Vc if not measured"),
     ] = None
-    growth: Annotated[float, ranged(1.05, 3.0, "ratio of one rate to that before, until the output falls short")] = 1.5
+    growth: Annotated[
+        float, ranged(1.05, 3.0, "ratio of each rate to the rate before, until the output falls short")
+    ] = 1.5
     resolution_deg_s: Annotated[float, ranged(0.05, 100.0, "width to which a limit is bisected", option=True)] = 0.5
     beyond: Annotated[float, ranged(1.01, 2.0, "ratio of the last rate to the limit")] = 1.05
 

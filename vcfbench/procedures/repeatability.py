@@ -40,8 +40,8 @@ class RepeatabilitySettings(LevelSettings, frozen=True, kw_only=True):
 
     checked_warm: ClassVar[bool] = False
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after each power-on")] = 1800.0
-    power_cycles: Annotated[int, ranged(3, 100, "how often it is switched on", option=True)] = 7
-    off_s: Annotated[float, ranged(1.0, 86_400.0, "without power before each but the first")] = 1800.0
+    power_cycles: Annotated[int, ranged(3, 100, "number of switch-ons", option=True)] = 7
+    off_s: Annotated[float, ranged(1.0, 86_400.0, "time without power before each switch-on but the first")] = 1800.0
     cycles: Annotated[int, ranged(1, 100, "blocks 0, +, -, -, +, 0 after each power-on")] = 1
 
     def contradictions(self) -> Iterator[InvalidValue]:

@@ -47,21 +47,22 @@ _ONE_SIDED = 1.645
 class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
     """Settings of threshold, resolution and dead band, in addition to those of all procedures."""
 
-    by: Annotated[ScaleFactorBy, said("what makes the steps: V_Vc or the table", option=True)] = ScaleFactorBy.V_VC
+    by: Annotated[ScaleFactorBy, said("source of the steps: V_Vc or the table", option=True)] = ScaleFactorBy.V_VC
     steps_deg_s: Annotated[tuple[Rate, ...], several(3, 100, "sizes of the steps, each taken to both sides")] = (
         *(2.0, 1.0, 0.5, 0.2),
         *(0.1, 0.05, 0.02),
     )
     at_rate_deg_s: Annotated[float, ranged(0.0, 5e3, "rate about which the resolution is taken")] = 10.0
-    share: Annotated[float, ranged(0.1, 0.9, "of the expected output, at threshold and resolution")] = 0.5
-    at_most_s: Annotated[float, ranged(60.0, 1e6, "time that blocks beyond `cycles` may take the run to")] = 7200.0
+    share: Annotated[float, ranged(0.1, 0.9, "share of the expected output at threshold and resolution")] = 0.5
+    at_most_s: Annotated[float, ranged(60.0, 1e6, "run time up to which blocks beyond `cycles` are added")] = 7200.0
     v_vc_range_v: Annotated[Literal[1, 10, 100], said("fixed range of the meter on V_Vc")] = 1
     k_vc_deg_s_per_v: Annotated[
         Annotated[float, ranged(-1e6, 1e6)] | None,
-        said("K_Vc; default that of the device's certificate (--dut), else the guess"),
+        said("K_Vc; default: the device's certificate (--dut), else k_vc_guess_deg_s_per_v"),
     ] = None
     k_vc_u_deg_s_per_v: Annotated[
-        Annotated[float, ranged(0.0, 1e6)] | None, said("its standard uncertainty; without it deg/s are incomplete")
+        Annotated[float, ranged(0.0, 1e6)] | None,
+        said("standard uncertainty of K_Vc; without it values in deg/s are incomplete"),
     ] = None
 
     of_device: ClassVar[tuple[str, ...]] = ("k_vc_deg_s_per_v", "k_vc_u_deg_s_per_v")

@@ -55,20 +55,20 @@ class VibrationSettings(ProcedureSettings, frozen=True, kw_only=True):
     vibration_hz: Annotated[tuple[Hertz, ...], several(1, 100, "frequencies of the virtual vibration")] = (
         *(0.5, 1.0, 2.0, 5.0, 10.0, 15.0, 20.0, 35.0),
     )
-    vibration_amplitude_v: Annotated[float, ranged(1e-3, 10.0, "its peak on V_Vc; 1 V is k_vc_guess_deg_s_per_v")] = (
-        0.04
-    )
-    static_v_vc_v: Annotated[float, ranged(1e-3, 10.0, "direct V_Vc of both signs, for the response at rest")] = 0.05
-    record_samples: Annotated[int, ranged(128, 512, "readings a frequency")] = 512
-    split_hz: Annotated[float, ranged(-1000.0, 1000.0, "drive less anti-phase sense frequency, of either sign")] = 24.8
-    u_split_hz: Annotated[float, ranged(0.0, 100.0, "its standard uncertainty")] = 0.02
+    vibration_amplitude_v: Annotated[
+        float, ranged(1e-3, 10.0, "peak of the vibration on V_Vc; a rate by k_vc_guess_deg_s_per_v")
+    ] = 0.04
+    static_v_vc_v: Annotated[float, ranged(1e-3, 10.0, "DC V_Vc of both signs, for the response at rest")] = 0.05
+    record_samples: Annotated[int, ranged(128, 512, "readings per frequency")] = 512
+    split_hz: Annotated[float, ranged(-1000.0, 1000.0, "drive minus anti-phase sense frequency, of either sign")] = 24.8
+    u_split_hz: Annotated[float, ranged(0.0, 100.0, "standard uncertainty of split_hz")] = 0.02
     q: Annotated[float, ranged(1.0, 1e6, "quality factor of the anti-phase sense mode")] = 1224.0
-    u_q: Annotated[float, ranged(0.0, 1e5, "its standard uncertainty")] = 10.0
-    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
-    in_phase_share: Annotated[float, ranged(-0.9, 0.9, "of the in-phase mode in the response at rest")] = 0.147
-    u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "its standard uncertainty")] = 0.01
-    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "filter behind the demodulator")] = 100.0
-    low_pass_order: Annotated[int, ranged(1, 12, "its order, Butterworth")] = 4
+    u_q: Annotated[float, ranged(0.0, 1e5, "standard uncertainty of q")] = 10.0
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive minus in-phase sense frequency, roughly")] = 147.0
+    in_phase_share: Annotated[float, ranged(-0.9, 0.9, "share of the in-phase mode in the response at rest")] = 0.147
+    u_in_phase_share: Annotated[float, ranged(0.0, 0.5, "standard uncertainty of in_phase_share")] = 0.01
+    low_pass_hz: Annotated[float, ranged(0.1, 1e5, "cut-off of the low-pass filter")] = 100.0
+    low_pass_order: Annotated[int, ranged(1, 12, "order of the low-pass filter, Butterworth")] = 4
 
     def contradictions(self) -> Iterator[InvalidValue]:
         yield from super().contradictions()

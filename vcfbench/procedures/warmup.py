@@ -64,14 +64,14 @@ class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
     creeps: ClassVar[bool] = True
     checked_warm: ClassVar[bool] = False
     waits: ClassVar[str] = "shortest_s"
-    shortest_s: Annotated[float, ranged(180.0, 86_400.0, "from power-on, before it may be called steady")] = 1800.0
-    longest_s: Annotated[float, ranged(180.0, 86_400.0, "and at most, steady or not")] = 3600.0
+    shortest_s: Annotated[float, ranged(180.0, 86_400.0, "shortest time from power-on to steady")] = 1800.0
+    longest_s: Annotated[float, ranged(180.0, 86_400.0, "longest time from power-on, steady or not")] = 3600.0
     window_s: Annotated[float, ranged(10.0, 600.0, "length of the means that must agree")] = 60.0
     bias_instability_deg_h: Annotated[
-        float, ranged(1e-3, 1e6, "B of this gyroscope, of its zero record: what steady means")
+        float, ranged(1e-3, 1e6, "B of this gyroscope from its zero record: limit of steady")
     ] = 5.6
     turn_on_tolerance_deg_s: Annotated[
-        float, ranged(1e-3, 1e3, "the output is on when it stays so close to what it comes to")
+        float, ranged(1e-3, 1e3, "the output is on once it stays this close to its final value")
     ] = 1.0
 
     @property

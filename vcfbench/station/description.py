@@ -47,7 +47,7 @@ class SerialSettings(parts.BenchFileTable, frozen=True, kw_only=True):
 class _Calibrated(parts.BenchFileTable, frozen=True, kw_only=True):
     """Calibration of an instrument: its date, the date it is due, and the number of its certificate; for the record.
 
-    `inventory_number` is what is written on it: some instruments tell no serial number.
+    `inventory_number` is what is written on it: some instruments report no serial number.
     """
 
     calibrated: date | None = None

@@ -251,7 +251,7 @@ def stanza(discovery: Discovery) -> str:
         if found.model == "zaber":
             lines.append("steps_per_deg = 0  # put the stage's microsteps per degree")
         if found.serial_number is not None and role != "rate_table":
-            lines.append(f"# serial_number = {value_text(found.serial_number)}  # refuse any other specimen")
+            lines.append(f"# serial_number = {value_text(found.serial_number)}  # refuse any other instrument")
         lines.append("")
     return "\n".join(lines)
 

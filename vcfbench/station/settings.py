@@ -271,14 +271,14 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     positive_rail_v: Annotated[bounds.PositiveRail, bounds.said("level of the positive rail")] = 10.0
     negative_rail_v: Annotated[bounds.NegativeRail, bounds.said("level of the negative rail")] = -10.0
-    rail_current_limit_a: Annotated[bounds.Current, bounds.said("set before the outputs go on")] = 0.1
-    rail_tolerance_v: Annotated[bounds.VoltageTolerance, bounds.said("of the read-back of a rail")] = 0.1
+    rail_current_limit_a: Annotated[bounds.Current, bounds.said("current limit, set before the outputs go on")] = 0.1
+    rail_tolerance_v: Annotated[bounds.VoltageTolerance, bounds.said("tolerance of the read-back of a rail")] = 0.1
     warm_up_s: Annotated[bounds.WarmUp, bounds.said("wait after power-on")] = 0.0
-    acceleration_deg_s2: Annotated[bounds.Acceleration, bounds.said("of every ramp")] = 100.0
-    rate_tolerance_deg_s: Annotated[bounds.RateTolerance, bounds.said("of the read-back of the table")] = 0.05
-    rate_deadline_s: Annotated[bounds.Seconds, bounds.said("for a rate to settle, beyond twice its ramp")] = 10.0
+    acceleration_deg_s2: Annotated[bounds.Acceleration, bounds.said("acceleration of every ramp")] = 100.0
+    rate_tolerance_deg_s: Annotated[bounds.RateTolerance, bounds.said("tolerance of the read-back of the table")] = 0.05
+    rate_deadline_s: Annotated[bounds.Seconds, bounds.said("time for a rate to settle, beyond twice its ramp")] = 10.0
     settle_s: Annotated[bounds.Settling, bounds.said("wait after each step of rate or V_Vc")] = 2.0
-    sample_interval_s: Annotated[bounds.Interval, bounds.said("from reading to reading")] = 1.0
+    sample_interval_s: Annotated[bounds.Interval, bounds.said("time from reading to reading")] = 1.0
     samples: Annotated[bounds.Samples, bounds.said("readings per mean", option=True)] = 10
     nplc: Annotated[Literal[1, 10, 100], bounds.said("integration time in power-line cycles")] = 10
     meter_range_v: Annotated[Literal[1, 10, 100], bounds.said("fixed range of the multimeter")] = 10
@@ -461,10 +461,10 @@ class DeviceSettings(ProcedureSettings, frozen=True, kw_only=True):
 
     dut: Annotated[
         Annotated[str, Meta(min_length=1, max_length=200)] | None,
-        bounds.said("serial number of the gyroscope, as --dut: what is known of it, and kept"),
+        bounds.said("serial number of the gyroscope, as --dut: its device history is used and extended"),
     ] = None
     devices: Annotated[
-        str, Meta(min_length=1, description="directory of what is known of the devices", extra={"option": True})
+        str, Meta(min_length=1, description="directory of the device history", extra={"option": True})
     ] = "devices"
 
     @classmethod

@@ -39,8 +39,8 @@ from vcfbench.uncertainty.oscilloscope import (
     points_that_show,
 )
 
-HEALTH: Final = "whether what K_Vc depends on is measured too, where the bench can"
-EXCHANGE: Final = "whether a person exchanges the probes of drive and carrier for it, so that their gains cancel"
+HEALTH: Final = "also measure the quantities that K_Vc depends on, if the bench can"
+EXCHANGE: Final = "a person exchanges the probes of drive and carrier, so that their gains cancel"
 NODES: Final[tuple[Node, ...]] = ("drive", "carrier", "sense", "output")
 """Nodes that the oscilloscope must see."""
 

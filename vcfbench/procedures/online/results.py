@@ -40,7 +40,7 @@ from vcfbench.values.sources import METER_GAIN, V_VC_GAIN, V_VC_NOISE
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 _U_SHARE = 0.05
-"""Standard uncertainty of the share of the in-phase mode in the response at rest."""
+"""Standard uncertainty of the share share of the in-phase mode in the response at rest."""
 _SCATTER = 3.0
 """Times by which a burst may scatter more than the others."""
 _SWING = 0.05

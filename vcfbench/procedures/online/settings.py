@@ -26,16 +26,18 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     modulation_hz: Annotated[float, ranged(0.02, 5.0, "frequency of the sine on V_Vc, far below the mode split")] = 0.25
     virtual_rate_deg_s: Annotated[float, ranged(0.1, 300.0, "amplitude of the rate that the sine stands for")] = 50.0
-    window_s: Annotated[float, ranged(1.0, 102.4, "a scale factor every so many seconds")] = 20.0
-    duration_s: Annotated[float, ranged(10.0, 1e6, "of the modulation, in whole bursts, at least three")] = 1800.0
-    rate_deg_s: Annotated[Rate, said("rate of the table meanwhile, where there is one")] = 0.0
+    window_s: Annotated[float, ranged(1.0, 102.4, "length of a window, which gives one scale factor")] = 20.0
+    duration_s: Annotated[float, ranged(10.0, 1e6, "duration of the modulation, in whole bursts, at least three")] = (
+        1800.0
+    )
+    rate_deg_s: Annotated[Rate, said("rate of the table during the modulation, if there is a table")] = 0.0
     split_hz: Annotated[
         float, ranged(1.0, 1000.0, "mode split, as `bandwidth` finds it, for the response to the sine")
     ] = 24.8
     u_split_hz: Annotated[float, ranged(0.0, 100.0, "standard uncertainty of the split")] = 0.5
-    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive less in-phase sense frequency, roughly")] = 147.0
+    in_phase_split_hz: Annotated[float, ranged(10.0, 10_000.0, "drive minus in-phase sense frequency, roughly")] = 147.0
     in_phase_share: Annotated[
-        float, ranged(-0.9, 0.9, "of the in-phase mode in the response at rest, as `bandwidth` finds it")
+        float, ranged(-0.9, 0.9, "share of the in-phase mode in the response at rest, as `bandwidth` finds it")
     ] = 0.147
 
     @property

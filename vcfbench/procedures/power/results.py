@@ -32,15 +32,16 @@ class PowerSettings(LevelSettings, frozen=True, kw_only=True):
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
     orders: Annotated[
-        tuple[Order, ...], several(1, 6, "power-on: both rails together, or this one first; only what the PCB bears")
+        tuple[Order, ...],
+        several(1, 6, "power-on: both rails together, or this one first; only orders that the PCB allows"),
     ] = ("together",)
-    order_delay_s: Annotated[float, ranged(0.1, 600.0, "from the first rail to the second")] = 1.0
-    log_s: Annotated[float, ranged(1.0, 600.0, "how long a power-on is followed")] = 10.0
-    off_s: Annotated[float, ranged(1.0, 3600.0, "without power between two of them")] = 10.0
+    order_delay_s: Annotated[float, ranged(0.1, 600.0, "delay from the first rail to the second")] = 1.0
+    log_s: Annotated[float, ranged(1.0, 600.0, "time recorded after a power-on")] = 10.0
+    off_s: Annotated[float, ranged(1.0, 3600.0, "time without power between two power-ons")] = 10.0
     valid_tolerance_deg_s: Annotated[
-        float, ranged(1e-3, 1e3, "the output is valid when it stays so close to what it comes to")
+        float, ranged(1e-3, 1e3, "the output is valid once it stays this close to its final value")
     ] = 1.0
-    rails_varied: Annotated[tuple[Varied, ...], several(1, 3, "which rails are moved, by themselves or both")] = (
+    rails_varied: Annotated[tuple[Varied, ...], several(1, 3, "which rails are moved, alone or together")] = (
         *("positive", "negative", "both"),
     )
     rail_step_v: Annotated[float, ranged(0.05, 5.0, "how far a rail is moved either way, within the limits")] = 0.2

@@ -22,25 +22,27 @@ class TemperatureSettings(LevelSettings, frozen=True, kw_only=True):
     temperatures_c: Annotated[tuple[Celsius, ...], several(3, 100, "temperatures of the air, in their order")] = (
         *(0.0, 20.0, 40.0, 60.0, 40.0, 20.0, 0.0),
     )
-    reference_c: Annotated[float, ranged(-100.0, 200.0, "where the coefficients hold")] = 20.0
-    room_c: Annotated[float, ranged(-50.0, 60.0, "where a person brings a chamber in the end")] = 20.0
-    ramp_k_min: Annotated[float, ranged(0.1, 1000.0, "of the air, at most")] = 10.0
-    window_k: Annotated[float, ranged(0.1, 9.9, "of the air about a temperature that is reached")] = 1.0
-    chamber_takes_s: Annotated[float, ranged(0.0, 86_400.0, "beyond the ramp, for a temperature to be reached")] = 900.0
-    soak_s: Annotated[float, ranged(0.0, 86_400.0, "at a temperature, at least")] = 3600.0
-    longest_soak_s: Annotated[float, ranged(0.0, 864_000.0, "and at most, else the run ends")] = 14_400.0
+    reference_c: Annotated[float, ranged(-100.0, 200.0, "reference temperature of the coefficients")] = 20.0
+    room_c: Annotated[float, ranged(-50.0, 60.0, "final temperature of a chamber that a person sets")] = 20.0
+    ramp_k_min: Annotated[float, ranged(0.1, 1000.0, "fastest ramp of the air")] = 10.0
+    window_k: Annotated[float, ranged(0.1, 9.9, "tolerance of the air temperature once it is reached")] = 1.0
+    chamber_takes_s: Annotated[
+        float, ranged(0.0, 86_400.0, "time for a temperature to be reached, beyond the ramp")
+    ] = 900.0
+    soak_s: Annotated[float, ranged(0.0, 86_400.0, "shortest soak at a temperature")] = 3600.0
+    longest_soak_s: Annotated[float, ranged(0.0, 864_000.0, "longest soak; beyond it the run ends")] = 14_400.0
     steady_ppm_min: Annotated[
         float, ranged(0.1, 1e5, "the soak is over when the output at level_deg_s moves less than this")
     ] = 10.0
-    soak_window_s: Annotated[float, ranged(10.0, 600.0, "length of the three means that tell it")] = 60.0
+    soak_window_s: Annotated[float, ranged(10.0, 600.0, "length of the three means that decide this")] = 60.0
     cycles: Annotated[int, ranged(1, 100, "chopped blocks at each temperature")] = 2
-    split: Annotated[bool, said("whether the mode split is measured too, as bandwidth does")] = False
-    u_temperature_k: Annotated[
-        float, ranged(0.0, 20.0, "standard uncertainty of the temperatures, the same at all")
-    ] = 0.5
-    u_each_temperature_k: Annotated[float, ranged(0.0, 20.0, "and of each by itself: regulation, resolution")] = 0.0
+    split: Annotated[bool, said("also measure the mode split, as bandwidth does")] = False
+    u_temperature_k: Annotated[float, ranged(0.0, 20.0, "standard uncertainty common to all temperatures")] = 0.5
+    u_each_temperature_k: Annotated[
+        float, ranged(0.0, 20.0, "standard uncertainty of each one: regulation, resolution")
+    ] = 0.0
     bias_instability_deg_h: Annotated[
-        float, ranged(0.0, 1e6, "B of this gyroscope, of its zero record: how its bias wanders")
+        float, ranged(0.0, 1e6, "B of this gyroscope from its zero record: wander of the bias")
     ] = 5.6
 
     @property

@@ -16,11 +16,11 @@ class VirtualCoriolisSettings(SweepSettings, frozen=True, kw_only=True):
 
     match: Annotated[
         Match,
-        said("how step 2 compares outputs: each from its own zero, or as they are (the paper's words)", option=True),
+        said("step 2 compares outputs less their own zeros, or as they are (the paper)", option=True),
     ] = Match.ZERO
     match_rate_deg_s: Annotated[Rate, said("rate at which K_Vc is found")] = 10.0
     match_iterations: Annotated[int, ranged(2, 100, "most settings of V_Vc that step 2 may take")] = 4
-    match_windows: Annotated[int, ranged(1, 1000, "windows of each mean that K_Vc hangs on")] = 4
+    match_windows: Annotated[int, ranged(1, 1000, "windows of each mean that determines K_Vc")] = 4
     k_vc_by: Annotated[
         KvcBy, said("K_Vc by one match, half the difference at both signs, or a curve", option="--kvc")
     ] = KvcBy.ONE_POINT

@@ -58,18 +58,16 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     )
     duration_s: Annotated[float, ranged(10.0, 864_000.0, "length of the record")] = 3600.0
     mode: Annotated[
-        Mode, said("time between readings: as it is, corrected for, or none, the meter sampling by itself", option=True)
+        Mode,
+        said("dead time between readings: kept, corrected for, or none (the meter samples by itself)", option=True),
     ] = Mode.CORRECTED
     noise_bandwidth_hz: Annotated[
         float,
-        ranged(0.0, 1e4, "noise bandwidth of one reading, where a split lets more through; 0: not known, N is bounded"),
+        ranged(0.0, 1e4, "noise bandwidth of one reading, if a mode split widens it; 0: not known, N has only a bound"),
     ] = 0.0
     u_noise_bandwidth_hz: Annotated[
         Annotated[float, ranged(0.0, 1e4)] | None,
-        said(
-            "standard uncertainty of noise_bandwidth_hz; None: what a split lets through is known to 30 %, "
-            "which is assumed"
-        ),
+        said("standard uncertainty of noise_bandwidth_hz; None: 30 % of the part that a split adds, which is assumed"),
     ] = None
     noise_bandwidth_nplc: Annotated[
         Literal[1, 10, 100],
@@ -77,7 +75,7 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
     ] = 10
     burst_readings: Annotated[int, ranged(10, 50_000, "readings without gaps that the meter's memory holds")] = 500
 
-    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="of the flicker that is kept, days")] = 365.0
+    validity_days: Annotated[float, Meta(gt=0.0, le=36_500.0, description="validity of the kept flicker, days")] = 365.0
 
     @property
     def start_up_s(self) -> float:
