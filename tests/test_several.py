@@ -182,7 +182,7 @@ def test_record_of_another_run_is_found(whole: Run, tmp_path: Path) -> None:
     assert "is another: it has not the seal" in str(verify_run(one).wrong)
     rmtree(of_all)
     assert verify_run(other).wrong is None
-    assert any("is not beside it" in each for each in verify_run(other).notes)
+    assert any("is missing: its lines" in each for each in verify_run(other).notes)
 
 
 @pytest.mark.parametrize(
@@ -287,7 +287,7 @@ def test_a_device_that_is_gone_when_a_run_is_resumed_ends_for_itself(
         return identify(reader)
 
     monkeypatch.setattr(StreamReader, "identify", gone)
-    with pytest.warns(UserWarning, match="G-1 cannot be read and ends for itself"):
+    with pytest.warns(UserWarning, match="G-1 cannot be read: its measurement ends"):
         again = vcfbench.resume(cut(whole, tmp_path, 2, mark=b'"points":'), runs=tmp_path)
     assert [each.status for each in again.devices] == [Status.ABORTED, Status.COMPLETE]
     assert [len(each.points) for each in again.devices] == [2, 3]

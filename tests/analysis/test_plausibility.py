@@ -69,7 +69,7 @@ FAULTS: dict[str, tuple[Floats, int | None, str]] = {
     "wrapped": ((spoilt(0, 5000, 7.5) + 10.0) % 20.0 - 10.0, None, "far from their neighbours"),
     "wrapped close by": ((spoilt(0, 5000, 3.0) + 5.0) % 10.0 - 5.0, None, "wrapped, or two states"),
     "held": (np.repeat(spoilt(0, 0, 0.0), 4), 0, "each value stands 4 times"),
-    "not at rest": (spoilt(0, 5000, 80.0), 0, "was it at rest"),
+    "not at rest": (spoilt(0, 5000, 80.0), 0, "that it was at rest"),
 }
 
 

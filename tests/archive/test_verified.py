@@ -104,7 +104,7 @@ def test_a_key_that_was_changed_is_named_by_its_line(record: Path) -> None:
     journal.write_bytes(b"".join(lines))
     found = verify_run(record)
     assert (found.verdict, found.line) == ("FAIL", place + 1)
-    assert "its seal is another" in (found.wrong or "")
+    assert "its seal differs" in (found.wrong or "")
 
 
 def test_cut_footer_is_noticed_by_derived_files(record: Path) -> None:
@@ -119,7 +119,7 @@ def test_cut_of_earlier_record_is_seen_in_resumed_one(record: Path) -> None:
     assert resumed is not None
     lines = (record / "journal.jsonl").read_bytes().splitlines(keepends=True)
     (record / "journal.jsonl").write_bytes(b"".join(lines[:-1]))
-    assert "has no such seal any more" in (verify_run(resumed).wrong or "")
+    assert "has a different seal" in (verify_run(resumed).wrong or "")
 
 
 def test_a_record_without_seals_does_not_pass(record: Path) -> None:
@@ -127,7 +127,7 @@ def test_a_record_without_seals_does_not_pass(record: Path) -> None:
     lines = [json.loads(line) for line in journal.read_bytes().splitlines()]
     bare = [{name: value for name, value in line.items() if name != "seal"} for line in lines]
     journal.write_bytes(b"".join(json.dumps(line).encode() + b"\n" for line in bare))
-    assert verify_run(record).wrong == "line 1 is not what was written there: its seal is another"
+    assert verify_run(record).wrong == "line 1 was changed: its seal differs"
 
 
 def test_verify_names_each_record_and_ends_with_1_on_failure(record: Path) -> None:
@@ -235,14 +235,14 @@ def test_earlier_verdict_rules_and_missing_newer_keys_are_no_fault(tmp_path: Pat
     (record / "journal.jsonl").write_bytes(sealed(b"".join(json.dumps(line).encode() + b"\n" for line in lines)))
     found = verify_run(record)
     assert (found.verdict, found.wrong) == ("PASS", None)
-    assert "the verdict, marginal, is by the rules of its day; by those of now it is pass" in found.notes
+    assert "the verdict, marginal, is by the rules of that version; by the present rules it is pass" in found.notes
 
 
 @pytest.mark.parametrize(
     ("of", "by", "evaluation", "words"),
     [
-        ("value", 0.008, None, "computed again to what is printed, and no further"),  # in units of u
-        ("u", 0.004, None, "computed again to what is printed, and no further"),
+        ("value", 0.008, None, "computed again, equal only as far as printed"),  # in units of u
+        ("u", 0.004, None, "computed again, equal only as far as printed"),
         ("value", 0.3, None, ""),
         ("u", 0.3, None, ""),
         ("value", 0.3, "0", "computed again with other versions (evaluation 0, here"),

@@ -249,7 +249,7 @@ def test_an_output_that_does_not_answer_is_no_output() -> None:
     walk = walked(np.zeros(len(RATES)))
     dead = [replace(each, point=replace(each.point, output_v=1e-5 * (n % 3))) for n, each in enumerate(walk.windows)]
     walk.windows[:] = dead
-    with pytest.raises(MeasurementError, match="does not answer to the table's rate"):
+    with pytest.raises(MeasurementError, match="does not respond to the table's rate"):
         require_no_jump(walk)
 
 

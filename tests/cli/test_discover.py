@@ -29,5 +29,5 @@ def test_named_resource_without_answer_is_failure() -> None:
         name = f"TCPIP::127.0.0.1::{closing.getsockname()[1]}::SOCKET"
     done = CliRunner().invoke(app, ["bench", "discover", "--library", "@vcfbench", "--try", name])
     assert done.exit_code == 3
-    assert f"{name}: nobody answers there" in done.stdout
+    assert f"{name}: no instrument answers there" in done.stdout
     assert done.stderr == f"vcfbench: no answer from {name}\n"

@@ -168,7 +168,7 @@ def test_what_others_have_taken_over_is_named(journal: Path, told: list[Any], mo
     others = f"another process, {TAKEN.owner}"
     assert code == 0
     assert (line_of(journal)["left_to"], line_of(journal)["safe"]) == (others, True)
-    assert told[-2] == (f"vcfbench watchdog: it died; what {others} has taken over was left to it", False)
+    assert told[-2] == (f"vcfbench watchdog: it died; instruments taken over by {others} were left to it", False)
 
 
 def test_a_program_that_lives_on_closes_its_own_record(

@@ -52,8 +52,8 @@ def test_what_is_no_terminal_asks_nobody(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_yes_takes_it_as_done_and_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     person = asked(monkeypatch, io.StringIO(""), yes=True)
     assert person is not None
-    assert person(MOVE) == "taken as done: --yes"
-    assert capsys.readouterr().err == "by hand: move the leads to the V_Vc input; taken as done (--yes)\n"
+    assert person(MOVE) == "counted as done: --yes"
+    assert capsys.readouterr().err == "by hand: move the leads to the V_Vc input; counted as done (--yes)\n"
 
 
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="Windows has no pseudo-terminals")

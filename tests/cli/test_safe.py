@@ -193,7 +193,7 @@ def test_missing_instrument_does_not_prevent_proof_of_others(lab: ServedLab) -> 
     done = safe_bench(structs.replace(bench, rate_source=gone))
     assert [each.safe for each in done.instruments] == [True, False, True]
     untold = "could not be told to switch off; its state was never read back; "
-    assert f"rate_source at TCPIP::127.0.0.1::1::SOCKET: {untold}nobody answers there" in str(done.failure())
+    assert f"rate_source at TCPIP::127.0.0.1::1::SOCKET: {untold}no instrument answers there" in str(done.failure())
     assert done.instruments[1].detail.startswith(untold)
 
 

@@ -90,7 +90,7 @@ def watched(monkeypatch: pytest.MonkeyPatch, *said: bytes) -> tuple[str | None, 
     ("last", "why"),
     [
         ((b"beat ", b"left safe"), None),
-        ((b"beat ", b"left live"), "the program has not made its bench safe"),
+        ((b"beat ", b"left live"), "the program did not make its bench safe"),
         ((b"beat ",), "the program died"),
     ],
 )
@@ -105,7 +105,7 @@ def test_a_program_that_lives_leaves_its_bench_or_dies(
 def test_a_program_that_is_silent_hangs_and_is_ended(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pause = [b""] * (SILENT_TURNS - 1)
     why, turns = watched(monkeypatch, BENCH, *pause[1:], b"beat ", *pause, b"too late")
-    assert why == "the program gave no sign of life for 2 s and was ended"
+    assert why == "the program did not respond for 2 s and was ended"
     assert turns.passed == 2 * SILENT_TURNS - 1
     assert ended == ["{} ended"]
 
@@ -113,7 +113,7 @@ def test_a_program_that_is_silent_hangs_and_is_ended(ended: list[str], monkeypat
 def test_step_beyond_its_time_counts_as_hung(ended: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     beats = [b"beat "] * 50
     why, turns = watched(monkeypatch, BENCH, b'step inf "wait"', *beats, b'step 0.2 "ramp"', *beats)
-    assert why == "its step took longer than it may and was ended"
+    assert why == "its step took longer than allowed and was ended"
     assert turns.passed == 2 + 50 + 1 + 2
     assert turns.watch is not None
     assert turns.watch.said[b"step"] == b'"ramp"'
@@ -165,7 +165,7 @@ def test_hanging_program_is_ended_even_if_nothing_loads(
         threads: list[Callable[[], object]] = []
         monkeypatch.setattr("os.getppid", lambda: parent)  # noqa: B023
         why, _ = watched(monkeypatch, b'owner 4711 "power at COM1"', BENCH, *[b""] * SILENT_TURNS)
-        assert why == "the program gave no sign of life for 2 s and was ended"
+        assert why == "the program did not respond for 2 s and was ended"
         assert killed == ([] if parent == 1 else [(4711, 9)])
         assert threads[1:] == [watchdog._prepare]
         threads[1]()  # a thread that raises would write a traceback

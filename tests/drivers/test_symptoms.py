@@ -112,7 +112,7 @@ def null(_: str, healthy: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("quirk", "words"),
     [
-        (echo, "what was sent comes back"),
+        (echo, "commands are echoed"),
         (prompt, "a prompt comes"),
         (telnet, "negotiates telnet (IAC)"),
         (null, "a NUL byte comes"),

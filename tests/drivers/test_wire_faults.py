@@ -61,7 +61,7 @@ def timed(call: Callable[[], object]) -> tuple[BenchError, float, float]:
 def test_a_port_where_nobody_listens_fails_to_open() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with pytest.raises(ConnectFailed, match=f"multimeter at TCPIP0::127.0.0.1::{port}::SOCKET: nobody answers"):
+    with pytest.raises(ConnectFailed, match=f"multimeter at TCPIP0::127.0.0.1::{port}::SOCKET: no instrument answers"):
         opened(f"TCPIP0::127.0.0.1::{port}::SOCKET", 0.2)
 
 

@@ -355,7 +355,7 @@ def test_page_stops_the_run_that_it_names(tmp_path: Path) -> None:
             page.follow(second := RunControl())
             page.view.about, page.view.version = {"run": "second"}, 1
             late = ask(f"{address}/stop", params={"run": "first"})
-            assert (late.status_code, late.text) == (409, "first is over, another run goes here now: second")
+            assert (late.status_code, late.text) == (409, "first is over, another run is under way here: second")
             assert (first.stop_by, second.stop_by) == ("", "")
             one.finished({"status": "complete", "parts": []})
             said = "\n".join(lines)

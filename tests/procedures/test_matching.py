@@ -83,7 +83,7 @@ def test_v_vc_between_ranges_takes_nearer_end() -> None:
 
 def test_a_dead_v_vc_lead_is_said_to_be_one() -> None:
     dead = begun((0.25, 1e-6, 1e-5))
-    with pytest.raises(MeasurementError, match="does not answer to V_Vc"):
+    with pytest.raises(MeasurementError, match="does not respond to V_Vc"):
         dead.v_vc_equal_v  # noqa: B018  # the property raises
 
 
@@ -96,7 +96,7 @@ def test_answer_to_v_vc_is_beyond_noise(rate_deg_s: float, std_v: float, least_v
 
     for sign in (1.0, -1.0):
         assert answered(1.05 * sign * least_v) == pytest.approx(4.2 * sign * least_v)
-        with pytest.raises(MeasurementError, match="does not answer to V_Vc"):
+        with pytest.raises(MeasurementError, match="does not respond to V_Vc"):
             answered(0.95 * sign * least_v)
 
 
@@ -123,7 +123,7 @@ def test_output_that_ignores_table_gives_no_k_vc() -> None:
     means = [point(1, 0.0, 0.0, 0.0), point(1, 10.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0), point(2, 0.0, 0.0, 0.0)]
     matching = Matching.of([*means, point(2, 0.0, 0.25, -0.125), point(2, 0.0, 0.0, 0.0)], Match.ZERO, 10.0)
     assert matching.level_v == 0.0
-    with pytest.raises(MeasurementError, match="does not answer to the table's rate"):
+    with pytest.raises(MeasurementError, match="does not respond to the table's rate"):
         _ = matching.k_vc
 
 

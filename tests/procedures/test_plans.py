@@ -264,7 +264,7 @@ def test_loose_lead_ends_sweep_at_first_pair_of_rates() -> None:
                 result = structs.replace(result, point=structs.replace(result.point, output_v=output_v))
             step = sweep.send(result)
 
-    with pytest.raises(MeasurementError, match="a lead came off"):
+    with pytest.raises(MeasurementError, match="a lead is off"):
         done(turntable.table_sweep(make_settings(k_vc_guess_deg_s_per_v=K_VC), 3, earlier))
     assert taken == [0.0, 200.0, 100.0]
 

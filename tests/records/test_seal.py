@@ -17,7 +17,7 @@ from vcfbench.records.seal import Sealer
 if TYPE_CHECKING:
     from pathlib import Path
 
-NOT_THERE = "is not what was written there: its seal is another"
+NOT_THERE = "was changed: its seal differs"
 
 
 def damage_of(path: Path, data: bytes) -> str | None:

@@ -77,7 +77,7 @@ dog.require_ready()
     ("end", "why"),
     [
         ("os.kill(os.getpid(), signal.SIGKILL)", "the program died"),
-        ("os.kill(os.getpid(), signal.SIGSTOP)", "the program gave no sign of life for 2 s and was ended"),
+        ("os.kill(os.getpid(), signal.SIGSTOP)", "the program did not respond for 2 s and was ended"),
     ],
 )
 def test_moved_package_is_reported_and_a_hanging_program_ended(end: str, why: str, tmp_path: Path) -> None:

@@ -117,7 +117,7 @@ def test_who_does_not_answer_costs_a_bounded_time() -> None:
         assert "is not text" in str(tried(f"socket://127.0.0.1:{port}", timeout_s=0.1).problem)
     with socket.create_server(("127.0.0.1", 0)) as closing:
         port = closing.getsockname()[1]
-    assert "nobody answers" in str(tried(f"TCPIP::127.0.0.1::{port}::SOCKET").problem)
+    assert "no instrument answers" in str(tried(f"TCPIP::127.0.0.1::{port}::SOCKET").problem)
     assert "cannot be opened" in str(tried("/dev/no-such-port").problem)
 
 

@@ -263,7 +263,7 @@ def test_late_table_does_not_keep_the_supply_on() -> None:
 def test_a_dead_v_vc_lead_ends_step_2() -> None:
     bench = FakeBench(Gyro(k_vc=0.0))
     execution = run("virtual-coriolis", bench)
-    assert str(execution.error).startswith("rate_source at FAKE::10: the output does not answer to V_Vc")
+    assert str(execution.error).startswith("rate_source at FAKE::10: the output does not respond to V_Vc")
     assert [point.step for point in execution.points] == [1] * 8 + [2] * 2
 
 

@@ -118,7 +118,7 @@ def test_leads_that_are_elsewhere_end_it() -> None:
     bench = bench_at(0.5)
     assert isinstance(bench.v_vc_meter, FakeVvcMeter)
     bench.v_vc_meter.gain = -1.0
-    said = r"v_vc_meter at FAKE::23: reads -0\.5 V where V_Vc was set to \+0\.5 V, within 0\.01 V; are its leads"
+    said = r"v_vc_meter at FAKE::23: reads -0\.5 V where V_Vc was set to \+0\.5 V, within 0\.01 V; check its leads"
     with pytest.raises(MeasurementError, match=said):
         window().perform(Context(bench, lambda _: None))
     with pytest.raises(MeasurementError, match=said):

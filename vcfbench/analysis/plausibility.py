@@ -60,7 +60,7 @@ def doubts_of_record(rates_deg_s: Floats) -> list[Doubt]:
     if not found:
         found += [*_burst(rates_deg_s), *_restless(rates_deg_s)]
     if abs(mean) > _REST_DEG_S:
-        found.append(Doubt(0, f"a mean of {mean:.3g} deg/s: does the unit hold, was it at rest?"))
+        found.append(Doubt(0, f"a mean of {mean:.3g} deg/s: check its unit, and that it was at rest"))
     return found
 
 
@@ -163,7 +163,7 @@ def _moved(rates: Floats) -> Iterator[Doubt]:
             yield Doubt(
                 (largest + several) * length,
                 f"the mean of {several * length} readings moves by {size[largest]:.3g} deg/s, "
-                f"{size[largest] / spread:.0f} times what it usually does: a step, or motion",
+                f"{size[largest] / spread:.0f} times the usual: a step, or motion",
             )
             return
 
@@ -215,7 +215,9 @@ def doubts_of_line(rate_deg_s: Floats, output: Floats, line: LineFit, u_scale_fa
     """Return the features of points of a calibration, shape (n,), that no gyroscope within its range gives."""
     found, residuals = [], np.abs(line.residuals_v)
     if abs(line.scale_factor) < 3.0 * u_scale_factor:
-        found.append(Doubt(0, "the scale factor is not beyond its own uncertainty: does the output follow the rate?"))
+        found.append(
+            Doubt(0, "the scale factor is not beyond its own uncertainty: check that the output follows the rate")
+        )
     span = abs(line.scale_factor) * float(np.ptp(rate_deg_s))
     worst = int(residuals.argmax())
     if residuals[worst] > _LEFT * span:

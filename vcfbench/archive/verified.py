@@ -143,13 +143,13 @@ class _Check(Struct):
         yield from self._of_several()
         notes = self.notes
         if record.torn:
-            notes.append(f"it ends within line {len(record.lines) + 1}, which tells nothing")
+            notes.append(f"it ends within line {len(record.lines) + 1}, which is ignored")
         if record.status is Status.RUNNING:
             notes.append("its run goes on")
         elif record.footer is None and not self.signed_by:
             notes.append("it has no footer and no signature: whether lines were cut off its end cannot be known")
         if not self.signed_by:
-            notes.append("not signed: who can write it could have made it all anew, or taken amendments away")
+            notes.append("not signed: anyone with write access could have replaced it, or removed amendments")
 
     def _form(self) -> Iterator[str]:
         try:
@@ -216,7 +216,7 @@ class _Check(Struct):
                 yield "what was amended after the last signature is not signed"
             self.notes.append("what was amended after the last signature is not signed")
         if not self.keys:
-            self.notes.append("whose key signed it was not asked: --key")
+            self.notes.append("the signing key was not checked (--key)")
 
     def _files(self) -> Iterator[str]:
         """Hold the files beside the journal against their sums in the footer."""
@@ -231,7 +231,7 @@ class _Check(Struct):
                 yield error.what
                 continue
             if sha256(data.replace(b"\r\n", b"\n")).hexdigest() != stated:
-                yield f"{shown(name)} is not what was written: its SHA-256 is another"
+                yield f"{shown(name)} is not what was written: its SHA-256 differs"
 
     def _results(self) -> Iterator[str]:
         """Compute points.csv and the results again."""
@@ -267,7 +267,7 @@ class _Check(Struct):
                 _not_as_printed(values, {each.name: each for each in evaluation.values}),
             )
             yield from (f"result.json: {each}" for each in as_printed)
-            self.notes.append(f"computed again to what is printed, and no further: {differing}")
+            self.notes.append(f"computed again, equal only as far as printed: {differing}")
         elif others:
             self.notes.append(f"computed again with other versions, to the same: {others}")
 
@@ -279,7 +279,7 @@ class _Check(Struct):
         name = str(of.get("run"))
         whole = RunDirectory(self.directory.path.parent / Path(name).name)
         if not whole.journal.is_file():
-            self.notes.append(f"{name}, the run of all its devices, is not beside it: its lines stand alone")
+            self.notes.append(f"{name}, the run of all its devices, is missing: its lines cannot be compared")
             return
         run = whole.read()
         if run.damage is not None:
@@ -303,13 +303,13 @@ class _Check(Struct):
         name = str(resumed_from.get("run"))
         earlier = RunDirectory(self.directory.path.parent / Path(name).name)
         if not earlier.journal.is_file():
-            self.notes.append(f"{name}, which it was resumed from, is not beside it: what was taken over stands alone")
+            self.notes.append(f"{name}, which it was resumed from, is missing: the copied steps cannot be compared")
             return
         before = earlier.read()
         if before.damage is not None:
             yield f"{name}, which it was resumed from: {before.damage}"
         if resumed_from.get("seal") is not None and resumed_from["seal"] not in before.seals:
-            yield f"{name}, which it was resumed from, has no such seal any more: it was changed, or lines were cut off"
+            yield f"{name}, which it was resumed from, has a different seal: it was changed, or lines were cut off"
         had = {line["n"]: _apart(line) for line in before.steps}
         for place, line in enumerate(self.record.lines, 1):
             if line.get("type") == "step" and "taken_over" in line and had.get(line["n"]) != _apart(line):
@@ -358,7 +358,7 @@ def _by_earlier_rules(of_record: dict[str, Any], again: dict[str, Any]) -> Itera
         was, now = acceptance.get("verdict"), (again["acceptance"] or {}).get("verdict")
         del of_record["acceptance"]
         if was != now:
-            yield f"the verdict, {was}, is by the rules of its day; by those of now it is {now}"
+            yield f"the verdict, {was}, is by the rules of that version; by the present rules it is {now}"
 
 
 def _not_as_printed(stored: Sequence[Value], again: Mapping[str, Value]) -> Iterator[str]:

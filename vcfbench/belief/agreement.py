@@ -36,8 +36,8 @@ def require_same_zero(zero_table: Point, zero_virtual: Point, turning: Point) ->
         raise _disagreement(
             zero_virtual,
             f"the zero moved from {zero_table.output_v:+.6g} V to {zero_virtual.output_v:+.6g} V as the generator came "
-            f"on at 0 V; the matching rate is worth {span_v:.3g} V",
-            "V_Vc has an offset, or the lead of the output has come off: look at both",
+            f"on at 0 V; the matching rate changes the output by {span_v:.3g} V",
+            "V_Vc has an offset, or the lead of the output is off: check both",
         )
 
 
@@ -75,8 +75,8 @@ def require_steady_slope(
         raise _disagreement(
             right,
             f"from {_words(left)} to {_words(right)} the output moves by {moved_v:+.4g} V, "
-            f"the slope of {whence} lets expect {step:+.4g} V",
-            "a lead came off or was swapped, or something is saturated: look at the leads of the output and of V_Vc",
+            f"the slope of {whence} predicts {step:+.4g} V",
+            "a lead is off or swapped, or a stage is saturated: check the leads of the output and of V_Vc",
         )
 
 
@@ -133,11 +133,11 @@ def require_expected_k_vc(k_vc: float, guess: float, expected: Expected) -> None
     _require("k_vc_deg_s_per_v", expected.k_vc_deg_s_per_v, k_vc, 2)
     if expected.k_vc_deg_s_per_v is None and not 1.0 / ROUGHLY <= k_vc / guess <= ROUGHLY:
         raise MeasurementError(
-            f"K_Vc comes out as {k_vc:.5g} (deg/s)/V, the bench file guesses {guess:g}: its sign, or its size by more "
+            f"K_Vc is {k_vc:.5g} (deg/s)/V, the bench file guesses {guess:g}: its sign, or its size by more "
             f"than a factor of {ROUGHLY:g}, is another",
             instrument="multimeter",
             step="2",
-            hint="are the leads of the output or of V_Vc swapped? else correct procedure.k_vc_guess_deg_s_per_v",
+            hint="check the leads of the output and of V_Vc; if right, correct procedure.k_vc_guess_deg_s_per_v",
         )
 
 

@@ -330,7 +330,7 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
         seen = (
             f"from {output.min():+.6g} to {output.max():+.6g} V in all windows, where one mean is known to {u_v:.1g} V"
         )
-        wrong = f"answer to {what}: {seen}"
+        wrong = f"respond to {what}: {seen}"
     else:
         _require_straight(windows, walk.settings.expected.nonlinearity_ppm)
         if left_v <= _CURVED * span_v:
@@ -341,7 +341,7 @@ def _require_answer(walk: Walk, windows: Sequence[Seen]) -> None:
         f"the output does not {wrong}",
         instrument="multimeter",
         step=str(windows[-1].point.step),
-        hint=f"look at the lead of the output, {lead}the PCB's supply, and the drive signal",
+        hint=f"check the lead of the output, {lead}the PCB's supply, and the drive signal",
     )
 
 

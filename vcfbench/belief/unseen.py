@@ -199,7 +199,7 @@ def unseen_in_turn(
             at = np.flatnonzero(some)
             faults = _Faults(at, sizes[at] if refused else None)
             if worst := faults.worst(done[:, at], u95, frozenset(), lambda *_: {}):
-                few = "the records are too few" if np.isfinite(sizes[at]).all() else "it looks like what is measured"
+                few = "the records are too few" if np.isfinite(sizes[at]).all() else "it looks like the measured effect"
                 why = "" if refused else few
                 yield Unseen(kind, worst[0], each.unit, worst[1], why, each.what)
 
@@ -213,10 +213,10 @@ def _why(course: Course, first: int, last: int, moving: frozenset[int]) -> str:
     parts = [frozenset(place[id(each)] for each in own) for walk, _ in course.walks for own in groups(walk)]
     spoilt = moving & frozenset(range(first, last))
     if not spoilt & frozenset().union(*parts):
-        return "nothing is compared with these windows"
+        return "these windows are not compared with others"
     if len(parts) > 1 and all(part <= spoilt or not part & spoilt for part in parts):
         return "it comes between parts of the run that are not compared"
-    return "it looks like what is measured"
+    return "it looks like the measured effect"
 
 
 def smallest_sizes(course: Course, unit: str) -> tuple[Floats, Floats]:

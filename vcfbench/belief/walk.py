@@ -253,7 +253,7 @@ def require_answer(settings: ProcedureSettings, points: Sequence[Point]) -> None
     u_v = math.sqrt(variance + settings.meter_resolution_v**2 / 12.0 + Limits.of(settings).flicker_v ** 2)
     if max(outputs) - min(outputs) < 1.5 * sigmas(dof) * u_v:
         raise MeasurementError(
-            f"the output does not answer to {'V_Vc' if any(point.v_vc_v for point in points) else 'the rate'}: from "
+            f"the output does not respond to {'V_Vc' if any(point.v_vc_v for point in points) else 'the rate'}: from "
             f"{min(outputs):+.6g} to {max(outputs):+.6g} V in {len(points)} windows, "
             f"where one mean is known to {u_v:.1g} V",
             instrument="multimeter",

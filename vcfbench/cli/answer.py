@@ -43,12 +43,12 @@ def not_seen(run: Run) -> list[dict[str, Any]]:
 def print_not_seen(run: Run) -> None:
     """Print in a line which faults a run cannot have seen, up to which sizes."""
     if (count := len(run.points)) > _MOST_WINDOWS:
-        typer.echo(f"\nnot seen: vcfbench report has it, of {count} windows it takes minutes")
+        typer.echo(f"\nundetected faults: see vcfbench report ({count} windows take minutes)")
         return
     from vcfbench.archive.unseen import unseen_in_short, unseen_of  # noqa: PLC0415  # as above
 
     if said := unseen_in_short(run, unseen_of(run)):
-        typer.echo(f"\nnot seen, and in no U95 (vcfbench report has what it may do): {said}")
+        typer.echo(f"\nfaults that this run would not detect, not in U95 (effects: vcfbench report): {said}")
 
 
 def print_verdicts(lines: str) -> None:

@@ -87,9 +87,7 @@ def carry_out(request: Request, preparing: Preparing, options: RunOptions, endin
         raise run.error
     if ended := {each.metadata.dut or "": each.error for each in run.devices if each.error is not None}:
         error = BenchError.joined(ended)
-        error.what = (
-            f"{len(ended)} of {len(run.devices)} devices ended for themselves, the others finished: {error.what}"
-        )
+        error.what = f"{len(ended)} of {len(run.devices)} devices ended early, the others finished: {error.what}"
         raise error
     if any(each.verdict is not None and not each.verdict.passed for each in (run, *run.devices)):
         raise typer.Exit(1)  # no error: a limit of the results failed, whether or not anybody could read it
@@ -157,7 +155,7 @@ def _show(run: Run, options: RunOptions) -> None:
     elif run.physical_minimum_s is not None:  # the bench did open
         _print_answer(run, options)
         for said in run.asked_again:
-            typer.echo(f"\nasked again: {said}")
+            typer.echo(f"\nquery repeated: {said}")
         if not run.simulated:
             print_not_seen(run)
         typer.echo(
@@ -221,7 +219,7 @@ def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_js
     if wired:
         typer.echo(f"wiring: {wired}")
     if devices:
-        typer.echo(f"devices: {', '.join(devices)}; one that cannot be read or fails ends for itself")
+        typer.echo(f"devices: {', '.join(devices)}; one that cannot be read or fails ends early, the others go on")
     for each in planned.steps:
         typer.echo(f"{each.number:4d}  {each.t_s:8.1f} s  {each.step.describe()}")
     expectation = planned.expected

@@ -170,8 +170,8 @@ def _print_history(known: Device) -> None:
         # Print until when the K_Vc of the last certificate is good, and its sensitivities
         when = "never" if valid.u95_until is None else f"on {valid.u95_until:%Y-%m-%d}"
         when = "before its certificate was out" if valid.beyond_u95 else when
-        drift = f"drift of at most {valid.k_vc_drift_ppm_per_year or 0.0:g} ppm a year"
-        typer.echo(f"\nU95 of K_Vc comes to {valid.wanted_u95_ppm:g} ppm {when} ({drift})\n")
+        drift = f"drift of at most {valid.k_vc_drift_ppm_per_year or 0.0:g} ppm per year"
+        typer.echo(f"\nU95 of K_Vc reaches {valid.wanted_u95_ppm:g} ppm {when} ({drift})\n")
         typer.echo(table_text(sensitivity_table(valid.sensitivities)))
     # Print the properties that the last self-calibration measured, beside the certificate's
     last = known.self_calibrations[-1] if known.self_calibrations else None
@@ -236,7 +236,7 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
         for name, points in found.items()
     ]
     of = f" ({series[0].label})" if len(series) == 1 else ""  # several have a legend
-    said = f"Left out, since their rates or conditions do not compare: {left_out}." if left_out else ""
+    said = f"Left out, as their rates or conditions are not comparable: {left_out}." if left_out else ""
     title = f"Scale factor of {serial}{of}; bars: 2 u"
     save_figure(Figure(title, since, Axis("change", "ppm"), series, caption=said), path)
 

@@ -96,7 +96,7 @@ def _tried(charge: dict[str, Any], said: Said, *, left: bool) -> tuple[int, str,
                    for each in done.instruments]  # fmt: skip
     unsafe = isinstance(failure, NotSafe)
     found = {"safe": not unsafe, "instruments": instruments, **({"left_to": left_to} if left_to else {})}
-    came = f"what {left_to} has taken over was left to it" if left_to else "the bench was made safe"
+    came = f"instruments taken over by {left_to} were left to it" if left_to else "the bench was made safe"
     return (NotSafe.exit_code, str(failure), found, done.unsafe_beside(by_hand)) if unsafe else (0, came, found, False)
 
 

@@ -33,8 +33,8 @@ def at_the_terminal(signals: StopSignals | None, keys: Keys | None, *, yes: bool
 
     def ask(request: Request) -> str:
         if yes and not request.types:
-            _say(f"by hand: {request.words}; taken as done (--yes)\n")
-            return "taken as done: --yes"
+            _say(f"by hand: {request.words}; counted as done (--yes)\n")
+            return "counted as done: --yes"
         with nullcontext() if keys is None else keys.left_alone():
             sleep(WallClock(), _DISPLAYED_S)
             forget_typed()

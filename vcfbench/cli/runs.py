@@ -146,7 +146,7 @@ def _print_run(directory: RunDirectory, record: JournalRecord, run: Run) -> None
         typer.echo(f"{printable(each)}\n")
     print_report(run.report())
     for said in run.asked_again:
-        typer.echo(f"\nasked again: {printable(said)}")
+        typer.echo(f"\nquery repeated: {printable(said)}")
     print_not_seen(run)
     if run.no_results is not None:
         typer.echo(f"\n{'no results' if run.results is None else 'results as stored'}: {run.no_results}")

@@ -30,7 +30,7 @@ NOT_SAFE = 5
 def main() -> None:
     """Watch until the program has left its bench; else make that safe. Ends with 0 when all is safe, 5 when not."""
     watch = Watch()
-    why: str | None = "its watching failed"
+    why: str | None = "the watchdog failed"
     code = 5
     try:
         why = watch.until_it_ends()
@@ -97,13 +97,13 @@ class Watch:
                 except RuntimeError:  # no thread is left: then it is loaded when it is needed
                     pass
             if silent >= self._silent_turns:
-                return self._ended(f"the program gave no sign of life for {self._silent_turns * TURN_S:g} s")
+                return self._ended(f"the program did not respond for {self._silent_turns * TURN_S:g} s")
             if self._turn > self._last_turn:
-                return self._ended("its step took longer than it may")
+                return self._ended("its step took longer than allowed")
         if b"overdue" in self.said:
             return self._ended(f"a call never returned ({self.said[b'overdue'].decode()})")
         if b"left" in self.said:
-            return None if self.said[b"left"] == b"safe" else "the program has not made its bench safe"
+            return None if self.said[b"left"] == b"safe" else "the program did not make its bench safe"
         return "the program died"
 
     def _listen(self) -> None:

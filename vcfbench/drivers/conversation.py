@@ -199,7 +199,7 @@ class Conversation:
         if self._reconnect is None or self._given_back:
             self._require_open()
             return
-        self._give_up("it was given up for a new one")
+        self._give_up("it was replaced by a new one")
         self._wire = self._reconnect(deadline)
         if self._given_back:
             self._wire.close()

@@ -76,7 +76,7 @@ class E36312A(E3631A):
                 tripped = [output for output, state in zip(self.outputs, states, strict=True) if state]
                 if tripped:
                     error.what += f": the {what} protection of {', '.join(tripped)} has tripped"
-                    error.hint = "see to the cause, then clear it at the front panel or by OUTP:PROT:CLE (@1,2,3)"
+                    error.hint = "remove the cause, then clear it at the front panel or by OUTP:PROT:CLE (@1,2,3)"
             raise
 
     def outputs_enabled(self) -> bool:

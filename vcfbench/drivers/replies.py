@@ -68,7 +68,7 @@ def _refuse(expected: str, came: str | bytes) -> FramingError:
     return FramingError(f"expected {expected}, got {shown}")
 
 
-LINE_SPEED = "is baud_rate in the bench file what the instrument's port is set to?"
+LINE_SPEED = "check that baud_rate in the bench file equals the instrument's setting"
 
 
 def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None:
@@ -80,9 +80,9 @@ def likely_cause(came: bytes, asked: str | None, *, on_port: bool) -> str | None
     if _NEGOTIATION.search(line):
         return "a terminal server negotiates telnet (IAC): set its port to raw TCP"
     if asked and line == asked.strip().encode("latin-1"):
-        return "what was sent comes back: switch the echo off, at the instrument, the adapter or the terminal server"
+        return "commands are echoed: switch the echo off, at the instrument, the adapter or the terminal server"
     if _PROMPT.match(line):
-        return "a prompt comes: this port is for people (telnet, often 5024), use that for programs (often 5025)"
+        return "a prompt comes: this port is for people (telnet, often 5024), use the port for programs (often 5025)"
     if _NUL.search(line):
         return "a NUL byte comes with the answers, adapters add one: tell it not to (Prologix: ++eot_enable 0)"
     if on_port and not line.isascii():

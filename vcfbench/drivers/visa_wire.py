@@ -74,7 +74,7 @@ def open_wire(resource: str, library: str, deadline: Deadline, serial: SerialLin
             except OSError as error:
                 code = code or error.errno or -1
             if code:
-                raise ConnectFailed(f"nobody answers there ({os.strerror(code)})")  # noqa: TRY301 - the resource is closed
+                raise ConnectFailed(f"no instrument answers there ({os.strerror(code)})")  # noqa: TRY301 - the resource is closed
             return SocketWire(opened, beneath)
         try:
             if interface == "asrl" and serial is not None:

@@ -245,7 +245,7 @@ class _Routes:
 
     def events(self, request: Request) -> Any:
         if self._shown.browsers >= _MOST_BROWSERS:
-            raise HTTPException(503, f"{_MOST_BROWSERS} browsers look at this already")
+            raise HTTPException(503, f"{_MOST_BROWSERS} browsers show this already")
         name = request.path_params["name"]
         self._shown.view(name)  # there is one
         return EventStream(self._shown, name)
@@ -266,9 +266,9 @@ class _Routes:
         self._require_token(request)
         control, live = self._shown.control, self._shown.live
         if control is None or live is None or live.end is not None:
-            raise HTTPException(409, "no run goes here any more")
+            raise HTTPException(409, "no run is under way here any more")
         if (named := request.query_params.get("run")) not in {None, "", (goes := str(live.about.get("run", "")))}:
-            raise HTTPException(409, f"{named} is over, another run goes here now: {goes}")
+            raise HTTPException(409, f"{named} is over, another run is under way here: {goes}")
         acts = {"stop": control.stop, "pause": control.pause, "go-on": control.go_on}
         _chosen(request, acts)(_BY)
         return _json({"state": control.state})
@@ -301,7 +301,7 @@ class _Routes:
         origin, sent = request.headers.get("origin"), request.headers.get("x-vcfbench-token") or ""
         elsewhere = origin is not None and urlsplit(origin).netloc != request.headers.get("host")
         if elsewhere or not token or not hmac.compare_digest(sent.encode(), token.encode()):
-            raise HTTPException(403, "this address can only look: open the one that the terminal shows")
+            raise HTTPException(403, "this address only shows: open the address that the terminal prints")
 
 
 def _number(request: Request, name: str) -> float | None:

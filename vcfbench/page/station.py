@@ -137,7 +137,7 @@ def _entry(entry: Entry) -> dict[str, Any]:
         case StaticNoise(bias_instability_deg_h=found):
             result = f"B {found.value:.3g} deg/h, u {found.u:.2g}"
         case Withdrawal():
-            result = f"{record.withdraws} counts no more: {record.reason} ({record.by})"
+            result = f"{record.withdraws} is not used any more: {record.reason} ({record.by})"
         case Characterisation():
             result = f"by {record.procedure}"
         case SelfCalibration(scale_factor_v_per_deg_s=factor):

@@ -71,7 +71,7 @@ class View:
                 kind = "heading" if isinstance(step, Note) else "done"
                 self.steps.append({"n": number, "t_s": t_s, "what": what, "result": found, "kind": kind})
                 left_out = [what] if isinstance(step, NotChecked) else []
-                for said in (*(f"asked again: {each}" for each in again), *left_out):
+                for said in (*(f"query repeated: {each}" for each in again), *left_out):
                     self.say(t_s, said, "warning")
                 several = getattr(result, "recorded_points", {})  # of which the first is shown
                 point = next(iter(several.values()), None) or getattr(result, "recorded_point", None)
@@ -102,7 +102,7 @@ class View:
         """Take in a wish to stop, pause or go on."""
         self.control = state.value
         if state in {RunState.PAUSING, RunState.STOPPING}:
-            self.say(self.t_s, f"{state.value}, as {by} wants", "warning")
+            self.say(self.t_s, f"{state.value}, as {by} requested", "warning")
         self.version += 1
 
     def say(self, t_s: float, words: str, kind: str) -> None:

@@ -162,7 +162,7 @@ def find_run(runs: Path, name: str) -> RunDirectory:
         if started > utc_now() + _CLOCKS_DIFFER:
             raise ConfigError(
                 f"the last run cannot be determined: {newest.run} began at {started:%Y-%m-%d %H:%M:%S} UTC, which "
-                "is still to come: the clock was set back",
+                "is in the future: the clock was set back",
                 hint="give the run's name; vcfbench runs list shows them",
             )
         return newest

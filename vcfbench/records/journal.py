@@ -355,14 +355,14 @@ def _whole_lines(file: IO[bytes]) -> tuple[list[dict[str, Any]], bool, str | Non
             if len(line) == _LONGEST_LINE:
                 wrong = wrong or f"line {number} has more than {_LONGEST_LINE} bytes"
             elif lines and sealer.holds(line[:-1] + b"\n"):
-                wrong = wrong or f"line {number} is not what was written there: its end is another"
+                wrong = wrong or f"line {number} was changed: its end differs"
             return lines, True, wrong
         if (values := _decoded(line)) is None:
             return lines, False, wrong or f"line {number} is no JSON object"
         lines.append(values)
         plain = line[:-2] + b"\n" if line.endswith(b"\r\n") else line  # a copy may have made that of it
         if wrong is None and not sealer.holds(plain):
-            wrong = f"line {number} is not what was written there: its seal is another"
+            wrong = f"line {number} was changed: its seal differs"
     return lines, not lines, wrong
 
 

@@ -171,7 +171,7 @@ def _perform(under_way: UnderWay, signals: StopSignals) -> None:
                 request.warn(f"{each} died with this bench, which stayed live; its table stands now")
             if isinstance(outputs := bench.instruments.get("multimeter"), Outputs):
                 for name, error in outputs.missing.items():
-                    words = f"{name} cannot be read and ends for itself, the others are measured"
+                    words = f"{name} cannot be read: its measurement ends, the others go on"
                     request.warn(f"{words}: {error}")
             under_way.perform(bench, watchers, signals)
     except BaseException as error:

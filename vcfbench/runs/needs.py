@@ -70,7 +70,7 @@ def require_several(procedure: AnyProcedure, description: BenchDescription) -> N
     if not procedure.several:
         able = ", ".join(name for name, each in PROCEDURES.items() if each.several)
         raise ConfigError(
-            f"{procedure.name} goes its own way with each device, and bench {description.name} has "
+            f"{procedure.name} needs separate steps for each device, and bench {description.name} has "
             f"{len(description.several)} ([[device]])",
             hint=f"of several at once there are {able}; else a bench file for each device alone",
         )

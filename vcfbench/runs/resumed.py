@@ -158,7 +158,7 @@ class BrokenOff(Struct, frozen=True):
         path = Path(str(file.get("path")))
         hint = "give the file with --procedure; it must ask for the same steps up to here"
         if not path.is_file():
-            raise ConfigError(f"{shown(path)}: the procedure of {self.directory.run} is not there any more", hint=hint)
+            raise ConfigError(f"{shown(path)}: the procedure of {self.directory.run} no longer exists", hint=hint)
         if sha256(path.read_bytes()).hexdigest() != file.get("sha256"):
             raise ConfigError(f"{shown(path)} was changed since {self.directory.run} began", hint=hint)
         return path
@@ -166,7 +166,7 @@ class BrokenOff(Struct, frozen=True):
     def require_trust(self, trust: Trust) -> None:
         """Raise ConfigError if the record names a procedure's file that is not confirmed to run."""
         if isinstance(self.procedure, Path):
-            what = f"{self.directory.run} is of a procedure of its own, the program"
+            what = f"{self.directory.run} is of a custom procedure, the program"
             require_trust(what, self.procedure, trust, f"--procedure {shown(self.procedure)}, ")
 
     def bench(self, asked: BenchDescription | Path | str | None, settings: ProcedureSettings) -> BenchDescription:
@@ -306,7 +306,7 @@ class Resumed(Prepared):
         gone_s = (utc_now() - datetime.fromisoformat(last["utc"])).total_seconds()
         if gone_s < 0.0:
             raise ConfigError(
-                f"{self.earlier.directory.run} ended at {last['utc']}, which is to come: was a clock set?"
+                f"{self.earlier.directory.run} ended at {last['utc']}, which is in the future: check the clock"
             )
         return ended_s + gone_s
 

@@ -279,8 +279,8 @@ class UnderWay(Struct):
             failed.__cause__ = error.__cause__
             self.take_error(failed)
         except (ImportError, OSError) as error:  # modules of results are loaded late: a file or package may be gone
-            words = f"the results could not be worked out: {type(error).__name__}: {error}"
-            self.take_error(BenchError(words, hint="the record is whole: vcfbench report makes them of it"))
+            words = f"the results could not be computed: {type(error).__name__}: {error}"
+            self.take_error(BenchError(words, hint="the record is complete: vcfbench report computes them from it"))
         else:
             results = self.evaluation.results
             if isinstance(results, Refuses) and (why := results.refusal()):

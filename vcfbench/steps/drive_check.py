@@ -45,7 +45,7 @@ def check_drive(settings: ProcedureSettings) -> Routine[DriveReading]:
         if reading.t_s - ready.t_s >= drive.start_up_s:
             raise MeasurementError(
                 f"drive signal not as it should be after {drive.start_up_s:g} s: {complaint}; what is right for this "
-                "gyroscope is said in [procedure.drive] of the bench file",
+                "gyroscope is set in [procedure.drive] of the bench file",
                 instrument="oscilloscope",
                 step="the check of the drive signal",
             )

@@ -27,7 +27,7 @@ from vcfbench.steps.scatter import NoiseSeen
 _T = TypeVar("_T")
 
 LOOK_AT_SIGNALS = (
-    "look at the leads of the output, of V_Vc and of the oscilloscope, at the carrier, the demodulator and the rails "
+    "check the leads of the output, of V_Vc and of the oscilloscope, the carrier, the demodulator and the rails "
     "at the PCB"
 )
 """The hint of a measurement that finds nothing to measure."""

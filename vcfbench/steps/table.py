@@ -112,7 +112,7 @@ class AwaitRate(Step, Struct, frozen=True):
                 raise _disbelieved(
                     context,
                     f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
-                    f"{self._allowed_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table tells it",
+                    f"{self._allowed_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table reports",
                     "rate_tolerance_deg_s allows more; where a profile takes the rate from angles, a longer span_s",
                 )
             sleep(clock, _POLL_S)

@@ -164,5 +164,5 @@ def require_as_set(meter: Multimeter, measured_v: float, set_v: float, tolerance
         raise problem(
             meter,
             f"reads {measured_v:+.6g} V where V_Vc was set to {set_v:+.6g} V, within {tolerance_v:.2g} V",
-            "are its leads on the V_Vc input, the right way round, and is the generator's output on?",
+            "check its leads on the V_Vc input, their polarity, and the generator's output",
         )

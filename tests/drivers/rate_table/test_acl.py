@@ -101,7 +101,7 @@ def test_acknowledgements_without_header_may_come_or_not() -> None:
             driver.enable()
         assert str(caught.value) == (
             "rate_table at script://: over-rate trip, tracking error, master interlock (disabled at the front panel); "
-            "see to the cause, then clear the fault"
+            "remove the cause, then clear the fault"
         )
 
 

@@ -104,8 +104,8 @@ class RateTableDriver(OverWire):
         self._claimed = True
         fault = self.fault()
         if fault is not None:
-            raise self._interlock(fault, "see to the cause, then clear the fault")
-        self._require_rest("it was found turning at {rate:g} deg/s, somebody else may be commanding it")
+            raise self._interlock(fault, "remove the cause, then clear the fault")
+        self._require_rest("it was found turning at {rate:g} deg/s, another program may be commanding it")
         self.dialect.set_limits(self.line, self._limits, self.line.deadline())
         self._command(self.dialect.close_servo)
         if not self._wait_for_servo(self.line.deadline(_SERVO_S), "closed"):

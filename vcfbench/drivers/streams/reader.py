@@ -266,12 +266,10 @@ class StreamReader:
                         yield None
                         continue
                     if not heard:
-                        error.what, error.hint = "the stream is silent", "is the device on and sending?"
+                        error.what, error.hint = "the stream is silent", "check that the device is on and sending"
                         raise
                     what = f"{heard} bytes came, and no whole frames for long enough"
-                    hint = (
-                        "baud_rate, header, length, checksum, sample_rate_hz of [gyro.stream]: one is not the device's"
-                    )
+                    hint = "check baud_rate, header, length, checksum, sample_rate_hz of [gyro.stream]"
                     raise errors.MeasurementError(what, hint=hint) from None
             heard += len(data)
             now_s = self.clock.now()
@@ -295,8 +293,8 @@ class StreamReader:
             self._value = each.value
         self._require(
             self._alike < max(_ALIKE, len(taken)) or self.stream.quiet,
-            f"{self._alike} frames in a row say {self._value:g} {self.stream.unit}: it is stuck; if it is as quiet as "
-            "that, set quiet = true in [gyro.stream]",
+            f"{self._alike} frames in a row report {self._value:g} {self.stream.unit}: it is stuck; if it is as "
+            "quiet as that, set quiet = true in [gyro.stream]",
         )
 
     def _mean(self, taken: list[Sample], steps: int) -> float:

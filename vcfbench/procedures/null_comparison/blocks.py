@@ -134,7 +134,7 @@ def _require_read_alike(settings: KnownVvcSettings, points: Sequence[Point]) -> 
                 f"V_Vc was set to {set_v:.6g} V each time and was read from {low_v:.6g} to {high_v:.6g} V, "
                 f"{1e3 * (high_v - low_v):.2g} mV apart where {1e3 * may_be_v:.2g} mV may be",
                 instrument=settings.v_vc_role,
-                hint="has the meter on V_Vc changed its gain, or the generator its level? One of them is not at rest",
+                hint="check the meter on V_Vc and the generator: one of them drifts",
             )
 
 

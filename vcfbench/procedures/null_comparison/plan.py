@@ -176,7 +176,7 @@ def _chord(set_v: float, got_v: float, wanted_v: float, step: int) -> float:
     """Return the V_Vc for `wanted_v` on the line through zero and the output at `set_v`."""
     if not abs(got_v) > 0.1 * abs(wanted_v):
         raise MeasurementError(
-            f"the output does not answer to V_Vc: {got_v:+.4g} V for {set_v:.6g} V, the table gives {wanted_v:+.4g} V",
+            f"the output does not respond to V_Vc: {got_v:+.4g} V for {set_v:.6g} V, the table gives {wanted_v:+.4g} V",
             instrument="rate_source",
             step=str(step),
             hint="check the V_Vc lead, the generator's output, and k_vc_guess_deg_s_per_v",

@@ -127,7 +127,7 @@ class Matching(Struct, frozen=True):
         """Output over V_Vc (V/V), the slope of the chord from the zero, whose V_Vc may not be 0 V, to the best try.
 
         The chord, not the secant through the last two tries: those lie within each other's noise once the outputs are
-        equal. MeasurementError: the output does not answer to V_Vc.
+        equal. MeasurementError: the output does not respond to V_Vc.
         """
         return self._slope_to(self.best)
 
@@ -135,7 +135,7 @@ class Matching(Struct, frozen=True):
         answer_v, level_v = attempt.output_v - self.zero_virtual.output_v, attempt.v_vc_v - self.zero_virtual.v_vc_v
         if level_v == 0.0 or abs(answer_v) <= max(3.0 * attempt.u_output_v, 1e-3 * abs(self.span_v)):
             raise MeasurementError(
-                f"the output does not answer to V_Vc: {answer_v:+.4g} V for {attempt.v_vc_v:.6g} V",
+                f"the output does not respond to V_Vc: {answer_v:+.4g} V for {attempt.v_vc_v:.6g} V",
                 instrument="rate_source",
                 step="2",
                 hint="check the V_Vc lead and the generator's output",
@@ -166,7 +166,7 @@ class Matching(Struct, frozen=True):
         """
         v_vc_v = self.level_v
         if v_vc_v == 0.0:
-            raise MeasurementError("the output does not answer to the table's rate", instrument="multimeter", step="2")
+            raise MeasurementError("the output does not respond to the table's rate", instrument="multimeter", step="2")
         return self.rate_deg_s / v_vc_v
 
     def rate_of(self, v_vc_v: float) -> float:

@@ -78,11 +78,11 @@ def _match(settings: VirtualCoriolisSettings, table: list[Point]) -> Routine[tup
         v_vc_v = matching.next_v
     if not matching.usable():
         raise MeasurementError(
-            f"the output does not reach the output of step 1: {matching.residual_v:+.4g} V left after "
+            f"the output of step 2 does not reach the output of step 1: {matching.residual_v:+.4g} V left after "
             f"{settings.match_iterations} settings of V_Vc, the best {matching.best.v_vc_v:.6g} V",
             instrument="multimeter",
             step="2",
-            hint="the levels about it lie between two ranges of the generator: give another match_rate_deg_s"
+            hint="the levels needed lie between two ranges of the generator: choose another match_rate_deg_s"
             if matching.is_between()
             else "check the V_Vc lead and k_vc_guess_deg_s_per_v of the bench file",
         )
