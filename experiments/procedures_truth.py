@@ -709,7 +709,7 @@ def _rate_limits(
             yield Stated(f"{name} bound, below the limit", abs(truth), abs(each.at_least_deg_s))
             continue
         yield from stated(f"{name} limit", each.limit, truth)
-        yield from stated(f"after beyond less before, {name}", each.comes_back, 0.0)
+        yield from stated(f"output after minus before overrange, {name}", each.comes_back, 0.0)
         if at(sign * 1.04 * low) == at(sign * 1.1 * low):  # one that bends has another output at each rate beyond
             yield from stated(f"output beyond, {name}", each.clipped, at(sign * 1.1 * low))
 

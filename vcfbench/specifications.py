@@ -116,17 +116,21 @@ WORST_OF_CLASS: Final = MappingProxyType(
         "warm_up_k": Assumed(5.0, "K", "a board of a watt in still air; unverified"),
         "warm_up_time_s": Assumed(900.0, "s", "a board in a closed housing; unverified"),
         "k_vc_drift_ppm_per_year": Assumed(
-            500.0, "ppm a year", "what a tactical MEMS gyroscope keeps of its whole scale factor, STIM210; none of K_Vc"
+            500.0,
+            "ppm per year",
+            "stability of the scale factor of a tactical MEMS gyroscope, STIM210; no source for K_Vc",
         ),
         "k_vc_on_the_way_ppm": Assumed(
-            500.0, "ppm", "as much as a year: shock, storage and another mounting; no source has it of K_Vc"
+            500.0, "ppm", "as much as in a year: shock, storage, remounting; no source for K_Vc"
         ),
         "misalignment_deg": Assumed(1.0, "deg", "package on board and board on table; unverified"),
         "output_ohm": Assumed(1e4, "ohm", "a resistor of a filter in front of the connector; no source"),
         "temperature_k": Assumed(5.0, "K", "a room of 18 to 28 degC, either side of its middle"),
         "carrier_phase_deg": Assumed(1.0, "deg", _A_DEGREE),
         "demodulator_phase_deg": Assumed(1.0, "deg", _A_DEGREE),
-        "bias_deg_s_demodulator_deg": Assumed(2.0, "deg/s a degree", "quadrature of 100 deg/s, rounded up; unverified"),
+        "bias_deg_s_demodulator_deg": Assumed(
+            2.0, "deg/s per degree", "quadrature of 100 deg/s, rounded up; unverified"
+        ),
     }
 )
 """Values that a bench file need not state, by their key of ``[uncertainty]``."""

@@ -221,7 +221,7 @@ def test_what_is_above_the_list_of_a_record_is_named_by_it(kind: str) -> None:
 
 def test_fault_of_any_size_has_a_reason(limits: Tried) -> None:
     why = {each.why for each in limits.rows if each.size is None and each.unit not in {K_VC, V_VC_SET}}
-    assert why == {"nothing is compared with these windows", "it looks like what is measured"}
+    assert why == {"these windows are not compared with others", "it looks like the measured effect"}
 
 
 @pytest.mark.exhaustive
@@ -323,7 +323,7 @@ def test_what_is_compared_in_ppm_is_told_in_ppm(name: str, unit: str, kind: str,
 
 def test_report_and_record_say_it(turntable: Tried) -> None:
     report = full_report(turntable.run)
-    assert "Not seen" in [part.text for part in report.parts if isinstance(part, Heading)]
+    assert "Undetected faults" in [part.text for part in report.parts if isinstance(part, Heading)]
     what, size, done = next(unseen_words(turntable.run, turntable.rows))
     assert what == "a step of the output"
     assert re.fullmatch(r"below 0\.3\d mV", size)
@@ -338,7 +338,7 @@ def test_unseen_faults_are_in_the_answer(
 ) -> None:
     run = structs.replace(turntable.run, simulated=simulated)
     _show(run, RunOptions(bench=None, runs=Path()))
-    assert ("not seen, and in no U95 " in capsys.readouterr().out) is not simulated
+    assert ("faults that this run would not detect, not in U95 " in capsys.readouterr().out) is not simulated
     _show(run, RunOptions(bench=None, runs=Path(), json=True))
     answer = json.loads(capsys.readouterr().out)["not_seen"]
     assert answer == (None if simulated else [*to_builtins(unseen_of(run))])
@@ -351,7 +351,7 @@ def test_of_very_many_windows_the_answer_says_where_it_stands(
     print_not_seen(turntable.run)
     assert (
         capsys.readouterr().out
-        == f"\nnot seen: vcfbench report has it, of {len(turntable.run.points)} windows it takes minutes\n"
+        == f"\nundetected faults: see vcfbench report ({len(turntable.run.points)} windows take minutes)\n"
     )
 
 
@@ -359,4 +359,4 @@ def test_of_very_many_windows_the_answer_says_where_it_stands(
 def test_report_without_record_names_missing_list(procedure: str) -> None:
     settings = {"duration_s": 200.0} if procedure == "zero" else {}
     report = full_report(vcfbench.run(procedure, settings=settings, runs=None))
-    assert "worked out from its record, and it has none" in text_of(report)
+    assert "computed from its record, and it has none" in text_of(report)

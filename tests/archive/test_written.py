@@ -72,7 +72,7 @@ def test_a_report_says_who_what_and_by_what_means(quick: Run) -> None:
     heads = [part.text for part in report.parts if isinstance(part, Heading)]
     assert heads == [
         *("Calibration report: turntable of G-0042", "Method", "Conditions", "Equipment", "Results", "Verdict"),
-        *("Not seen", "Settings", "Record", "Provenance"),
+        *("Undetected faults", "Settings", "Record", "Provenance"),
     ]
     notices = [part.text for part in report.parts if isinstance(part, Notice)]
     assert notices == [

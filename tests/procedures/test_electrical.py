@@ -87,7 +87,7 @@ def test_findings_by_hand() -> None:
     settings = ElectricalSettings()
     assert list(findings(settings, GOOD)) == []
     assert list(findings(settings, dict.fromkeys(GOOD, math.inf))) == [
-        "all lines are open: are the multimeter's leads on its ohm terminals, with four wires those of sense too?"
+        "all lines are open: check the multimeter's leads on its ohm terminals, with four wires also on sense"
     ]
     (said,) = findings(settings, {**GOOD, "output_ohm": 200.5})
     assert said.endswith("too much")
@@ -95,7 +95,7 @@ def test_findings_by_hand() -> None:
 
 
 def test_missing_sense_leads_differ_from_open_bench() -> None:
-    with pytest.raises(MeasurementError, match="with four wires those of sense too"):
+    with pytest.raises(MeasurementError, match="with four wires also on sense"):
         run(wires=4)
 
 

@@ -26,16 +26,16 @@ def test_temperature_by_the_drive_and_rails_explain_what_they_do() -> None:
     words = said(
         Characteristics(drive_hz=HZ, **rails, **by, table_slope_ppm_v=volts), Characteristics(drive_hz=COLD, **wide)
     )
-    assert "What explains it: -2950±66 ppm by +28.4 K (U95 0.6, by the drive's frequency)" in words
-    assert "; +37±2 ppm by +0.100 V of both rails. Left: -37±88 ppm, within its U95." in words
+    assert "Explained by: -2950±66 ppm by +28.4 K (U95 0.6, by the drive's frequency)" in words
+    assert "; +37±2 ppm by +0.100 V of both rails. Unexplained: -37±88 ppm, within its U95." in words
 
 
 def test_missing_coefficient_is_named_and_explains_no_change() -> None:
     words = said(Characteristics(drive_hz=HZ), Characteristics(drive_hz=COLD))
-    assert "what that does to this device is not known (vcfbench run temperature --by table)" in words
-    assert "Left: -2950±59 ppm, more than its U95." in words
+    assert "effect on this device not known (vcfbench run temperature --by table)" in words
+    assert "Unexplained: -2950±59 ppm, more than its U95." in words
     same = said(Characteristics(drive_hz=HZ), Characteristics(drive_hz=HZ))
-    assert "neither temperature nor rails, which are as they were" in same
+    assert "neither temperature nor rails, both unchanged" in same
 
 
 def test_without_a_thermometer_nothing_is_said_of_temperature() -> None:

@@ -134,7 +134,7 @@ def test_unexchanged_probes_do_not_correct_amplitudes() -> None:
     found = checked(THEN, beside(health(exchanged=False, carrier_amplitude_v=2.04), Characteristics()))
     assert not found.refused
     assert found.u_ppm < 20.0  # not 16 000
-    assert [cause.done for cause in found.causes if "amplitudes" in cause.cause] == ["not measured"]
+    assert [cause.done for cause in found.causes if "amplitude" in cause.cause] == ["not measured"]
 
 
 def test_measured_split_and_q_are_not_counted_in_temperature() -> None:
@@ -310,7 +310,7 @@ def test_what_the_bench_cannot_measure_is_said_not_to_be(tmp_path: Path) -> None
 def test_unmeasured_cause_widens_u95() -> None:
     found = {part.source: 1e6 * part.u for part in not_measured(THEN)}
     assert math.hypot(*found.values()) > 750.0  # a degree of the carrier is 1270 ppm
-    assert found["not measured: Q (to 50 %, assumed)"] == pytest.approx(254.0 / math.sqrt(3.0), rel=0.05)
+    assert found["not measured: Q (by 50 %, assumed)"] == pytest.approx(254.0 / math.sqrt(3.0), rel=0.05)
     nothing_known = {part.source: 1e6 * part.u for part in not_measured(None)}
     assert math.hypot(*nothing_known.values()) > math.hypot(*found.values())
     assert len(not_measured(THEN, but=["Q"])) == len(found) - 1

@@ -212,7 +212,7 @@ def test_values_scatter_as_stated_when_generators_are_drawn(by: KvcBy) -> None:
     for name, values in drawn.items():
         widest = 1.5 if name == "virtual.bias" and by is KvcBy.PLUS_MINUS else 1.25
         assert 0.75 < noisy.value(name).u / np.std(values) < widest, name
-    bounds = [each for each in noisy.bounds if "the curve took the modulator out" in each.of]
+    bounds = [each for each in noisy.bounds if "the curve corrects the modulator" in each.of]
     assert len(bounds) == (1 if by is KvcBy.CURVE else 0)
 
 

@@ -87,7 +87,7 @@ def test_what_nobody_looked_at_widens(tmp_path: Path) -> None:
     asked = {**FAST, "k_vc": repr(K_VC), "warm_up_s": 0.0, "duration_s": 10.0}
     found = vcfbench.run("online", LAB, settings=asked, runs=tmp_path).results
     parts = {part.source: part.u for part in found.scale_factor.parts}
-    assert parts["not measured: Q (to 50 %, assumed)"] > 1e-4 * abs(SCALE_FACTOR)
+    assert parts["not measured: Q (by 50 %, assumed)"] > 1e-4 * abs(SCALE_FACTOR)
     assert parts["not measured: carrier over drive, amplitudes (by 0.5 %, assumed)"] > 2e-3 * abs(SCALE_FACTOR)
     assert not found.scale_factor.missing
 
@@ -114,13 +114,13 @@ def test_the_record_gives_the_same_and_the_report_shows_it(turning: Any) -> None
     assert vcfbench.load_run(turning.directory).results == turning.results
     parts = turning.report().parts
     titles = [each.title for each in parts if isinstance(each, Figure)]
-    assert titles[:2] == ["Scale factor over time", "True rate, modulation taken out"]
+    assert titles[:2] == ["Scale factor over time", "True rate, corrected for the modulation"]
     assert titles[2].startswith("Allan deviation of the scale factor")
-    assert any(isinstance(each, Table) and each.title == "scale factor, window after window" for each in parts)
+    assert any(isinstance(each, Table) and each.title == "scale factor, window by window" for each in parts)
     where = [turning.directory.name, "--runs", str(turning.directory.parent)]
     shown = CliRunner().invoke(app, ["runs", "show", *where])
     assert shown.exit_code == 0, shown.output
-    assert "disturbed by less than" in shown.stdout
+    assert "disturbance below" in shown.stdout
     answer = json.loads(CliRunner().invoke(app, ["runs", "show", *where, "--json"]).stdout)
     assert len(answer["results"]["windows"]) == 15
 
@@ -164,7 +164,7 @@ def test_certificate_keeps_shares_and_meter_counts_once(tmp_path: Path) -> None:
     found = run(QUIET, tmp_path, k_vc=None, dut="G-1", devices=str(tmp_path / "devices"), **FAST).results
     sources = {part.source: part.u / abs(found.scale_factor.value) for part in found.scale_factor.parts}
     assert sources["certificate: table rate"] == pytest.approx(30e-6)
-    assert not [each for each in sources if "gain of what V_Vc" in each]
+    assert not [each for each in sources if "V_Vc gain" in each]
     assert found.k_vc_from == "certificate 0001"
     assert found.drift.since == "certificate 0001 of 2020-01-01"
     assert values_of(found)["drift_ppm"].value == found.drift.change_ppm.value

@@ -165,7 +165,7 @@ def test_unwired_channel_is_refused_before_opening() -> None:
 @pytest.mark.parametrize("broken", [{"sense_path": {"multiplier_per_v": 0.0}}, {"output_stage": {"gain": 0.0}}])
 def test_an_output_without_a_signal_has_no_demodulators_phase(broken: dict[str, Any], tmp_path: Path) -> None:
     bench = simulated("paper", overrides={**OVERRIDES, **broken})
-    with pytest.raises(MeasurementError, match="the output does not answer to the sense signal"):
+    with pytest.raises(MeasurementError, match="the output does not respond to the sense signal"):
         vcfbench.run("phase", bench, seed=9, settings=QUICK, runs=tmp_path)
 
 

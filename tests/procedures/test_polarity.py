@@ -44,10 +44,10 @@ TABLE = Limits(max_rate_deg_s=300.0)
 MULTIMETER = "the multimeter's leads on the output are reversed"
 GENERATOR = "the generator's leads to V_Vc are reversed"
 METER = "the leads of the meter on V_Vc are reversed"
-CARRIER = "the carrier is turned by half a cycle"
+CARRIER = "the carrier is shifted by half a cycle"
 COMBS = "V_Vc drives the opposite combs"
-DEMODULATOR = "the demodulator's reference is turned by half a cycle"
-PICK_OFF = "the sense pick-off is turned by half a cycle"
+DEMODULATOR = "the demodulator's reference is shifted by half a cycle"
+PICK_OFF = "the sense pick-off is shifted by half a cycle"
 UPSIDE_DOWN = "the table's positive sense is the other one, or the gyroscope is mounted upside down"
 PHASES = {DEMODULATOR, PICK_OFF}
 QUICK: dict[str, Any] = {"samples": 2}
@@ -111,7 +111,7 @@ def test_the_fewest_faults_are_named(turned: dict[str, float], causes: set[str])
 def test_expected_bias_is_asked_for_where_it_would_tell(*, turned: float, bias: bool, more: bool) -> None:
     chosen, taken_points = settings(meter=True, bias=bias), points(output=turned, meter=1.0)
     said = vcfbench.text_of(POLARITY.report(chosen, taken_points, results(chosen, taken_points)))
-    assert ("expected.bias_v in the bench file would tell" in said) is more
+    assert ("set expected.bias_v in the bench file" in said) is more
 
 
 def test_with_fewer_signs_all_that_can_be_are_named() -> None:
@@ -190,7 +190,7 @@ def test_single_and_double_faults_are_named_or_look_alike(offset_v: float, seen_
 def test_what_does_not_answer_has_no_sign() -> None:
     found = results(settings(), points(v_vc=1e-3))
     assert (found.signs[1].found, found.wrong_signs) == (0, 1)
-    assert found.causes == ("the output does not feel V_Vc: a lead of the generator is off",)
+    assert found.causes == ("the output does not respond to V_Vc: a lead of the generator is off",)
     [words] = results(settings(), points(output=0.0)).causes
     assert words.startswith("the output does not move")
 

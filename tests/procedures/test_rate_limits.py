@@ -73,7 +73,7 @@ def test_bench_that_ends_first_has_bounds_and_goes_nowhere_beyond() -> None:
         ("positive_input_rate_limit", "at-least", pytest.approx(300.0, rel=2e-4)),
         ("negative_input_rate_limit", "at-least", pytest.approx(300.0, rel=2e-4)),
     ]
-    assert "not reached: +299.96 deg/s or more, the bench ends there" in vcfbench.text_of(done.report())
+    assert "limit not reached: it is beyond +299.96 deg/s, where the bench ends" in vcfbench.text_of(done.report())
 
 
 def test_no_rate_is_beyond_the_limits_of_the_bench() -> None:

@@ -71,7 +71,7 @@ def test_turntable_ends_with_one_column_and_its_fit() -> None:
     names = [line.split("   ")[0] for line in lines[stated + 3 :] if line and not line.startswith(" ")]
     assert names[:3] == ["scale factor", "bias (output)", "bias"]
     assert "Uncertainty budget (causes below 0.1 % are left out)" in lines
-    assert lines[lines.index("not in these uncertainties:") + 1].startswith("  MISSING the multimeter's accuracy")
+    assert lines[lines.index("not contained in any uncertainty:") + 1].startswith("  MISSING the multimeter's accuracy")
 
 
 def test_turntable_figures_show_output_and_residuals_over_rate() -> None:

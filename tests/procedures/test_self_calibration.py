@@ -282,7 +282,7 @@ def test_serial_number_is_read_if_bench_file_has_none() -> None:
 def test_a_number_will_do(tmp_path: Path) -> None:
     found = run(tmp_path, FIELD, {"k_vc": "150", "k_vc_u_deg_s_per_v": 0.15, **QUICK})
     assert found.drift is None
-    assert found.k_vc_from == "K_Vc = 150 (deg/s)/V, as told"
+    assert found.k_vc_from == "K_Vc = 150 (deg/s)/V, as given"
     assert found.scale_factor.u / abs(found.scale_factor.value) == pytest.approx(1e-3, rel=0.05)
 
 
@@ -368,7 +368,7 @@ def test_a_drift_has_other_temperatures_and_rails_taken_off() -> None:
     assert ignored.cusum > 5.0
     assert taken.change_ppm.value == pytest.approx(0.0, abs=0.1)
     assert (taken.e_n, taken.cusum) == pytest.approx((0.0, 0.0), abs=0.1)
-    assert taken.since.endswith("(taken off: +5 K: -520 ppm; +0.4 V of both rails: +150 ppm)")
+    assert taken.since.endswith("(corrected for +5 K: -520 ppm; +0.4 V of both rails: +150 ppm)")
     assert unknown.e_n < 1.0  # of which 500 ppm/K are the limit
     assert "no temperature coefficient of the device is known" in unknown.since
 
@@ -462,7 +462,7 @@ def test_failed_drift_without_confirmation_was_chance(quiet: tuple[Path, dict[st
 
     failed = done(old)
     assert failed.verdict.word == "fail"
-    assert "a second look, made without this one, tells" in vcfbench.text_of(failed.report())
+    assert "repeat the run: it does not use this result" in vcfbench.text_of(failed.report())
     assert store.device("G-1").failed_since.name == "0002"  # type: ignore[union-attr]  # until somebody looks again
     second, third = done(still(LAB)), done(still(LAB))
     assert (second.verdict.word, third.verdict.word) == ("pass", "pass")
@@ -602,7 +602,7 @@ def test_unseen_drift_widens_u95_with_time(quiet: tuple[Path, dict[str, Any]]) -
     (part,) = [part for part in later.scale_factor.parts if "drift" in part.source]
     assert 1e6 * part.u / abs(size) == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
     assert 1e6 * later.scale_factor.u95 / abs(size) == pytest.approx(475.0, rel=0.03)
-    assert any("500 ppm a year, assumed" in each for each in later.since)
+    assert any("500 ppm per year, assumed" in each for each in later.since)
     told = run(where, bench, dated_back(where, settings, "told", 2 * 365.25))
     assert 1e6 * told.scale_factor.u95 / abs(size) == pytest.approx(195.0, rel=0.05)
     assert any("uncertainty.k_vc_drift_ppm_per_year" in each for each in told.since)
@@ -619,7 +619,7 @@ def test_shift_on_the_way_is_in_u95_from_first_day(tmp_path: Path) -> None:
     shifts_ppm = rng.uniform(-300.0, 300.0, 2000)
     within = np.abs(shifts_ppm) <= 1e6 * first.scale_factor.u95 / size
     assert 0.93 < within.mean() < 0.975
-    assert any("on the way" in each for each in second.drift.last.cancelled)  # the same in both
+    assert any("in transport" in each for each in second.drift.last.cancelled)  # the same in both
     assert second.drift.last.change_ppm.u < 30.0
 
 

@@ -294,7 +294,15 @@ def test_e_n_is_the_difference_over_its_expanded_uncertainty() -> None:
 
 def test_what_is_not_known_is_said() -> None:
     said = " ".join(four(Sources()).not_in_u)
-    for word in ("multimeter", "table_rate_error", "lack of fit", "warm-up", "Earth", "remounting", "magnetic"):
+    for word in (
+        "multimeter",
+        "table_rate_error",
+        "deviation from the line",
+        "warm-up",
+        "Earth",
+        "remounting",
+        "magnetic",
+    ):
         assert word in said
     known = " ".join(four(Sources(meter_gain=1e-5, table_rate=1e-5, bias_instability_deg_h=1.0)).not_in_u)
     assert "table_rate_error" not in known
@@ -369,7 +377,7 @@ def test_absolute_match_contains_the_difference_of_the_zeros(k_vc: float, apart:
     assert abs(found.value - k_vc) <= 1.01 * found.u + 1e-9
     of_slope = sum(each.u for each in slope.parts if each.source.startswith("difference of the zeros"))
     assert of_slope == pytest.approx(by_zeros / abs(found.value) * abs(slope.value), rel=1e-6)
-    assert "what the generator adds to the zero" in found.of
+    assert "the generator's shift of the zero" in found.of
 
 
 def test_zeros_farther_apart_than_match_leave_k_vc_incomplete() -> None:

@@ -29,7 +29,7 @@ FEW: dict[str, Any] = {"warm_up_s": 7200.0, "record_samples": 256, "vibration_hz
 
 
 def closed_form(at_hz: float) -> float:
-    """Return the response over that at rest, the filter of 100 Hz and fourth order in it."""
+    """Return the response over response at rest, the filter of 100 Hz and fourth order in it."""
     gyro = warm(physical_parameters(LAB))
     path, driven = gyro.virtual_path, 2.0 * np.pi * gyro.drive_mode.frequency_hz
     phase = path.carrier_phase_rad - gyro.sense_path.demodulator_phase_rad

@@ -78,7 +78,7 @@ def test_dead_time_of_one_reading_is_corrected(hour: Run) -> None:
     unstable = hour.results.coefficient("bias instability")
     assert abs(unstable.value - B_DEG_H) < 3.0 * unstable.u < 3.3
     text = vcfbench.text_of(hour.report())
-    assert "white noise is seen 2.61 times too large" in text
+    assert "white noise appears 2.61 times too large" in text
     assert f"for [uncertainty] of the bench file: bias_instability_deg_h = {unstable.value:.3g}\n" in text
     assert "NOT corrected" not in text
 
@@ -235,7 +235,7 @@ def test_a_trend_that_shows_is_said_of_the_mean(hour: Run) -> None:
     for value, is_said in ((0.5 * trend.u95, False), (-2.0 * trend.u95, True)):
         results = structs.replace(hour.results, trend=structs.replace(trend, value=value))
         text = vcfbench.text_of(zero_report(ZeroSettings(), None, results))
-        assert ("This record has a trend: over another time the mean is another" in text) is is_said
+        assert ("This record has a trend: at another time the mean differs" in text) is is_said
 
 
 def test_mean_and_trend_have_uncertainties_that_a_lab_can_use(hour: Run) -> None:
@@ -385,7 +385,7 @@ def test_default_scale_factor_is_named_as_papers(tmp_path: Path) -> None:
     done = vcfbench.run("zero", seed=3, settings=settings, runs=tmp_path)
     assert done.results.scale_factor_v_per_deg_s.value == -0.0125
     text = vcfbench.text_of(done.report())
-    assert "that of the paper: nothing tells this gyroscope's" in text
+    assert "value of the paper, not measured on this gyroscope" in text
     assert "set noise_bandwidth_hz, or measure it with mode=gapless" in text
 
 

@@ -178,7 +178,7 @@ def test_answers_that_were_asked_for_again_are_told() -> None:
     with LiveProgress(stream, 10.0) as progress:
         progress.handle(StepStarted(1, 0.0, Note("Start-up")))
         progress.handle(StepFinished(1, 0.0, Settle(1.0, "rest"), Done(), ("P25V reads +3 V",)))
-    assert "asked again: P25V reads +3 V" in shown(stream.getvalue())
+    assert "query repeated: P25V reads +3 V" in shown(stream.getvalue())
 
 
 def test_on_a_terminal_a_failure_is_told_to_its_end(xterm: Callable[[int], None]) -> None:

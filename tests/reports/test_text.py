@@ -56,9 +56,11 @@ def test_long_lines_of_text_are_wrapped_under_their_indentation() -> None:
 
 def test_texts_of_the_last_column_go_on_under_themselves() -> None:
     words = " ".join(["word"] * 60)
-    table = Table([Column("quantity", align="left"), Column("u is made of", align="left")], [("q", words), ("r", "x")])
+    table = Table(
+        [Column("quantity", align="left"), Column("contributions to u", align="left")], [("q", words), ("r", "x")]
+    )
     head, rule, first, *rest, last = text_of(Report([table])).splitlines()
-    assert (head, set(rule), last) == ("quantity   u is made of", {"-"}, "r          x")
+    assert (head, set(rule), last) == ("quantity   contributions to u", {"-"}, "r          x")
     assert all(len(line) <= 130 for line in (rule, first, *rest))
     assert all(line.startswith(" " * 11 + "word") for line in rest)
     assert " ".join([first, *rest]).split() == ["q", *words.split()]
@@ -77,11 +79,11 @@ def test_nothing_writes_on_the_terminal_by_itself(part: Heading | Text | Table) 
 @pytest.mark.parametrize("width", [40, 60, 80, 100])
 def test_texts_without_room_beside_the_numbers_stand_below_them(width: int) -> None:
     columns = (Column("value", align="left"), Column("u", "V", ".1e"), Column("of what", align="left"))
-    words = "intercept of that line, Earth's rate in it, mean of the horizon, and more that nobody can fit in here"
+    words = "intercept of that line, with Earth's rate, mean of the horizon, and more that nobody can fit in here"
     report = Report([Table(columns, [("turntable.bias", 1.2e-5, words), ("k_vc", 2.0, ""), ("r", 3.0, "short")])])
     lines = text_of(report, width).splitlines()
     assert all(line.strip() for line in lines)
     assert max(map(len, lines)) <= width
-    assert " ".join(" ".join(lines).split()).replace("turntable.bias 1.2e-05 ", "").count("Earth's rate in it") == 1
+    assert " ".join(" ".join(lines).split()).replace("turntable.bias 1.2e-05 ", "").count("with Earth's rate") == 1
     assert any(line.startswith("turntable.bias") and "1.2e-05" in line for line in lines)
     assert all(word in " ".join(lines).split() for word in words.split())

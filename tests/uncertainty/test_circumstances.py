@@ -134,7 +134,7 @@ def stated(known: Sources, u: float = 1.0, **more: Any) -> Statement:
 
 AGES = Sources(meter_age_days=90.0, meter_age_from="today", v_vc_meter_age_days=10.0, v_vc_meter_age_from="its label")
 METER_SAID = "multimeter: 90 days after calibration (today)"
-RANGES_SAID = "ranges of the generator: not known, those that make each value least certain are assumed"
+RANGES_SAID = "ranges of the generator: not known, the worst for each value are assumed"
 
 
 @pytest.mark.parametrize(
@@ -181,20 +181,20 @@ def test_statement_has_values_correlation_and_e_n() -> None:
         made.value("third")
 
 
-@pytest.mark.parametrize(("latitude_deg", "earth"), [(None, "Earth's rate in it"), (60.0, "without Earth's rate")])
+@pytest.mark.parametrize(("latitude_deg", "earth"), [(None, "with Earth's rate"), (60.0, "without Earth's rate")])
 def test_a_value_lacks_what_nobody_knows_of_its_kind(latitude_deg: float | None, earth: str) -> None:
     """And a bias says whether the Earth's rate is in it."""
     asked = make_settings(
         earth=Earth.RATE, station=Station(latitude_deg=latitude_deg, sources=Sources(meter_gain=1e-5))
     )
-    meanings = {"table.bias": ("V", "output at rest, Earth's rate in it"), "table.scale_factor": ("V/(deg/s)", "slope")}
+    meanings = {"table.bias": ("V", "output at rest, with Earth's rate"), "table.scale_factor": ("V/(deg/s)", "slope")}
     made = statement(asked, [Source("x", 1.0, 0.1)], lambda q: dict.fromkeys(meanings, q["x"]), {}, meanings)
     known = asked.station.sources
     assert [each.missing for each in made.values] == [known.missing("bias"), known.missing("scale_factor")]
     assert made.missing == tuple(dict.fromkeys((*known.missing("bias"), *known.missing("scale_factor"))))
     assert not made.complete
     assert made.values[0].of == f"output at rest, {earth}"
-    assert ("Earth's rate: it is in the bias" in made.not_in_u) == (latitude_deg is None)
+    assert ("Earth's rate: contained in the bias" in made.not_in_u) == (latitude_deg is None)
 
 
 def test_a_value_that_no_contribution_names_lacks_them_all() -> None:

@@ -89,7 +89,7 @@ def test_rest_of_the_earths_rate_is_in_the_bias() -> None:
     (source,) = earth_sources(make_settings(earth=Earth.RATE, **tilted), -0.0125)
     left_deg_s = 360.0 / 86164.1 * 0.5 * math.sin(math.radians(1.0))
     assert source == Source(
-        *("Earth's rate by the axis' tilt", 0.0, pytest.approx(0.0125 * left_deg_s / ROOT3, rel=1e-5), "V"),
+        *("the Earth's rate and the tilt of the axis", 0.0, pytest.approx(0.0125 * left_deg_s / ROOT3, rel=1e-5), "V"),
         rectangular=True,
     )
     assert earth_sources(make_settings(earth=Earth.BIAS, **tilted), -0.0125) == []
@@ -110,7 +110,7 @@ QUIET = {
         ({"meter gain": 0.25}, -2.0 / 1.25, 0.5 / 1.25),
         ({"table rate": 0.25}, -2.0 / 1.25, 0.5),
         ({"meter offset": 0.1}, -2.0, 0.4),
-        ({"Earth's rate by the axis' tilt": 0.1}, -2.0, 0.4),
+        ({"the Earth's rate and the tilt of the axis": 0.1}, -2.0, 0.4),
         ({"readings: table slope": 0.1, "flicker: table slope": 0.2}, -2.3, 0.5),
         ({"readings: table bias": 0.1, "flicker: table bias": 0.2}, -2.0, 0.2),
     ],

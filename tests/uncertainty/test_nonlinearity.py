@@ -100,6 +100,6 @@ def test_unknown_generator_ranges_give_a_bound() -> None:
     points = four_steps_of(driven(np.array(RATES) / K_VC))
     stated = four_step_statement(settings(known), points, Matching.of(points, Match.ZERO, 10.0))
     (bound,) = (each for each in stated.bounds if each.name == "virtual.nonlinearity")
-    assert "nobody knows where the generator's ranges end" in bound.of
+    assert "the ends of the generator's ranges are unknown" in bound.of
     with pytest.raises(KeyError):
         stated.value("virtual.nonlinearity")

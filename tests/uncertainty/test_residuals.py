@@ -309,7 +309,7 @@ def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
     assert "virtual.nonlinearity" not in [each.name for each in stated.values]
     (bound,) = (each for each in stated.bounds if each.name == "virtual.nonlinearity")
     assert bound.kind == "nonlinearity_by_v_vc"
-    assert "errors alone may make as much" in bound.of
+    assert "within the errors of the measurement" in bound.of
 
 
 @pytest.mark.parametrize("told", ["its time", "nothing of its time"])

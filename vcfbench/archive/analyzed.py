@@ -110,7 +110,7 @@ class TableAnalysis(Struct, frozen=True):
                 *map(Notice, self.notices),
                 Table([*texts(""), *columns], fits, "Least-squares line"),
                 *map(Text, self.notes),
-                Text("u_fit: of the fit alone, lack of fit included; of points alone no combined u is known"),
+                Text("u_fit: of the fit alone, deviation from the line included; points alone give no combined u"),
                 Table([*texts(""), *columns, *texts("definition")], bends, "Non-linearity and asymmetry, ppm"),
                 Text("full scale: |K| times the largest rate; reading: from 10 deg/s on"),
                 *self._compared(),

@@ -23,7 +23,7 @@ from vcfbench.uncertainty.measurand import printed
 from vcfbench.values.value import Value
 
 _FEWEST = 6
-_HELD = "u: of the fit alone, lack of fit included. The axes are those of the table's rates."
+_HELD = "u: of the fit alone, deviation from the line included. The axes are the axes of the table's rates."
 
 
 class OutputAxis(Struct, frozen=True):

@@ -39,8 +39,8 @@ _FEWEST: Final = 5
 _LASTS: Final = 6.0
 """What a parabola leaves lasts for so many-th a part of all temperatures (ours)."""
 _HELD: Final = (
-    "u: the scatter from one temperature to the next, and what the parabola leaves, as an error that lasts for a sixth "
-    "of them. It holds nothing of the instruments, nor of a temperature sensor that is off or lags behind. A bias is "
+    "u contains the scatter from one temperature to the next, and the deviation from the parabola as an error that "
+    "lasts for a sixth of them. It does not contain errors of the instruments, or of the temperature sensor. A bias is "
     "the output at rest over the scale factor at its temperature, or over the one that was given."
 )
 
@@ -222,7 +222,7 @@ def _found(
     slow = max(0.0, float(rest @ rest) / size * free - scatter)
     lasts = np.exp(-_LASTS / size * np.abs(np.subtract.outer(np.arange(size), np.arange(size))))
     noise = Cause("scatter", scatter * np.eye(size), max(1.0, (2.0 * like.sum() - 3.0) / 3.0))
-    fitted = over_temperature(over, values, [noise, Cause("what the parabola leaves", slow * lasts)], units)
+    fitted = over_temperature(over, values, [noise, Cause("deviation from the parabola", slow * lasts)], units)
     turned = over_temperature(over, values, [noise], units).hysteresis
     stated: list[Value] = [
         fitted.value.called("value", "", "value"),

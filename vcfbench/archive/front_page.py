@@ -120,7 +120,7 @@ def _results(run: Run, left_unseen: str) -> Iterator[Part]:
         yield table
         yield Text("\n".join(_said_of_results(run, run.values.values())))
         if left_unseen:
-            yield Text(f"Nor what the run would not have refused (section Not seen): {left_unseen}.")
+            yield Text(f"It does not contain undetected faults either (section Undetected faults): {left_unseen}.")
 
 
 def values_table(run: Run, most: int | None = None) -> Table | None:
@@ -181,7 +181,7 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
     if without := [_KEY.sub("", each) for each in left_out(run.results)]:
         yield f"U95 does not contain: {'; '.join(without)}."
     if any(each.form == "below" for each in stated):
-        yield "Below: a bound with 95 %, where errors of the measurement alone may make as much as was found."
+        yield "Below: an upper bound (95 %), given if the value found is within the errors of the measurement."
     if len(stated) > MOST:
         yield f"All {len(stated)} results are in the section Results."
 

@@ -91,7 +91,7 @@ def lot_report(run: Run) -> Report:
     head = [Column("device", align="left", verbatim=True), *(of for column in columns for of in column.heads)]
     said = "; ".join(column.said for column in columns)
     own = [each for each in run.devices if each.error is not None and str(each.error) != str(run.error)]
-    failed = [f"{each.metadata.dut} ended for itself: {each.error}" for each in own]
+    failed = [f"{each.metadata.dut} ended early: {each.error}" for each in own]
     axes = {each.metadata.dut or "": each for each in run.devices if isinstance(each.results, AxesResult)}
     spread = None if axes else spread_of(run.devices)
     below = [f"* U95 is incomplete: without {', '.join(lacks)}."] if lacks else []

@@ -50,7 +50,7 @@ def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "
     figures = [part for part in found if isinstance(part, Figure)]
     first = next((each for each in figures if each.title.startswith(_RESIDUALS)), figures[0] if figures else None)
     left_unseen = unseen_of(run)
-    remarks: list[Part] = [Text(f"asked again: {each}") for each in run.asked_again]
+    remarks: list[Part] = [Text(f"query repeated: {each}") for each in run.asked_again]
     remarks += [Text(f"observer left out: {each}") for each in run.observers_lost]
     return Report(
         [
@@ -59,7 +59,7 @@ def full_report(run: Run, words: Mapping[str, str] | None = None, title: str = "
             *(Heading("Conditions", 2), _conditions(run, header)),
             *_equipment(run.equipment),
             *(Heading("Results", 2), *_results(run, [part for part in found if part is not first], first)),
-            *([Heading("Not seen", 2), *not_seen] if (not_seen := unseen_parts(run, left_unseen)) else []),
+            *([Heading("Undetected faults", 2), *not_seen] if (not_seen := unseen_parts(run, left_unseen)) else []),
             *([Heading("Remarks", 2), *remarks] if remarks else []),
             *_settings(header),
             *(Heading("Record", 2), *_record(run)),

@@ -46,24 +46,24 @@ K_VC: Final = "of K_Vc"  # Unit of a fault: the share by which K_Vc is another
 V_VC_SET: Final = "of V_Vc as it was set"  # The same of what arrives
 _WORDS: Final[dict[tuple[str, str], str]] = {
     ("step", OFFSET): "a step of the output",
-    ("pulse", OFFSET): "a shift of the output for a while",
+    ("pulse", OFFSET): "a temporary shift of the output",
     ("ramp", OFFSET): "a ramp of the output to the end",
     ("change", GAIN): "a change of the multimeter's gain",
-    ("pulse", GAIN): "another gain of the multimeter for one record",
+    ("pulse", GAIN): "a different gain of the multimeter for one record",
     ("creep", GAIN): "a creeping gain of the multimeter",
-    ("step", V_VC_OFFSET): "a step of what the meter on V_Vc reads",
-    ("pulse", V_VC_OFFSET): "a shift of what the meter on V_Vc reads for a while",
-    ("ramp", V_VC_OFFSET): "a ramp of what the meter on V_Vc reads to the end",
+    ("step", V_VC_OFFSET): "a step of the reading of the meter on V_Vc",
+    ("pulse", V_VC_OFFSET): "a temporary shift of the reading of the meter on V_Vc",
+    ("ramp", V_VC_OFFSET): "a ramp of the reading of the meter on V_Vc to the end",
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
-    ("change", K_VC): "a change of K_Vc by what the run does not look at (what this method cannot see)",
-    ("change", V_VC_SET): "V_Vc that arrives otherwise than it was set, as at a terminator of 50 ohm",
-    ("pulse", V_VC_GAIN): "another gain of the meter on V_Vc for one record",
+    ("change", K_VC): "a change of K_Vc that only a rate table shows",
+    ("change", V_VC_SET): "V_Vc that differs from its setting, as with a terminator of 50 ohm",
+    ("pulse", V_VC_GAIN): "a different gain of the meter on V_Vc for one record",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
 }
 _IN_TURN: Final = {"change": "a change in some records of", "creep": "a creep, to the last record, of"}
 _OF_STREAM: Final[dict[tuple[str, str], str]] = {  # No instrument reads the output
     ("change", GAIN): "a change of the gyroscope's own gain",
-    ("pulse", GAIN): "another gain of the gyroscope for one record",
+    ("pulse", GAIN): "a different gain of the gyroscope for one record",
     ("creep", GAIN): "a creeping gain of the gyroscope",
 }
 _HALF: Final = 0.5  # Of a record: where its step is
@@ -76,9 +76,9 @@ _IN_RECORDS: Final = (
     *((kind, unit) for unit in (GAIN, V_VC_GAIN) for kind in ("change", "pulse", "creep")),
 )
 _EXPLAINED: Final = (
-    "Each is the largest that the run would not have refused with 95 %, by its own tests, noise and plan, wherever it "
-    "moves a value; what it may do to a value is that at the worst time. None of it is in U95. Less than a third of "
-    "U95 is not listed, of what is refused at no size less than a thirtieth."
+    "Each size is the largest that the run's own checks would have missed with 95 % probability, and the effect is "
+    "for the worst time. U95 contains none of them. Effects below a third of U95 are not listed; of faults that no "
+    "check finds at any size, below a thirtieth."
 )
 
 
@@ -161,7 +161,7 @@ def _in_a_record(found: Refusable) -> Iterator[Unseen]:
         size = None if kind == "ramp" else named_from(volts, shape)
         after = found.evaluated(found.settings, found.measured.moved_within((size or UNIT) * shape))
         if moved := _beyond(found, before, after, MATTERS_UNREFUSED if size is None else MATTERS):
-            why = "it is the record's trend" if kind == "ramp" else "readings beside it tell none"
+            why = "it is the record's trend" if kind == "ramp" else "the readings beside it do not show it"
             yield Unseen(kind, size, OFFSET, moved, "" if size else why)
 
 
@@ -305,8 +305,8 @@ def _effect(value: Value, effect: float) -> str:
 def unseen_parts(run: Run, found: Sequence[Unseen]) -> tuple[Part, ...]:
     """Return the table of the faults that the run cannot have seen, and its explanation."""
     if run.directory is None and run.values:
-        return (Text("The faults that the run cannot have seen are worked out from its record, and it has none."),)
+        return (Text("The faults that the run cannot detect are computed from its record, and it has none."),)
     if not found:
         return ()
     rows = list(unseen_words(run, found))
-    return Table(texts("not refused", "size", "may have moved, by as much as"), rows), Text(_EXPLAINED)
+    return Table(texts("undetected fault", "size", "possible effect"), rows), Text(_EXPLAINED)

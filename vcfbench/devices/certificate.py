@@ -17,6 +17,7 @@ from vcfbench.analysis.control_chart import cusum, recursive_residuals
 from vcfbench.devices.device import KnownDevice, KnownDeviceSettings, Reference
 from vcfbench.instructions.v_vc import v_vc_error
 from vcfbench.records.device_values import Characteristics, Measured
+from vcfbench.records.stated import NOT_CONTAINED
 from vcfbench.reports.document import Text
 from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
@@ -186,7 +187,7 @@ def _change(scale_factor: Measurand, reference: Reference, known: KnownDevice, h
     missing = (*reference.scale_factor_v_per_deg_s.missing, *scale_factor.missing)
     found = measurand(change, "ppm", parts, missing)
     since = f"{reference.kind} {reference.name} of {reference.done[:10]}"
-    since += f" (taken off: {'; '.join(moved.words)})" if moved.words else ""
+    since += f" (corrected for {'; '.join(moved.words)})" if moved.words else ""
     return Change(since, found, tuple(cancelled), e_n(0.0, 0.0, change, found.u95))
 
 
@@ -219,7 +220,7 @@ def _key(part: UncertaintyPart) -> str:
 def drift_parts(drift: Drift | None) -> list[Any]:
     """Return the report of the drift since the certificate, and of the entries since then."""
     if drift is None:
-        return [Text("drift: nothing earlier is known of the device")]
+        return [Text("drift: the device has no earlier entry")]
     words = []
     for name, change in (("drift", drift), ("and", drift.last)):
         if change is not None:
@@ -236,9 +237,9 @@ def drift_parts(drift: Drift | None) -> list[Any]:
     words.append(f"creep (CUSUM, k 0.5): {drift.cusum:.1f} standard uncertainties")
     words.append(f"drift: {Acceptance(drift.limits).said} ({judged_by})")
     if drift.verdict != "fail" and drift.e_n > 1.0:
-        words.append("  beyond its U95, which chance does once in 20: the next runs tell")
+        words.append("  beyond its U95, as by chance once in 20 runs: repeat the run")
     if drift.verdict == "fail" and not drift.failed_before:
-        words.append("  a second look, made without this one, tells: what fails again stays failed")
+        words.append("  repeat the run: it does not use this result; a second failure is kept")
     if drift.failed_before:
         words.append(
             f"  the drift failed in {', '.join(drift.failed_before)}: the device stays failed, whatever later runs "
@@ -249,5 +250,5 @@ def drift_parts(drift: Drift | None) -> list[Any]:
 
 def lists_of_omissions(holds_not: Sequence[str], unseen: Sequence[str]) -> list[Text]:
     """Return as texts the sources in no uncertainty, and the errors that the method cannot see, if any."""
-    named = {"in no uncertainty:": holds_not, "what this method cannot see:": unseen}
+    named = {NOT_CONTAINED: holds_not, "changes that only a rate table shows:": unseen}
     return [Text("\n  ".join([name, *lines])) for name, lines in named.items() if lines]

@@ -20,8 +20,8 @@ from vcfbench.station.settings import Limit, Station
 from vcfbench.strict import refusal, words
 
 UNSEEN = (
-    "the feedback combs (K_FBY) and their mismatch: what changes K_Vc is read as a change of the gyroscope",
-    "the carrier's amplitude against the drive's (V_dac over A_x): where one follows the other, neither matters",
+    "the feedback combs (K_FBY) and their mismatch: their change of K_Vc appears as a change of the gyroscope",
+    "the ratio of carrier to drive amplitude (V_dac over A_x); a common change of both has no effect",
     "the phase of the carrier against the drive",
     "the modulator: its gain, its reference, its curvature",
     "masses and their shares in the modes",
@@ -37,8 +37,8 @@ with certificates 0.3, 1 and 2 times as uncertain as a morning). With 1.5 and 5 
 """
 
 _AS_STATED = (
-    "the modulator's curve and how long K_Vc is valid, which a certificate has and a number has not",
-    "K_Vc itself, if k_vc_u_deg_s_per_v was not told: its u counts as 0",
+    "the modulator's curve and the validity of K_Vc, which only a certificate has",
+    "the u of K_Vc, if k_vc_u_deg_s_per_v is not given: it counts as 0",
 )
 
 
@@ -162,7 +162,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             raise MeasurementError(
                 f"the sign of the scale factor is wrong: expected {known:.4g} V/(deg/s)",
                 instrument="multimeter",
-                hint="check the leads of the meters and of V_Vc, and the sign of --k-vc: vcfbench run polarity tells",
+                hint="check the leads of the meters and of V_Vc, and the sign of --k-vc (vcfbench run polarity)",
             )
         expected = self.expected.scale_factor_v_per_deg_s
         if expected is not None and not min(far(expected)) <= found <= max(far(expected)):
@@ -269,7 +269,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
     curve = devices.KvcCurve(
         coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
     )
-    source = f"K_Vc = {given} (deg/s)/V, as told"
+    source = f"K_Vc = {given} (deg/s)/V, as given"
     return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
 
 

@@ -14,6 +14,7 @@ from vcfbench.analysis.k_vc_model import QUANTITIES, Gyroscope, change_ppm, sens
 from vcfbench.errors import ConfigError
 from vcfbench.records.device_values import Characteristics, Measured, Sensitivity, Share
 from vcfbench.reports.document import Table, heads
+from vcfbench.values.kinds import in_words
 
 
 def _within(value: float, limit: float) -> Measured:
@@ -224,12 +225,18 @@ def at_temperature(known: Characteristics, at_c: Measured | None) -> Characteris
 
 def sensitivity_table(found: Sequence[Sensitivity]) -> Table:
     """Return the sensitivities as reports show them."""
-    columns = heads("<quantity | K_Vc [ppm for one]:.4g | u [ppm for one]:.2g | <unit | <the quantity is")
+    columns = heads("<quantity | K_Vc [ppm per unit]:.4g | u [ppm per unit]:.2g | <unit | <basis")
     rows = [
-        (each.quantity, each.ppm_per_unit, each.u_ppm_per_unit, each.unit, "assumed" if each.assumed else "measured")
+        (
+            in_words(each.quantity)[0],
+            each.ppm_per_unit,
+            each.u_ppm_per_unit,
+            each.unit,
+            "assumed" if each.assumed else "measured",
+        )
         for each in found
     ]
-    return Table(columns, rows, "what K_Vc depends on beside combs and masses (10 000 ppm a per cent)")
+    return Table(columns, rows, "sensitivity of K_Vc to each quantity, except combs and masses (10 000 ppm = 1 %)")
 
 
 def require_characterised(seen: Characteristics | None, now_c: float | None) -> None:
@@ -246,7 +253,7 @@ def require_characterised(seen: Characteristics | None, now_c: float | None) -> 
     if not low_c <= now_c <= high_c:
         raise ConfigError(
             f"temperature_c: K_Vc is known from {low_c:g} to {high_c:g} degC ({why}), not at {now_c:g} degC",
-            hint="measure there (vcfbench run temperature --dut, then run kvc), or bring the gyroscope back into it",
+            hint="measure there (vcfbench run temperature --dut, then run kvc), or bring the gyroscope into that range",
         )
 
 

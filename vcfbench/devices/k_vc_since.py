@@ -16,9 +16,12 @@ from vcfbench.uncertainty.measurand import measurand
 from vcfbench.values.sources import TEMPERATURE
 from vcfbench.values.value import UncertaintyPart
 
-K_VC_HEALTH = "what was measured of K_Vc's causes"
-K_VC_DRIFT, K_VC_TEMPERATURE = "K_Vc's drift since the certificate", "temperature since the certificate, in K_Vc"
-K_VC_ON_THE_WAY = "K_Vc's change on the way from the table"
+K_VC_HEALTH = "changes of K_Vc measured by health"
+K_VC_DRIFT, K_VC_TEMPERATURE = (
+    "drift of K_Vc since the certificate",
+    "change of K_Vc with temperature since the certificate",
+)
+K_VC_ON_THE_WAY = "change of K_Vc in transport from the table"
 
 YEAR_DAYS = 365.25
 
@@ -48,7 +51,7 @@ def k_vc_since(
     if by_causes_ppm is not None:
         ppm, u = by_causes_ppm
         parts = [UncertaintyPart(K_VC_HEALTH, 1e-6 * u), *parts]
-        said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for what was measured of its causes (health)"]
+        said = [f"K_Vc corrected by {ppm:+.1f} ppm, u {u:.2g}, for the changes measured by health"]
     days = known.days_since or 0.0
     if limit := 1e-6 * sources.k_vc_drift_ppm_per_year * days / YEAR_DAYS:
         u = limit / math.sqrt(3.0)
@@ -78,7 +81,7 @@ def with_temperature(of_output: Mapping[str, float], since: Sequence[Uncertainty
 def drift_words(known: Sources) -> str:
     """Say the amount by which K_Vc may drift, and where that is from."""
     key = "k_vc_drift_ppm_per_year"
-    return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm a year")
+    return known.assumed.get(key, f"uncertainty.{key}: {known.k_vc_drift_ppm_per_year:g} ppm per year")
 
 
 def days_until(wanted_u95_ppm: float, today: Sequence[UncertaintyPart], drift_ppm_per_year: float) -> float | None:

@@ -167,7 +167,7 @@ class Provenance(Struct, frozen=True):
             run=run,
             simulated=bool(header.get("simulated")),
             instruments={
-                role: ",".join(fields) if any(fields) else "says nothing of itself" for role, fields in answered.items()
+                role: ",".join(fields) if any(fields) else "has no description" for role, fields in answered.items()
             },
             finished=finished,
             verdict=None if verdict is None else verdict.word,

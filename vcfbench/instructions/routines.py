@@ -58,8 +58,8 @@ def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
     """Set levels and limits, then switch on, wait, and read the rails back; say so where the device feeds itself."""
     rails = rails_of(settings)
     if not rails:
-        yield steps.NotChecked("power and when it came on", "the bench has no supply: the device feeds itself")
-        yield from under_power(settings, wait_s, "the device has been on for a time that nobody measured")
+        yield steps.NotChecked("power and when it came on", "the bench has no supply: the device has its own")
+        yield from under_power(settings, wait_s, "the time since power-on of the device is unknown")
         return
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
@@ -259,7 +259,7 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
     limits = settings.station.limits
     turns = turns and limits.max_rate_deg_s is not None
     if not (turns or _has_source(settings)):
-        yield steps.NotChecked("whether the output answers", "the bench has neither table nor generator")
+        yield steps.NotChecked("whether the output responds", "the bench has neither table nor generator")
         return
     yield steps.Note("Does the output answer?")
     yield from meter_set(settings)
@@ -280,11 +280,11 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
     u_v = math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
     if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
         raise MeasurementError(
-            f"the output does not answer to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "
+            f"the output does not respond to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "
             f"{at_rest.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
             instrument="multimeter",
             step="the end of the record",
-            hint=f"look at the lead of the output, {aside}the PCB's supply, and the drive signal",
+            hint=f"check the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
     moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
     require_as_used(settings, moved_v / rate_deg_s, abs(within_v / rate_deg_s), by_v_vc=not turns)

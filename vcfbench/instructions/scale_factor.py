@@ -104,8 +104,8 @@ def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
     if settings.scale_factor_v_per_deg_s is not None:
         return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
     expected = settings.expected.scale_factor_v_per_deg_s is not None
-    usual = "nominal" if settings.station.stream else "that of the paper"
-    source = "middle of what the bench file expects" if expected else f"{usual}: nothing tells this gyroscope's"
+    usual = "nominal value" if settings.station.stream else "value of the paper"
+    source = "middle of the expected range" if expected else f"{usual}, not measured on this gyroscope"
     return ScaleFactor(settings.expected_gyro().scale_factor, None, source)
 
 
@@ -139,3 +139,8 @@ def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0,
         hint="correct scale_factor_v_per_deg_s of the run, or [expected] of the bench file (V, deg/s, its sign); if "
         "they are right, look at the leads: vcfbench run polarity",
     )
+
+
+def rates_by(value: float, source: str) -> str:
+    """Return a report's words for the scale factor that turns volts into rates."""
+    return f"rates by the scale factor {value:.6g} V/(deg/s) ({source})"

@@ -33,8 +33,8 @@ from vcfbench.values.value import Measurand, UncertaintyPart, Value
 _CASE = ("x", "y", "z")
 _MOUNTING = "mounting"
 _UNSEEN = (
-    "Not seen: what the mounting bends, and what an axis does beyond its slope. All angles are about the axes of the "
-    "case as they were mounted."
+    "Not detected: bending by the mounting, and the non-linearity of an axis. All angles are about the axes of the "
+    "case as it was mounted."
 )
 
 
@@ -109,7 +109,7 @@ def results(settings: AxesSettings, measured: Measured) -> AxesResult:
         "flicker": (noise.by_flicker(weights, [False] * 3), noise.flicker_dof),
         "last digit": (digit * weights @ weights.T, math.inf),
         _MOUNTING: (np.diag(across * limit**2 / 3.0), math.inf),
-        f"{_MOUNTING}, of the axis itself": (np.diag((slopes * (1.0 - math.cos(limit))) ** 2 / 3.0), math.inf),
+        f"{_MOUNTING}, axis under test": (np.diag((slopes * (1.0 - math.cos(limit))) ** 2 / 3.0), math.inf),
     }
     known = settings.station.sources
     sigmas = known.meter_sigmas or math.sqrt(3.0)
@@ -144,7 +144,11 @@ def report(_settings: object, _points: Sequence[Point], found: AxesResult) -> Re
     rows = [(axis, slope, found.outputs_v[axis]) for axis, slope in zip(_CASE, found.sensitivity, strict=True)]
     columns = heads("<axis of the rate | slope [V/(deg/s)]:.7g | output at rest [V]:.6g")
     return Report(
-        [value_table(found.stated()), Table(columns, rows, "By the axis mounted along the table's"), Text(_UNSEEN)]
+        [
+            value_table(found.stated()),
+            Table(columns, rows, "axis of the case along the table's"),
+            Text(_UNSEEN),
+        ]
     )
 
 

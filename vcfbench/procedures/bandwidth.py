@@ -196,17 +196,17 @@ class Bandwidth(Struct, frozen=True):
 
 
 NOT_HELD = (
-    "The uncertainties hold the noise about each frequency, the generator's time base and, for Q, the drive "
-    "frequency. They do not hold: the corner of the low-pass filter, the meter's aperture, a change of temperature "
-    "during the run, a difference between how V_Vc and a rate share the two sense modes. "
+    "The uncertainties contain the noise about each frequency, the generator's time base and, for Q, the drive "
+    "frequency. They do not contain: the corner of the low-pass filter, the meter's aperture, a change of temperature "
+    "during the run, a different share of V_Vc and of a rate in the two sense modes. "
 )
 NO_PHASE = (
-    "The phase of the response is not measured: for it a channel of the oscilloscope must see V_Vc, and another the "
-    "output (wiring.oscilloscope). The meter's samples have no common start with the generator."
+    "The phase of the response is not measured: it needs one channel of the oscilloscope on V_Vc and another on the "
+    "output (wiring.oscilloscope), as the meter's samples have no common start with the generator."
 )
 PHASE_HOLDS = (
-    "The uncertainties of the phases hold the scatter of the records, not a difference between the delays of "
-    "the oscilloscope's channels. The low-pass filter is in the phases, unlike in the gains."
+    "The uncertainties of the phases contain the scatter of the records, not a difference between the delays of "
+    "the oscilloscope's channels. The phases include the low-pass filter, the gains do not."
 )
 
 
@@ -299,7 +299,7 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
             f"the gains are {times:.2g} times as far from the closed form as their u explains, the gain at "
             f"{band.frequency_hz[worst]:.4g} Hz by {100.0 * band.residual[worst]:+.2g} %",
             instrument="multimeter",
-            hint="does the output reach a limit (sine_amplitude_v), or did its gain change in the sweep? "
+            hint="check whether the output is limited (sine_amplitude_v) or its gain changed in the sweep; "
             "closed_form_ppm adds a deviation from the closed form to u",
         )
     in_time = [step.frequency_hz for step, _ in sampled]
@@ -345,11 +345,11 @@ def _bandwidth(
 def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) -> Report:
     """Report the figures, the response with its fit, and the residuals."""
     named = {
-        "mode split, either way": found.split_hz,
+        "mode split, without sign": found.split_hz,
         "Q of the sense mode": found.q,
         "+3 dB": found.plus_3_db_hz,
         "peak": found.peak_hz,
-        "gain there, over static": found.peak_gain,
+        "gain at the peak, over the static gain": found.peak_gain,
         "-3 dB": found.minus_3_db_hz,
     }
     static = found.static_gain_v_per_v
@@ -374,7 +374,7 @@ def report(_settings: BandwidthSettings, _measured: Measured, found: Bandwidth) 
                 Axis("gain", scale="log"),
                 [measured, Series("closed form", found.frequency_hz, fitted, kind="line")],
             ),
-            Figure("What the closed form leaves", frequency, Axis("gain", "ppm"), [rest]),
+            Figure("Deviation from the closed form", frequency, Axis("gain", "ppm"), [rest]),
         ]
     )
 

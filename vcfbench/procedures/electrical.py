@@ -135,7 +135,7 @@ def findings(settings: ElectricalSettings, seen_ohm: Mapping[str, float]) -> Ite
 
     out = [key for key in windows if not fits(seen_ohm[key], key)]
     if len(out) > 1 and all(map(math.isinf, seen_ohm.values())):
-        yield "all lines are open: are the multimeter's leads on its ohm terminals, with four wires those of sense too?"
+        yield "all lines are open: check the multimeter's leads on its ohm terminals, with four wires also on sense"
         return
     swapped = {one: other for one in out for other in out if fits(seen_ohm[one], other) and fits(seen_ohm[other], one)}
     for key in out:
@@ -190,7 +190,7 @@ def _resistance(settings: ElectricalSettings, range_ohm: float, readings_ohm: Se
 
 def report(settings: ElectricalSettings, _points: Sequence[Point], found: ElectricalResult) -> Report:
     """Report each line with its limits."""
-    columns = heads("<line | resistance [ohm] | u:.2g | U95:.2g | from:.4g | to:.4g | <u is made of")
+    columns = heads("<line | resistance [ohm] | u:.2g | U95:.2g | from:.4g | to:.4g | <contributions to u")
     rows = [
         (each.of.replace("_", " "), *printed(each.resistance), each.low_ohm, each.high_ohm, made_of(each.resistance))
         for each in found.lines

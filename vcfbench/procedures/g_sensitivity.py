@@ -20,7 +20,7 @@ from vcfbench.belief.jumps import watched
 from vcfbench.errors import ConfigError
 from vcfbench.instructions import routines
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
+from vcfbench.instructions.scale_factor import AtRestSettings, rates_by, scale_factor_used
 from vcfbench.instructions.schedule import EARTH_DEG_S
 from vcfbench.instructions.v_vc import meter_error
 from vcfbench.records.schema import Point
@@ -202,10 +202,10 @@ def report(settings: GSensitivitySettings, _points: Sequence[Point], found: GSen
     rows |= {f"along {axis}, SI": each for axis, each in found.per_m_s2.items()}
     columns = heads("<axis that points up | bias [deg/s]:.5f")
     words = (
-        f"g is {STANDARD_GRAVITY_M_S2} m/s^2; gravity {found.gravity_m_s2:.4f} m/s^2, {found.gravity_from}; for deg/s "
-        f"{found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}. The Earth's rate along a vertical "
-        f"input axis ({settings.input_axis}) is taken off where the latitude is known. Not seen: what goes with g^2, "
-        "and a drift that is no line in time."
+        f"g is {STANDARD_GRAVITY_M_S2} m/s^2; gravity {found.gravity_m_s2:.4f} m/s^2, {found.gravity_from}; "
+        f"{rates_by(found.scale_factor_v_per_deg_s, found.scale_factor_from)}. The Earth's rate along a vertical "
+        f"input axis ({settings.input_axis}) is subtracted if the latitude is known. Not detected: an effect of g^2, "
+        "and a drift that is not linear in time."
     )
     numbers = list(range(1, len(found.biases_deg_s) + 1))
     series = Series("bias", numbers, list(found.biases_deg_s.values()))

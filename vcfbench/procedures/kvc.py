@@ -27,6 +27,7 @@ from vcfbench.analysis.k_vc_curve import (
     fit_k_vc_curve,
 )
 from vcfbench.belief.jumps import watched
+from vcfbench.devices.certificate import lists_of_omissions
 from vcfbench.devices.device import UNSEEN
 from vcfbench.devices.k_vc_change import at_temperature, k_vc_sensitivities, sensitivity_table
 from vcfbench.devices.k_vc_since import days_until, drift_words
@@ -54,7 +55,16 @@ from vcfbench.typed import typed
 from vcfbench.uncertainty.known_levels import known_levels
 from vcfbench.uncertainty.measurand import as_kept, budget_table, finite, measurand, quotient, said_of
 from vcfbench.uncertainty.phases import PhaseErrors
-from vcfbench.values.sources import METER_GAIN, MISALIGNMENT, RESOLUTION, TABLE_RATE, V_VC_GAIN, V_VC_NOISE, V_VC_OFFSET
+from vcfbench.values.sources import (
+    METER_GAIN,
+    MISALIGNMENT,
+    RESOLUTION,
+    TABLE_RATE,
+    TILT,
+    V_VC_GAIN,
+    V_VC_NOISE,
+    V_VC_OFFSET,
+)
 from vcfbench.values.value import Measurand, UncertaintyPart
 
 
@@ -140,11 +150,11 @@ class KVcResult(Struct, frozen=True, kw_only=True):
 
 _HOLDS_NOT = (
     BEYOND_SHEETS,
-    "the multimeter's gain and offset, of K_Vc: it compares two equal outputs, so they cancel",
-    "the Earth's rate about the table's axis: it is in both zeros; what a tilted axis leaves is in the budget",
-    "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: those of the run",
-    "what temperature changes later: the curve holds at that of the day (temperature_c), its coefficient beside it",
-    "lack of fit of the curve: reported apart, and no uncertainty",
+    "gain and offset of the multimeter, for K_Vc: it compares two equal outputs, so they cancel",
+    "the Earth's rate about the table's axis: it is in both zeros; the effect of a tilted axis is in the budget",
+    "remounting, turn-on to turn-on, acceleration (g), vibration, magnetic fields, the rails: as in this run",
+    "later changes of temperature: the curve holds at temperature_c, its temperature coefficient is stated apart",
+    "deviation from the curve: reported apart",
 )
 
 
@@ -160,7 +170,6 @@ _FAR_DAYS = 365_000.0
 """No certificate dates a U95 later than that: a thousand years."""
 
 READ_TABLE, READ_DRIVEN = "readings on the table", "readings with V_Vc"
-EARTH = "the Earth's rate and the tilt of the axis"
 
 
 def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
@@ -180,7 +189,7 @@ def k_vc_results(settings: KVcSettings, points: Measured) -> KVcResult:
         READ_DRIVEN: in_rate,
         TABLE_RATE: covariance_of(rate, 0.0, v_vc.table_rate_error(settings)),
         MISALIGNMENT: covariance_of(rate, 0.0, v_vc.alignment_error(settings)),
-        EARTH: covariance_of(rate, 0.0, 0.0, u_earth_deg_s),
+        TILT: covariance_of(rate, 0.0, 0.0, u_earth_deg_s),
         **{name: covariance_of(rate, 0.0, u) for name, u in phases.u("k_vc").items()},
     }
     error = v_vc.v_vc_error(settings)
@@ -334,14 +343,14 @@ def certificate(settings: KVcSettings, results: KVcResult, made: Provenance) -> 
         k_vc_drift_ppm_per_year=settings.station.sources.k_vc_drift_ppm_per_year,
         wanted_u95_ppm=settings.wanted_u95_ppm,
         u95_until=None if days is None or days > _FAR_DAYS else made.finished + timedelta(days=days),
-        remarks=(f"V_Vc is known by {results.v_vc_by}", *results.holds_not),
+        remarks=(f"V_Vc is taken from {results.v_vc_by}", *results.holds_not),
     )
     return NewEntry(known, settings.store.root)
 
 
 def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcResult) -> Report:
     """Report the pairs, the curve, the budget of K_Vc, and the sources that are in no uncertainty."""
-    columns = heads("rate [deg/s]:g | V_Vc [V]:.6f | u [V]:.1e | rate - curve [deg/s]:.1e | left [V]:.1e")
+    columns = heads("rate [deg/s]:g | V_Vc [V]:.6f | u [V]:.1e | rate - curve [deg/s]:.1e | mismatch [V]:.1e")
     rows = [structs.astuple(pair) for pair in results.pairs]
     curve, curved = results.curve, results.curvature
     fits = f"chi-square {curve.chi_square:.1f}, {curve.dof} degrees of freedom, p = {curve.lack_of_fit_p or 0.0:.2g}"
@@ -352,17 +361,17 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
     wanted = f"U95 of {settings.wanted_u95_ppm:g} ppm"
     interval = f"K_Vc keeps its U95 ({drift_words(known)})"
     if days is not None:
-        interval = f"K_Vc comes to a {wanted} after {days:.0f} days ({drift_words(known)})"
+        interval = f"K_Vc reaches a {wanted} after {days:.0f} days ({drift_words(known)})"
     elif known.k_vc_drift_ppm_per_year:
-        interval = f"K_Vc has more than a {wanted} already ({drift_words(known)})"
+        interval = f"K_Vc already exceeds a {wanted} ({drift_words(known)})"
     words = [
         said_of("K_Vc, small signals", results.k_vc),
         "curve: " + ", ".join(f"k{i} = {k:.8g}" for i, k in enumerate(curve.coefficients)) + " (deg/s)/V^i",
-        f"  lack of fit {curve.lack_of_fit_deg_s:.1e} deg/s rms ({fits}); in no uncertainty",
+        f"  deviation from the curve {curve.lack_of_fit_deg_s:.1e} deg/s rms ({fits}); in no uncertainty",
         f"modulator: V + {second} V^2 + {third} V^3",
         said_of("scale factor on the table, small signals", results.scale_factor),
         said_of("bias, generator off", results.bias),
-        f"V_Vc is known by {results.v_vc_by}",
+        f"V_Vc is taken from {results.v_vc_by}",
         interval,
         *v_vc.known_words(settings, "table_rate_error", "misalignment_deg"),
     ]
@@ -370,13 +379,12 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
     left = Series("rate - curve", [p.rate_deg_s for p in results.pairs], [p.residual_deg_s for p in results.pairs])
     return Report(
         [
-            Table(columns, rows, "V_Vc with the same zero-subtracted output as the table"),
+            Table(columns, rows, "V_Vc that gives the same output change as the table"),
             Text("\n".join(words)),
             budget_table("K_Vc", results.k_vc),
             sensitivity_table(results.sensitivities),
-            Figure("What the curve leaves over", rate, Axis("rate - curve", "deg/s"), [left]),
-            Text("\n  ".join(["in no uncertainty:", *results.holds_not])),
-            Text("\n  ".join(["what a self-calibration by this K_Vc cannot see:", *UNSEEN])),
+            Figure("Deviation from the curve", rate, Axis("rate - curve", "deg/s"), [left]),
+            *lists_of_omissions(results.holds_not, UNSEEN),
         ]
     )
 

@@ -277,11 +277,11 @@ def _meter_sources(description: BenchDescription, chosen: ProcedureSettings, rol
     if sheet is not None:
         said += "".join(f"; {each}" for each in large_corrections(part, role, sheet))
         if range_v not in sheet.accuracy:
-            said += f"; no data sheet of a {sheet.model} on {range_v:g} V is at hand: a 34401A's is assumed"
+            said += f"; no data sheet of a {sheet.model} on {range_v:g} V: the 34401A's is assumed"
         elif sheet.known_accuracy(range_v, age_days) is None:
             if stated is not None:
                 raise ConfigError(f"uncertainty.{key}: {sheet.beyond(range_v)}")
-            said += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow on with time"
+            said += f"; {sheet.beyond(range_v)}, so its limits are assumed to grow further with time"
         (low_c, high_c), ambient_c = ROOM_C, description.site.ambient_c
         if ambient_c is None:
             said += f"; room assumed within {low_c:g} to {high_c:g} degC (site.ambient_c)"

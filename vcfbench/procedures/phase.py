@@ -133,7 +133,7 @@ def phases_of(
     reference = reference_phase(aimed(turned, settings.difference_hz))
     if reference.scatter_deg > _LARGEST_SCATTER_DEG:
         raise MeasurementError(
-            "the output does not answer to the sense signal: the demodulator's phase scatters by "
+            "the output does not respond to the sense signal: the demodulator's phase scatters by "
             f"{reference.scatter_deg:.0f} deg from record to record, as that of mere noise does",
             instrument="oscilloscope",
             hint=LOOK_AT_SIGNALS,
@@ -280,12 +280,12 @@ def _turned(result: Rotations, size_deg: float) -> Rotations:
 
 
 NOT_HELD = (
-    "The uncertainties hold the scatter of the records and, against the drive signal, the skew of the oscilloscope's "
-    "channels. They do not hold: probes and the resistance of the nodes, the non-linearity of the converter, the "
-    "phase of the drive's own pick-off, the curvature of the filter's lag, a change of temperature. Not seen: signs, "
-    "since combs, pick-offs and output stage may have either (angles are known apart from half turns); the force "
-    "itself, which is no node: a delay between carrier and force is in the virtual phase, together with what unequal "
-    "combs do; and the in-phase and the anti-phase mode apart."
+    "The uncertainties contain the scatter of the records and, against the drive signal, the skew of the "
+    "oscilloscope's channels. They do not contain: probes and the resistance of the nodes, the non-linearity of the "
+    "converter, the phase of the drive pick-off, the curvature of the filter's lag, a change of temperature. Not "
+    "detected: signs, since combs, pick-offs and output stage may invert (angles are known modulo half a turn); the "
+    "force itself, which has no node: a delay between carrier and force appears in the virtual phase, as does the "
+    "effect of unequal combs; and the in-phase and the anti-phase mode separately."
 )
 
 
@@ -295,13 +295,13 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
         "carrier": found.carrier_deg,
         "sense signal of a positive rate (Coriolis)": found.coriolis_deg,
         "sense signal of a positive V_Vc (virtual)": found.virtual_deg,
-        "demodulator's reference, apart from half a turn": found.demodulator_deg,
+        "demodulator's reference, modulo half a turn": found.demodulator_deg,
     }
     errors = {
-        "carrier from the drive's velocity": found.carrier_from_velocity_deg,
-        "Coriolis from the drive's velocity": found.coriolis_from_velocity_deg,
-        "virtual from Coriolis": found.virtual_from_coriolis_deg,
-        "demodulator from Coriolis": found.demodulator_from_coriolis_deg,
+        "carrier against the drive's velocity": found.carrier_from_velocity_deg,
+        "Coriolis against the drive's velocity": found.coriolis_from_velocity_deg,
+        "virtual against Coriolis": found.virtual_from_coriolis_deg,
+        "demodulator against Coriolis": found.demodulator_from_coriolis_deg,
         "error of K_Vc by equal outputs": found.k_vc_error_ppm,
         "delay of the filter": found.filter_delay_ms,
     }
@@ -317,8 +317,8 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
         f"drive {found.drive_hz:.3f} Hz; {found.records} records; U95 of {found.target_deg:g} deg for every phase: "
         f"{'met' if found.target_met else 'NOT met'}\nK_Vc by equal outputs: {abs(error.value):.0f} ppm too "
         f"{'small' if error.value < 0.0 else 'large'}, U95 {error.u95:.2g} ppm; it changes by "
-        f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm a degree of the carrier, "
-        f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm a degree of the demodulator\n"
+        f"{found.k_vc_ppm_per_carrier_deg:+.0f} ppm per degree of the carrier, "
+        f"{found.k_vc_ppm_per_demodulator_deg:+.1f} ppm per degree of the demodulator\n"
         f"for [uncertainty] of the bench file: {known}\n{NOT_HELD}"
     )
     # The sense signal of each record as a phasor
@@ -328,12 +328,12 @@ def phase_report(_settings: PhaseSettings, measured: Measured, found: Phases) ->
             what, level = ("rate", step.rate_deg_s) if step.rate_deg_s else ("V_Vc", step.v_vc_v)
             seen[f"{what} {'+' if level > 0.0 else '-'}"] += [1e3 * sense_phasor(each) for each in taken.records]
     series = [Series(name, [p.real for p in each], [p.imag for p in each]) for name, each in seen.items() if each]
-    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter turn ahead", "mV")
-    words = "A point a record; the way from minus to plus has the phase of the force."
+    axes = Axis("in phase with the drive signal", "mV"), Axis("a quarter period ahead", "mV")
+    words = "One point per record; the vector from minus to plus has the phase of the force."
     return Report(
         [
             quantity_table(against_drive, "phases against the drive signal"),
-            quantity_table(errors, "what they come to, apart from half turns"),
+            quantity_table(errors, "phase errors (modulo half a turn) and error of K_Vc"),
             Text(said),
             *([Figure("Sense signal against the drive signal", *axes, series, words)] if series else []),
         ]

@@ -48,10 +48,10 @@ CAUSES: Mapping[str, frozenset[What]] = MappingProxyType(
         "the generator's leads to V_Vc are reversed": frozenset({"V_Vc", "meter on V_Vc"}),
         "the table's positive sense is the other one, or the gyroscope is mounted upside down": frozenset({"table"}),
         "the leads of the meter on V_Vc are reversed": frozenset({"meter on V_Vc"}),
-        "the carrier is turned by half a cycle": frozenset({"V_Vc", "carrier"}),
+        "the carrier is shifted by half a cycle": frozenset({"V_Vc", "carrier"}),
         "V_Vc drives the opposite combs": frozenset({"V_Vc"}),
-        "the demodulator's reference is turned by half a cycle": frozenset({"table", "V_Vc"}),
-        "the sense pick-off is turned by half a cycle": frozenset({"table", "V_Vc"}),
+        "the demodulator's reference is shifted by half a cycle": frozenset({"table", "V_Vc"}),
+        "the sense pick-off is shifted by half a cycle": frozenset({"table", "V_Vc"}),
     }
 )
 """Possible reversals, and the signs that each turns."""
@@ -233,10 +233,10 @@ def _silence(silent: Sequence[What]) -> tuple[str, ...]:
     if "table" in silent and "V_Vc" in silent:
         return ("the output does not move: a lead of the multimeter is off, or the gyroscope does not run",)
     loose: dict[What, str] = {
-        "table": "the output does not feel the table: is the gyroscope on it, and its axis along the table's?",
-        "V_Vc": "the output does not feel V_Vc: a lead of the generator is off",
+        "table": "the output does not respond to the table: is the gyroscope on it, and its axis along the table's?",
+        "V_Vc": "the output does not respond to V_Vc: a lead of the generator is off",
         "meter on V_Vc": "the meter on V_Vc shows no response: one of its leads is off",
-        "bias": "the output at rest is not what is expected of it, nearly 0 V",
+        "bias": "the output at rest is nearly 0 V, not as expected",
         "carrier": "the carrier is neither as expected nor half a cycle from it",
     }
     return tuple(loose[each] for each in silent)
@@ -280,16 +280,20 @@ def report(settings: PolaritySettings, _points: Sequence[Point], found: Polarity
     basis = f"expected by {found.expected_from}"
     lines = [f"all signs are right ({basis})"]
     if found.wrong_signs:
-        head = "what explains it" if len(found.causes) == 1 else "what explains it, one of these"
+        head = "cause" if len(found.causes) == 1 else "possible causes"
         lines = [f"{found.wrong_signs} of {len(found.signs)} signs are wrong ({basis}); {head}:"]
         lines += [f"  {each}" for each in found.causes]
     if found.look_alikes:
-        two = "two faults at once that look the same" if found.wrong_signs else "two faults that would undo each other"
-        lines += [f"{two}, not to be told from it here:", *(f"  {each}" for each in found.look_alikes)]
+        two = (
+            "two simultaneous faults that would look the same"
+            if found.wrong_signs
+            else "two faults that would cancel, undetected by this run"
+        )
+        lines += [f"{two}:", *(f"  {each}" for each in found.look_alikes)]
     if len(found.causes) > 1 and not settings.has_table:
-        lines.append("a table, or a gyroscope turned by hand, would tell more")
+        lines.append("a rate table, or turning the gyroscope by hand, narrows the causes")
     if len(found.causes) > 1 and settings.expected.bias_v is None:
-        lines.append("expected.bias_v in the bench file would tell reversed leads from turned phases")
+        lines.append("set expected.bias_v in the bench file to distinguish reversed leads from shifted phases")
     return Report([Table(columns, rows), Text("\n".join(lines))])
 
 

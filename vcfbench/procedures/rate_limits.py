@@ -24,6 +24,7 @@ from vcfbench.instructions.procedure import Procedure, Watched, roles
 from vcfbench.instructions.scale_factor import (
     LevelSettings,
     ScaleFactorBy,
+    rates_by,
     require_as_used,
     scale_factor_used,
     tells_scale_factor,
@@ -139,7 +140,11 @@ class RateLimitsResult(Struct, frozen=True):
     def stated(self) -> Iterator[Value]:
         """Yield its values; of a limit that was not reached the largest rate of the bench."""
         for name, each in (("positive", self.positive), ("negative", self.negative)):
-            words = (f"{name} input rate limit", f"output beyond, {name}", f"after beyond less before, {name}")
+            words = (
+                f"{name} input rate limit",
+                f"output beyond the limit, {name}",
+                f"output after minus before overrange, {name}",
+            )
             if each.at_least_deg_s is not None:
                 size = f"{name}_input_rate_limit", None, "deg/s"
                 yield Value(*size, form="at-least", low=abs(each.at_least_deg_s), words=f"{words[0]}, its size")
@@ -211,7 +216,7 @@ def _require_same_leads(settings: RateLimitsSettings, line: Line, point: Point) 
             f"{of_small:+.3g} times as far as at {settings.level_deg_s:g} deg/s in the windows of the line",
             instrument="multimeter",
             step=str(point.step),
-            hint="a lead came off or was swapped: look at the leads of the output and of V_Vc",
+            hint="a lead is off or swapped: check the leads of the output and of V_Vc",
         )
 
 
@@ -299,19 +304,24 @@ def _of_inputs(settings: RateLimitsSettings, found: Limit, line: Line) -> Iterat
 
 def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsResult) -> Report:
     """Report the limits, and the output against the line."""
-    line, of = found.line, "of the table" if settings.by_table else "by the line's slope to V_Vc, whose curve counts,"
+    line, of = (
+        found.line,
+        "of the table" if settings.by_table else "by the line's slope against V_Vc, curvature included,",
+    )
     words = [
-        f"limit: the rate {of} from which on more than {100.0 * found.short_share:.3g} % lacks of the output",
-        f"of the line through {settings.level_deg_s:g} deg/s of both signs; supply as it was",
-        f"for deg/s {found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}",
+        f"limit: the rate {of} above which the output is more than {100.0 * found.short_share:.3g} % short",
+        f"of the line through {settings.level_deg_s:g} deg/s of both signs; rails as set",
+        rates_by(found.scale_factor_v_per_deg_s, found.scale_factor_from),
     ]
     for each in (found.positive, found.negative):
-        bound = f"not reached: {each.at_least_deg_s or 0.0:+.5g} deg/s or more, the bench ends there"
+        bound = f"limit not reached: it is beyond {each.at_least_deg_s or 0.0:+.5g} deg/s, where the bench ends"
         words.append(bound if each.limit is None else incomplete(each.limit.missing).removeprefix("; "))
     per = 1.0 if settings.by_table else line.slope / found.scale_factor_v_per_deg_s
     taken = [(settings.input_of(each), each.output_v) for each in measured if each.rate_deg_s]
     rates, more = [per * at for at, _ in sorted(taken)], [-100.0 * line.lacks(*each) for each in sorted(taken)]
-    drawn = Figure("Output over the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)])
+    drawn = Figure(
+        "Output relative to the line", Axis("rate", "deg/s"), Axis("more", "%"), [Series("output", rates, more)]
+    )
     known = value_table(found.stated())
     text = Text("\n".join(dict.fromkeys(filter(None, words))))
     return Report([*([known] if known.rows else []), text, drawn])

@@ -21,7 +21,7 @@ from vcfbench.belief.chopped_level import chopped, table_due_deg_s
 from vcfbench.belief.jumps import watched
 from vcfbench.instructions import routines
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.scale_factor import LevelSettings, scale_factor_used
+from vcfbench.instructions.scale_factor import LevelSettings, rates_by, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -181,8 +181,8 @@ def report(settings: RepeatabilitySettings, _points: Sequence[Point], found: Rep
     with_what = "the table" if settings.by.value == "table" else "V_Vc"
     said = (
         f"s is the standard deviation over {len(numbers)} switch-ons, each after {settings.off_s:g} s without power "
-        f"and {settings.start_up_s:g} s of warm-up (JJF 1535, 3.2); slope taken with {with_what}; for deg/s "
-        f"{found.scale_factor_v_per_deg_s:.6g} V/(deg/s), {found.scale_factor_from}"
+        f"and {settings.start_up_s:g} s of warm-up (JJF 1535, 3.2); slope by {with_what}; "
+        f"{rates_by(found.scale_factor_v_per_deg_s, found.scale_factor_from)}"
     )
     biases = Series("bias", numbers, [each.bias_deg_s for each in found.switch_ons])
     return Report(

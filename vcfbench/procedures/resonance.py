@@ -201,10 +201,10 @@ class Resonances(Struct, frozen=True):
 
 
 NOT_HELD = (
-    "The uncertainties of the ring-downs hold the scatter of the records and the oscilloscope's time base; those of "
-    "the sweep what `bandwidth` says. They do not hold a change of temperature between the two ways nor, of the "
-    "drive, a change of its pick-off while the rails fall. The drive has no sweep: its loop holds it at resonance, and "
-    "no generator reaches its force."
+    "The uncertainties of the ring-downs contain the scatter of the records and the oscilloscope's time base; those of "
+    "the sweep are the uncertainties of `bandwidth`. They do not contain a change of temperature between the two "
+    "methods or, for the drive, a change of its pick-off while the rails fall. The drive has no sweep: its loop holds "
+    "it at resonance, and the generator cannot reach its force."
 )
 
 
@@ -227,7 +227,7 @@ def plan(settings: ResonanceSettings) -> steps.Plan:
         raise MeasurementError(
             f"the sense modes were seen to ring down {len(decays)} times of {count} as V_Vc was switched off",
             instrument="oscilloscope",
-            hint="look at the leads of V_Vc and of the sense signal; a larger ring_down_v_vc_v gives a larger signal",
+            hint="check the leads of V_Vc and of the sense signal; a larger ring_down_v_vc_v gives a larger signal",
         )
     drive_hz = fmean(each.drive_hz for each in decays)
     yield steps.Note("The drive rings down as the rails are switched off")

@@ -309,13 +309,13 @@ def report(settings: ThresholdSettings, _points: Sequence[Point], found: Thresho
     """Report the limits, and the share that each step showed."""
     limits = {"dead band, half width": found.dead_band, "threshold": found.threshold, "resolution": found.resolution}
     volts = {f"{name} of V_Vc": each.v_vc_v for name, each in limits.items() if each.v_vc_v is not None}
-    none = "none is seen: at most {:.2g} deg/s (95 %)"
-    words = [f"{name}: {'seen' if each.seen else none.format(each.at_most_deg_s)}" for name, each in limits.items()]
+    none = "not detected, at most {:.2g} deg/s (95 %)"
+    words = [f"{name}: {'detected' if each.seen else none.format(each.at_most_deg_s)}" for name, each in limits.items()]
     with_what = "V_Vc" if settings.by is ScaleFactorBy.V_VC else "the table"
     method = (
-        f"{found.blocks} blocks of each step by {with_what}, chopped against drift. Threshold and resolution show "
-        f"{100.0 * settings.share:g} % of the expected output, the threshold from the middle of the dead band. "
-        "Response beyond it: a line to either side, with one slope."
+        f"{found.blocks} blocks of each step by {with_what}, chopped against drift. Threshold and resolution are the "
+        f"steps that show {100.0 * settings.share:g} % of the expected output, the threshold from the middle of the "
+        "dead band. Model beyond the dead band: one line to either side, with equal slopes."
     )
     columns = heads("about [deg/s]:g | step [deg/s]:g | share, up [%]:.1f | share, down [%]:.1f | u [%]:.1f")
     shown = [(s.about_deg_s, s.step_deg_s, 100.0 * s.plus, 100.0 * s.minus, 100.0 * s.u) for s in found.shares]

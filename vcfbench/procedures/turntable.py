@@ -112,9 +112,9 @@ def turntable_results(settings: ProcedureSettings, points: Sequence[Point]) -> T
 
 _MEANINGS = {
     "scale_factor": ("V/(deg/s)", "slope of the least-squares line through the outputs on the table at these rates"),
-    "bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
-    "bias_deg_s": ("deg/s", "the same as a rate"),
-    lines.ASYMMETRY: ("ppm", "slope at positive rates less that at negative ones, over their mean (asym)"),
+    "bias": ("V", "intercept of that line, with Earth's rate, mean over horizon_h"),
+    "bias_deg_s": ("deg/s", "that bias as a rate"),
+    lines.ASYMMETRY: ("ppm", "slope at positive minus slope at negative rates, over their mean (asym)"),
 }
 
 

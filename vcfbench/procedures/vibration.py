@@ -121,8 +121,8 @@ class VibrationResult(Struct, frozen=True):
 
 
 NOT_HELD = (
-    "The uncertainties hold the noise about each frequency, noise and flicker of the windows at rest, split, Q and "
-    "share of the modes as told and, where no meter is on V_Vc, the accuracy of both generators. They do not hold: the "
+    "The uncertainties contain the noise about each frequency, noise and flicker of the windows at rest, split, Q and "
+    "share of the modes as set and, without a meter on V_Vc, the accuracy of both generators. They do not contain: the "
     "corner of the filter, curvature (20 ppm at 7 deg/s), a change of temperature during the run."
 )
 
@@ -299,7 +299,7 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
     """Report the responses and the closed form."""
     columns = heads(
         "frequency [Hz]:g | virtual rate [deg/s]:.4g | output [V]:.5g | response:.5f | U95:.1g | "
-        "expected:.5f | U95:.1g | difference [%]:+.3f | E_n:.2f | <u is made of"
+        "expected:.5f | U95:.1g | difference [%]:+.3f | E_n:.2f | <contributions to u"
     )
     rows = [
         (
@@ -310,14 +310,14 @@ def report(_settings: VibrationSettings, _measured: Measured, found: VibrationRe
         for each in found.responses
     ]
     static = found.static_v_per_v
-    by = "measured by its meter" if found.v_vc_is_measured else "as it was set"
+    by = "measured by its meter" if found.v_vc_is_measured else "as set"
     words = f"response at rest {static.value:.6g} V/V, u {static.u:.1g}; V_Vc {by}; "
     words += f"largest E_n, of all together, {found.largest_e_n:.2f}"
     at_hz = [each.frequency_hz for each in found.responses]
     responses = [each.response for each in found.responses]
     measured = Series("measured", at_hz, [each.value for each in responses], [each.u for each in responses])
     expected = Series("closed form", at_hz, [each.expected.value for each in found.responses], kind="line")
-    axes = Axis("frequency", "Hz", "log"), Axis("response over that at rest", scale="log")
+    axes = Axis("frequency", "Hz", "log"), Axis("response over response at rest", scale="log")
     return Report(
         [
             Table(columns, rows),

@@ -23,7 +23,7 @@ from vcfbench.belief.jumps import watched
 from vcfbench.clock import sleep
 from vcfbench.instructions import routines
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used
+from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, rates_by, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -308,16 +308,14 @@ def warmup_report(_settings: object, _measured: Measured, found: WarmupResult) -
     ]
     named = (("a", found.amplitude, "deg/s"), ("tau", found.time_constant, "s"), ("warm-up", found.warm_up, "s"))
     rows += [(name, *((None,) * 3 if each is None else printed(each)), unit) for name, each, unit in named]
-    ended = "three means in a row agree" if found.steady else "NOT steady: the last three means do not agree"
-    unseen = (
-        "no exponential stands out of noise and flicker: it has no time constant, b_inf is the mean of all readings\n"
-    )
+    ended = "three means in a row agree" if found.steady else "NOT steady: the last three means disagree"
+    unseen = "no exponential exceeds noise and flicker: no time constant, b_inf is the mean of all readings\n"
     said = (
-        f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}\n{ended}, {found.lasted_s:.0f} s after power-on\n"
+        f"{rates_by(scale.value, scale.source)}\n{ended}, {found.lasted_s:.0f} s after power-on\n"
         f"{unseen if found.time_constant is None else ''}warm-up: until a exp(-t / tau) is below the bias instability, "
-        f"{3600.0 * found.bias_instability_deg_s:.3g} deg/h; turn-on is seen to {found.turn_on_resolution_s:.2g} s\n"
-        "u: noise of the readings, and flicker of that size; b_inf is that of the mean over horizon_h, with "
-        "multimeter, temperature, phases and scale factor as far as they are known; not turn-on to turn-on"
+        f"{3600.0 * found.bias_instability_deg_s:.3g} deg/h; turn-on resolved to {found.turn_on_resolution_s:.2g} s\n"
+        "u contains noise of the readings and flicker of that size; u of b_inf holds for the mean over horizon_h, and "
+        "contains multimeter, temperature, phases and scale factor as far as they are known, not turn-on to turn-on"
     )
     times = found.means_t_s
     means = Series("means", times, found.means_deg_s, found.means_u_deg_s)

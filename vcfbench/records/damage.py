@@ -91,7 +91,7 @@ def _means(lines: Sequence[Mapping[str, Any]]) -> Iterator[str]:
             continue
         readings, chunked = [*chunked, *own_readings(line)], []
         if any(abs(value) > _LARGEST for reading in readings for value in reading.values()):
-            yield f"line {place}: one of its readings is above {_LARGEST:g}, which no instrument says"
+            yield f"line {place}: one of its readings is above {_LARGEST:g}, which no instrument reports"
         if line.get("step_kind") not in _WINDOWS or "point" not in line or "result" not in line:
             continue
         point = line["point"]

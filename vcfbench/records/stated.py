@@ -1,7 +1,7 @@
 """The values of a run as its results state them, each with unit, uncertainty and form, in their order."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Final, Protocol, runtime_checkable
 
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import field_names, plain
@@ -49,7 +49,8 @@ class InParts(Protocol):
     not_measured: Sequence[Any]
 
 
-BEYOND_SHEETS = "instruments beyond their data sheets and certificates: each is taken to be within"
+NOT_CONTAINED: Final = "not contained in any uncertainty:"
+BEYOND_SHEETS = "instruments outside their data sheets and certificates: all are assumed to be within"
 
 
 def left_out(results: object) -> Sequence[str]:

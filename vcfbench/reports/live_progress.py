@@ -155,7 +155,7 @@ class LiveProgress(NoProgress):
             case StepFinished():
                 self._tell(event.t_s, event.step, event.result)
                 for said in event.asked_again:
-                    self._print(f"asked again: {said}", "yellow", whole=True)
+                    self._print(f"query repeated: {said}", "yellow", whole=True)
             case StepFailed():
                 self._print(f"FAILED: {event.error}", "bold red", whole=True)
             case Paused():

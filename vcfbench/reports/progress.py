@@ -14,7 +14,7 @@ HOW_ON = "p or Enter goes on, Ctrl-C stops"
 
 def wanted_words(by: str) -> str:
     """Say that a pause is wanted."""
-    return f"pause wanted by {by}: after the step under way"
+    return f"pause requested by {by}: after the step under way"
 
 
 def paused_words(event: Paused) -> str:
@@ -50,7 +50,7 @@ class LineProgress(NoProgress):
                 words = event.result.describe()
                 self._say(event.t_s, f"{event.step.describe()}{f' -> {words}' if words else ''}")
                 for said in event.asked_again:
-                    self._say(event.t_s, f"asked again: {said}")
+                    self._say(event.t_s, f"query repeated: {said}")
             case StepFailed():
                 self._say(event.t_s, f"FAILED: {event.error}")
             case Paused():

@@ -22,7 +22,7 @@ GAPS = {
     "warm_up_k": Gap("warm-up", "warm-up (uncertainty.warm_up_k)", (*_SLOPES, *_BIASES, "asymmetry")),
     "temperature_k": Gap(
         "temperature",
-        "temperature: the values are those of the gyroscope as it was in the run (uncertainty.temperature_k)",
+        "temperature: the values hold at the temperature of the run (uncertainty.temperature_k)",
         (*_SLOPES, *_BIASES, "k_vc"),
     ),
     "misalignment_deg": Gap(
@@ -32,18 +32,18 @@ GAPS = {
     ),
     "carrier_phase_deg": Gap(
         "carrier phase",
-        "a change of the carrier's phase: K_Vc is that at the phase of the run (uncertainty.carrier_phase_deg)",
+        "a change of the carrier's phase: K_Vc holds at the phase of the run (uncertainty.carrier_phase_deg)",
         ("k_vc",),
     ),
     "demodulator_phase_deg": Gap(
         "demodulator phase",
-        "a change of the demodulator's phase, by which scale factor and, with quadrature, bias change "
+        "a change of the demodulator's phase: it changes scale factor and, with quadrature, bias "
         "(uncertainty.demodulator_phase_deg)",
         (*_SLOPES, *_BIASES, "k_vc"),
     ),
     "bias_deg_s_demodulator_deg": Gap(
         "quadrature",
-        "quadrature that the demodulator's phase lets into the bias (uncertainty.bias_deg_s_demodulator_deg; `phase` "
+        "quadrature in the bias by the demodulator's phase (uncertainty.bias_deg_s_demodulator_deg; `phase` "
         "measures it)",
         _BIASES,
     ),

@@ -10,6 +10,7 @@ from vcfbench.analysis.column import CalibrationColumn, FittedValue
 from vcfbench.analysis.scale_factor import ScaleFactorResult, characterise
 from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.records.schema import Point, pooled_std_v
+from vcfbench.records.stated import NOT_CONTAINED
 from vcfbench.reports.document import Axis, Cell, Figure, Series, Table, Text, heads
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.uncertainty.found import SweepFound
@@ -96,7 +97,7 @@ def sweep_text(name: str, sweep: SweepFound) -> Text:
     times = f", {sweep.repeat} times" if sweep.repeat > 1 else ""
     said = [f"{name}: order {sweep.order.value}, zeros {sweep.zeros.value}{times}; {sweep.windows} windows"]
     if sweep.zero_drift_v is not None:
-        said.append(f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is taken off")
+        said.append(f"  the zero drifted by {1e3 * sweep.zero_drift_v:+.4g} mV from first to last; it is subtracted")
     if earth_deg_s := sweep.earth_rate_deg_s:
         said.append(f"  the Earth's rate about the table's axis, {earth_deg_s:+.6f} deg/s, is added to the rates")
     said += [
@@ -110,7 +111,7 @@ def sweep_text(name: str, sweep: SweepFound) -> Text:
             f"  hysteresis {loop.difference.value:+.2g} % of full scale at {loop.rate_deg_s:+g} deg/s, "
             f"u {loop.difference.u:.1g}: {verdict} (noise alone stays below {loop.by_noise_percent:.2g} with 95 %)"
         )
-        said += [f"    not in it: {each}" for each in loop.holds_not]
+        said += [f"    not contained: {each}" for each in loop.holds_not]
     return Text("\n".join(said))
 
 
@@ -120,7 +121,7 @@ _LEAST_SHARE = 0.001
 
 def statement_tables(statement: Statement) -> list[Table | Text]:
     """Lay out the combined uncertainties, their contributions, E_n, and their omissions."""
-    columns = heads("<value | :.7g | U95:.2g | u:.2g | k:.2f | <unit | <of what")
+    columns = heads("<value | :.7g | U95:.2g | u:.2g | k:.2f | <unit | <definition")
     rows: list[tuple[Cell | str | float | None, ...]] = []
     shares = heads("<value | <contribution | u:.2g | <unit | share [%]:.1f")
     lines, names = [], {each.name for each in statement.values}
@@ -146,8 +147,8 @@ def statement_tables(statement: Statement) -> list[Table | Text]:
     return [
         Table(columns, rows, f"Values with their combined uncertainty (95 %){incomplete(statement.missing)}"),
         Table(shares, lines, f"Uncertainty budget (causes below {100.0 * _LEAST_SHARE:g} % are left out)"),
-        Text(ratio + "\n  ".join(["what they are taken from:", *statement.known_from])),
-        Text("\n  ".join(["not in these uncertainties:", *statement.not_in_u])),
+        Text(ratio + "\n  ".join(["basis of the uncertainties:", *statement.known_from])),
+        Text("\n  ".join([NOT_CONTAINED, *statement.not_in_u])),
     ]
 
 

@@ -133,7 +133,7 @@ def _hysteresis(settings: schedule.SweepSettings, points: Sequence[Point], sweep
 
 
 _DRIFT_IN_HYSTERESIS = {
-    schedule.Zeros.NONE: ["drift between the ways up and down reads as hysteresis: no zeros were taken (zeros)"],
-    schedule.Zeros.ENDS: ["drift that is not linear in time between the zeros reads as hysteresis"],
+    schedule.Zeros.NONE: ["drift between up and down appears as hysteresis: no zeros were measured (zeros)"],
+    schedule.Zeros.ENDS: ["drift that is not linear in time between the zeros appears as hysteresis"],
     schedule.Zeros.BRACKET: [],
 }

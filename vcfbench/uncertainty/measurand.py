@@ -134,7 +134,7 @@ def value_table(values: Iterable[Value | Unstated], title: str = "") -> Table:
     """Return a table of the values that results state, each in its form."""
     found = [each for each in values if isinstance(each, Value)]
     rows = [(each.named.words, *printed(each), each.unit, made_of(each)) for each in found]
-    return Table(heads("<quantity | value:.6g | u:.2g | U95:.2g | <unit | <u is made of"), rows, title)
+    return Table(heads("<quantity | value:.6g | u:.2g | U95:.2g | <unit | <contributions to u"), rows, title)
 
 
 def made_of(found: Value, digits: str = ".2g") -> str:

@@ -103,7 +103,7 @@ def _normal(rng: np.random.Generator, covariance: Floats) -> Floats:
     return np.asarray(rng.standard_normal((_TRIALS, sizes.size)) @ root)
 
 
-_RANGES_UNKNOWN = "nobody knows where the generator's ranges end, whose steps stand out of a line too"
+_RANGES_UNKNOWN = "the ends of the generator's ranges are unknown, and their steps also deviate from a line"
 
 
 class CurvedLine(Struct, frozen=True):
@@ -215,7 +215,7 @@ def line_statement(
         result = every.results[number]
         value = each.moved(stated_value(result, every, "ppm", _LARGEST, cannot_be.get(result.name, ())))
         by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
-        why = each.only_bound or ("" if value.value > by_errors else "errors alone may make as much")
+        why = each.only_bound or ("" if value.value > by_errors else "within the errors of the measurement")
         if why:  # no truth is further from what is found than the largest error of a residual
             most, of = value.value + by_errors, f"{value.of}; {why}"
             bounds.append(value.bound("below", most, of))
@@ -246,7 +246,7 @@ def warming_v(settings: ProcedureSettings, points: Sequence[Point], line: Line) 
     return by_factor, (known.bias_deg_h_k or 0.0) / 3600.0 * line.scale_factor * left
 
 
-_LARGEST = "largest |residual| of that line over its span (max_span; of the mean where a rate has several windows)"
+_LARGEST = "largest |residual| of that line over its span (max_span; of the mean if a rate has several windows)"
 
 
 class WorstResidual(Struct, frozen=True):

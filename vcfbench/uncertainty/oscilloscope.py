@@ -93,7 +93,7 @@ def as_expected(settings: ProcedureSettings, drive_hz: float) -> float:
         raise MeasurementError(
             f"the drive was found at {drive_hz:.6g} Hz, expected {low_hz:g} to {high_hz:g} Hz (drive.frequency_hz)",
             instrument="oscilloscope",
-            hint="is this another gyroscope, or does its loop not hold the drive at its resonance?",
+            hint="check whether this is another gyroscope, or its loop does not hold the drive at resonance",
         )
     return drive_hz
 

@@ -106,7 +106,7 @@ def statement(
     """
     budget, cannot_be = budget_of(sources, model, correlations)
     # With the Earth's rate added to the table's, none of it is in the bias
-    earth = "Earth's rate in it", "Earth's rate in it" if earth_left_deg_s(settings) is None else "without Earth's rate"
+    earth = "with Earth's rate", "with Earth's rate" if earth_left_deg_s(settings) is None else "without Earth's rate"
     null = f", from {settings.null_v:g} {settings.station.output_unit} at no rate" if settings.null_v else ""
     if not (settings.rails or settings.station.stream or settings.null_v):  # a device that feeds itself tells no rail
         null = ", from 0 V at no rate (assumed: no gyro.null_v)"
@@ -131,7 +131,7 @@ def statement(
     not_in_u = [f"MISSING {gap.words}" for gap in known.gaps() if any(map(gap.leaves_out, kinds))]
     not_in_u += [*_OUTSIDE[:2], _RAILS if settings.rails else _OWN_SUPPLY, *_OUTSIDE[2:]]
     if earth_left_deg_s(settings) is None:
-        not_in_u.append("Earth's rate: it is in the bias")
+        not_in_u.append("Earth's rate: contained in the bias")
     known_from = [f"multimeter: {known.meter_age_days:g} days after calibration ({known.meter_age_from})"]
     if settings.station.stream:
         known_from = [known.meter_age_from]
@@ -139,7 +139,7 @@ def statement(
         age_days, whence = known.v_vc_meter_age_days, known.v_vc_meter_age_from
         known_from.append(f"meter on V_Vc: {age_days:g} days after calibration ({whence})")
     if levels_by == "generator" and known.generator_gain is not None and not known.generator_ranges_v:
-        known_from.append("ranges of the generator: not known, those that make each value least certain are assumed")
+        known_from.append("ranges of the generator: not known, the worst for each value are assumed")
     if flicker is not None:
         known_from.append(f"flicker: B {flicker.deg_h:.3g} deg/h ({flicker.said})")
     apart = {
@@ -254,12 +254,12 @@ _BY_V_VC = {
     "bias_deg_s": "bias_by_v_vc_deg_s",
     "nonlinearity": "nonlinearity_by_v_vc",
 }
-_RAILS = "what the rails do: scale factor and bias are those at the rails of the run (rail_tolerance_v)"
-_OWN_SUPPLY = "what the device's own supply does: nobody measured it"
+_RAILS = "changes of the rails: scale factor and bias hold at the rails of the run (rail_tolerance_v)"
+_OWN_SUPPLY = "changes of the device's own supply: not measured"
 _OUTSIDE = (
     BEYOND_SHEETS,
-    "lack of fit: how far the outputs are from a line is in the non-linearity",
+    "deviation from the line: stated as non-linearity",
     "turn-on to turn-on and remounting: one power-on, one mounting",
-    "acceleration (g), vibration, magnetic fields: those of the run",
+    "acceleration (g), vibration, magnetic fields: as in this run",
     "any change of the gyroscope after the run",
 )

@@ -19,15 +19,15 @@ from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import UncertaintyPart
 
 NOT_MEASURED: Final = "not measured"
-AMPLITUDES: Final = "carrier over drive, amplitudes"
+AMPLITUDES: Final = "ratio of carrier to drive amplitude"
 CARRIER_PHASE, DEMODULATOR_PHASE = "phase of the carrier", "phase of the demodulator"
 MAY_HAVE: Final[tuple[tuple[str, Mapping[str, float], str], ...]] = (
-    ("Q", {"q_anti_phase": -0.5, "q_in_phase": -0.5}, "to 50 %"),
+    ("Q", {"q_anti_phase": -0.5, "q_in_phase": -0.5}, "by 50 %"),
     ("mode split", {"split_hz": 0.5}, "by 0.5 Hz"),
     ("in-phase mode", {"in_phase_split_hz": 5.0}, "by 5 Hz"),
     (CARRIER_PHASE, {"carrier_phase_deg": 1.0}, "by 1 deg"),
     (DEMODULATOR_PHASE, {"demodulator_phase_deg": 1.0}, "by 1 deg"),
-    ("V_Vc that comes through", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
+    ("feedthrough of V_Vc", {"v_vc_feedthrough": 5e-4}, "by 500 ppm"),
     (AMPLITUDES, {"drive_amplitude_v": 0.005, "carrier_amplitude_v": 0.0}, "by 0.5 %"),
 )
 """Largest possible changes where nobody looks; of Q and amplitudes a share.
@@ -134,10 +134,10 @@ This program's own limit, no standard's: seven times what records scatter by, an
 the carrier's phase does.
 """
 STILL_UNSEEN = (
-    "the force of the feedback combs a volt (gap, overlap, charges), and how unequal they are",
-    "the modulator's gain of small signals",
+    "the force of the feedback combs per volt (gap, overlap, charges), and their mismatch",
+    "the modulator's gain for small signals",
     "masses and their shares in the modes",
-    "the drive's pick-off: its gain is read as the drive's amplitude, its phase as that of carrier and demodulator",
+    "the drive pick-off: its gain appears as drive amplitude, its phase as carrier and demodulator phase",
 )
 """Causes of K_Vc that no bench without a table sees: they are in its drift."""
 _CHARGED_SPLIT_HZ = 0.05
@@ -150,7 +150,7 @@ _NAMES: Final = {
     "q_in_phase": "Q of the in-phase mode",
     "carrier_phase_deg": "phase of the carrier",
     "demodulator_phase_deg": "phase of the demodulator",
-    "v_vc_feedthrough": "V_Vc that comes through",
+    "v_vc_feedthrough": "feedthrough of V_Vc",
     "temperature_c": "temperature",
     "rails_v": "rails",
 }
@@ -207,20 +207,20 @@ def checked(then: Characteristics, now: Characteristics) -> HealthCheck:
         if not worth and abs(amplitudes.ppm) > SEEN * amplitudes.u_ppm:
             done = "refused"
             refused.append(
-                f"the carrier's amplitude over the drive's has changed: K_Vc by {amplitudes.ppm:+.0f} ppm, which "
-                f"probes that were not exchanged tell to {amplitudes.u_ppm:.0f} ppm (u) alone"
+                f"the ratio of carrier to drive amplitude has changed K_Vc by {amplitudes.ppm:+.0f} ppm, with u "
+                f"{amplitudes.u_ppm:.0f} ppm, since the probes were not exchanged"
             )
         causes.append(Cause(AMPLITUDES, "", _ratio(then), _ratio(seen), amplitudes.ppm, amplitudes.u_ppm, done))
     if then.sense_phase_deg is not None and now.sense_phase_deg is not None:  # K_Vc would change by its tangent
         before, after = then.sense_phase_deg, now.sense_phase_deg
-        phase, done = "phase of the sense signal that nothing explains", "explained"
+        phase, done = "unexplained phase of the sense signal", "explained"
         moved_deg = after.value - before.value
         factor = t_quantile(_CHANCE, min(each.dof or math.inf for each in (before, after)))
         if abs(moved_deg) > max(factor * math.hypot(after.u, before.u), UNEXPLAINED_DEG):
             done = "refused"
             refused.append(
-                f"the phase of the sense signal has changed by {moved_deg:+.2f} deg that carrier, splits and Q "
-                "explain not"
+                f"the phase of the sense signal has changed by {moved_deg:+.2f} deg, unexplained by carrier, splits "
+                "and Q"
             )
         causes.append(Cause(phase, "deg", before.value, after.value, 0.0, 0.0, done))
     return HealthCheck(
@@ -255,8 +255,8 @@ def charging_warning(then: Characteristics, now: Characteristics) -> str | None:
     if abs(moved_hz) <= max(2.0 * u_hz, _CHARGED_SPLIT_HZ):
         return None
     return (
-        f"the split has changed by {moved_hz:+.3f} Hz in size (u {u_hz:.2g}) beyond what temperature does: charges on "
-        "the combs may have done that, and would change K_Vc unseen; a table tells (vcfbench run kvc)"
+        f"the split has changed by {moved_hz:+.3f} Hz in size (u {u_hz:.2g}) more than temperature explains: charges "
+        "on the combs may be the cause, and would change K_Vc undetected; check on a rate table (vcfbench run kvc)"
     )
 
 
@@ -267,9 +267,12 @@ def _ratio(of: Characteristics) -> float:
 
 def health_parts(found: HealthCheck) -> list[Table | Text]:
     """Return the table of all causes, and their total."""
-    columns = heads("<cause | then:.7g | now:.7g | <unit | K_Vc [ppm]:+.1f | u [ppm]:.2g | <done")
+    columns = heads("<quantity | then:.7g | now:.7g | <unit | effect on K_Vc [ppm]:+.1f | u [ppm]:.2g | <status")
     rows = [(each.cause, each.then, each.now, each.unit, each.ppm, each.u_ppm, each.done) for each in found.causes]
-    together = f"{found.ppm:+.1f} ppm, u {found.u_ppm:.2g}, of which {found.together_ppm:+.1f} ppm beyond the sum"
+    together = f"{found.ppm:+.1f} ppm, u {found.u_ppm:.2g}, of which {found.together_ppm:+.1f} ppm by interaction"
     words = [f"K_Vc has changed by {together}", *(f"K_Vc is not stated: {why}" for why in found.refused)]
     words += [] if found.warning is None else [f"warning: {found.warning}"]
-    return [Table(columns, rows, "Health: what K_Vc depends on, at the certificate and now"), Text("\n".join(words))]
+    return [
+        Table(columns, rows, "Health: quantities that K_Vc depends on, at the certificate and now"),
+        Text("\n".join(words)),
+    ]

@@ -50,17 +50,17 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
     said, left, square = [], change_ppm.value, change_ppm.u95**2
     for words, by, u_by, slope, ask in causes:
         if slope is None:
-            said.append(f"{words}, and what that does to this device is not known ({ask})")
+            said.append(f"{words}, effect on this device not known ({ask})")
             continue
         u = math.hypot(slope.u * by, slope.value * u_by)
         said.append(f"{slope.value * by:+.0f}±{2.0 * u:.0f} ppm by {words}")
         left -= slope.value * by
         square += 4.0 * u**2
-    what = "; ".join(said) or "neither temperature nor rails, which are as they were"
+    what = "; ".join(said) or "neither temperature nor rails, both unchanged"
     seen = "more than its U95" if abs(left) > math.sqrt(square) else "within its U95"
     return [
         Text(
-            f"The scale factor has changed by {change_ppm.value:+.0f} ppm since the certificate. What explains it: "
-            f"{what}. Left: {left:+.0f}±{math.sqrt(square):.0f} ppm, {seen}."
+            f"The scale factor has changed by {change_ppm.value:+.0f} ppm since the certificate. Explained by: "
+            f"{what}. Unexplained: {left:+.0f}±{math.sqrt(square):.0f} ppm, {seen}."
         )
     ]

@@ -26,7 +26,7 @@ from vcfbench.values.value import Measurand, UncertaintyPart
 _FLAT = 0.05
 """By which a feed-through may differ between the frequencies where it shows and that of the drive (assumed)."""
 _ROUNDS = 5
-_GAIN, _EXCHANGED = "vertical gain, of both amplitudes", "carrier over drive, probes exchanged"
+_GAIN, _EXCHANGED = "vertical gain, of both amplitudes", "ratio of carrier to drive, probes exchanged"
 _SHARE = "shares of the modes, as the certificate has them"
 
 
@@ -89,7 +89,7 @@ def health_of(settings: KnownVvcSettings, measured: Measured, then: Characterist
     # A channel with its probe: of the same number on another day it may have another gain
     gain, middle_v = settings.station.sources.oscilloscope_gain_error / math.sqrt(3.0), fmean(carrier_v)
     left = 1e-6 * settings.station.sources.exchanged_ratio_ppm / math.sqrt(3.0)
-    ratio = (_EXCHANGED, left) if turned else ("vertical gain, carrier over drive", math.sqrt(2.0) * gain)
+    ratio = (_EXCHANGED, left) if turned else ("vertical gain, ratio of carrier to drive", math.sqrt(2.0) * gain)
     of_carrier = [UncertaintyPart(ratio[0], ratio[1] * middle_v), UncertaintyPart(_GAIN, gain * middle_v, of=_GAIN)]
 
     return {

@@ -48,12 +48,12 @@ _SWING = 0.05
 _SURE = math.cos(math.radians(60.0))
 """Least cosine of the phase between output and V_Vc that tells the sign of the scale factor."""
 
-UNKNOWN_SIGN = "its sign: nothing tells it (expected.scale_factor_v_per_deg_s, a certificate, a meter on V_Vc)"
+UNKNOWN_SIGN = "its sign (from expected.scale_factor_v_per_deg_s, a certificate or a meter on V_Vc)"
 _HOLDS_NOT = (
     BEYOND_SHEETS,
-    "what K_Vc itself is made of: see what this method cannot see",
-    "a true rate that changes at the frequency of the modulation itself: it cannot be told from it",
-    "curvature of fifth order and higher; harmonics of the generator where V_Vc is not measured",
+    "changes of K_Vc itself: see the changes that only a rate table shows",
+    "a true rate at the frequency of the modulation: it cannot be separated from the modulation",
+    "curvature of fifth order and higher; harmonics of the generator if V_Vc is not measured",
 )
 
 
@@ -161,7 +161,7 @@ def _fitted(settings: OnlineSettings, measured: Measured) -> _Run:
                 f"in burst {number} of {len(v_vc)} V_Vc reads {amplitude_v:.6g} V about {sine.mean:+.2g} V, set to "
                 f"{settings.amplitude_v:.6g} V about 0, within {within_v:.2g} V",
                 instrument=settings.v_vc_role,
-                hint="are its leads on the V_Vc input, and does it read volts?",
+                hint="check that its leads are on the V_Vc input and that it reads volts",
             )
     at_rest = [each.v_vc_v for step, each in sampled if not step.amplitude_v and each.v_vc_v]
     means = [math.fsum(each) / len(each) for each in at_rest]
@@ -187,7 +187,7 @@ def _require_alike(output: Sequence[Demodulated], rest: Sequence[ModulatedRecord
         raise MeasurementError(f"burst {number} of {len(output)} {said}", instrument="multimeter")
     if scatter_v > _SCATTER * max(rest_v, resolution_v):
         said = f"the output scatters by {scatter_v:.2g} V about its sine, at rest by {rest_v:.2g} V: it is no sine"
-        hint = "does it reach a limit (virtual_rate_deg_s), or stand still in between? Look at it on the oscilloscope"
+        hint = "check it on the oscilloscope: it may be limited (virtual_rate_deg_s), or stand still at times"
         raise MeasurementError(said, instrument="multimeter", hint=hint)
     for number, record in enumerate(rest, 1):
         rms_v = float(np.std(record.output_v))
@@ -420,21 +420,21 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
     disturbance = results.disturbance
     scatter = f"chi-square {results.chi_square:.1f} for {results.dof} degrees of freedom"
     sine = f"virtual rate {results.virtual_rate_deg_s:.4g} deg/s, V_Vc {results.v_vc_amplitude_v:.6g} V"
-    less = f"disturbed by less than {results.disturbed_by_less_than_deg_s:.2g} deg/s (95 %)"
+    less = f"disturbance below {results.disturbed_by_less_than_deg_s:.2g} deg/s (95 %)"
     scattered = f"{results.noise_at_rest_deg_s:.2g} deg/s at rest, {results.noise_modulated_deg_s:.2g} modulated"
     curvature = f"{results.compression_ppm:+.0f} ppm of curvature, {results.response_ppm:+.0f} ppm of response"
     words = [
         said_of("scale factor, small signals", results.scale_factor),
         f"{len(results.windows)} windows scatter with {scatter}; {sine}",
-        f"true rate under modulation less at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
-        f"  u is made of {made_of(disturbance, '.1g')} deg/s",
+        f"true rate with modulation minus at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
+        f"  contributions to u: {made_of(disturbance, '.1g')} deg/s",
         f"noise of a reading: {scattered}; {100.0 * results.lost_share:.2g} % of the time is lost between bursts",
-        f"taken out: {results.rectified_deg_s:+.3g} deg/s rectified, {curvature}",
-        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        f"corrected: {results.rectified_deg_s:+.3g} deg/s of rectification, {curvature}",
+        f"K_Vc from {results.k_vc_from}; V_Vc is taken from the {results.v_vc_by}",
         *results.since,
         *v_vc.known_words(settings),
     ]
-    columns = heads("t [s]:.1f | scale factor [V/(deg/s)]:.8f | u of its readings [ppm]:.1f | u [ppm]:.1f")
+    columns = heads("t [s]:.1f | scale factor [V/(deg/s)]:.8f | u of the readings [ppm]:.1f | u [ppm]:.1f")
     rows = [
         (each.t_s, each.scale_factor_v_per_deg_s, _ppm(each.u_readings, each), _ppm(each.u, each))
         for each in results.windows
@@ -445,8 +445,13 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
     factors = Series("window", times, ppm, [_ppm(each.u_readings, each) for each in results.windows])
     rate = Series("burst", results.rate_t_s, results.rate_change_deg_s)
     figures = [
-        Figure("Scale factor over time", Axis("time", "s"), Axis("scale factor less its mean", "ppm"), [factors]),
-        Figure("True rate, modulation taken out", Axis("time", "s"), Axis("rate less that at rest", "deg/s"), [rate]),
+        Figure("Scale factor over time", Axis("time", "s"), Axis("scale factor minus its mean", "ppm"), [factors]),
+        Figure(
+            "True rate, corrected for the modulation",
+            Axis("time", "s"),
+            Axis("rate minus rate at rest", "deg/s"),
+            [rate],
+        ),
     ]
     if shown := [each for each in results.allan if each.deviation_ppm > 0.0]:
         tau, deviations = [each.tau_s for each in shown], [each.deviation_ppm for each in shown]
@@ -454,11 +459,11 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
         curve = Series("windows", tau, deviations, low=low, high=high)
         noise = Series("noise of the readings alone", tau, [each.noise_ppm for each in shown], kind="line")
         axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "ppm", "log")
-        band = "The band holds the true value with 95 %."
+        band = "The band contains the true value with 95 % probability."
         figures.append(Figure("Allan deviation of the scale factor", *axes, [curve, noise], band))
     parts = [
         Text("\n".join(words)),
-        Table(columns, rows, "scale factor, window after window"),
+        Table(columns, rows, "scale factor, window by window"),
         budget_table("the scale factor", results.scale_factor),
         *([] if results.drift is None else drift_parts(results.drift)),
         *figures,

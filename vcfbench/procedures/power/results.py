@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
-from vcfbench.instructions.scale_factor import LevelSettings, ScaleFactor, scale_factor_used
+from vcfbench.instructions.scale_factor import LevelSettings, ScaleFactor, rates_by, scale_factor_used
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.bounds import ranged, several
@@ -82,12 +82,12 @@ _MOST_OFF = 0.5
 """Largest imbalance of the rails, relative to the step, that is taken as it is; the halves hold a part of it."""
 
 NOT_HELD = (
-    "The largest current at power-on is the largest that was read: a supply reads some ten times a second, the first "
-    "time 0.2 s after the command, and what is over sooner is not seen. Its u and those of the steady currents hold "
-    "the accuracy of the supply's own ammeter. The sensitivities hold noise, flicker and the read-back of the step; a "
-    "linear drift cancels. Those of a single rail are for rails of one size: where the weaker one decides, the "
-    "supply's own imbalance moves part of one half to the other; it is taken out as read back, and its u is counted. "
-    "They do not hold the scale factor that turns volts into deg/s."
+    "The largest current at power-on is the largest reading: a supply reads about ten times per second, first 0.2 s "
+    "after the command, so shorter peaks are missed. Its u and the u of the steady currents contain the accuracy of "
+    "the supply's own ammeter. The sensitivities contain noise, flicker and the read-back of the step; a linear drift "
+    "cancels. Sensitivities to a single rail hold for rails of equal size: if only the weaker rail matters, the "
+    "supply's imbalance moves part of one half to the other; this is corrected by the read-back, and its u is "
+    "contained. They do not contain the uncertainty of the scale factor from volts to deg/s."
 )
 
 
@@ -427,7 +427,7 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
                 ("bias", effect.bias_lowered, effect.bias_raised),
             )
         ],
-        "of either half: they differ where the weaker rail alone decides",
+        "rails lowered and raised, each alone: they differ if only the weaker rail matters",
     )
     figures = [
         Figure(
@@ -439,8 +439,8 @@ def power_report(settings: PowerSettings, _measured: Measured, results: PowerRes
     ]
     late = [_words_of(each.order, single) for each in results.power_on if each.valid_output is None]
     scale = results.scale_factor_v_per_deg_s
-    said = f"scale factor taken with {'V_Vc' if results.by == 'v-vc' else 'the table'}; "
-    said += f"for deg/s {scale.value:.6g} V/(deg/s), {scale.source}"
+    said = f"scale factor by {'V_Vc' if results.by == 'v-vc' else 'the table'}; "
+    said += rates_by(scale.value, scale.source)
     if late:
         said += f"\nno valid output within {settings.log_s:g} s: {', '.join(late)}"
     return Report([value_table(results.stated()), halves, Text(f"{said}\n{NOT_HELD}"), *figures])

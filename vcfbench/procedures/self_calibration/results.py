@@ -84,9 +84,9 @@ ORDER = 3
 
 _HOLDS_NOT = (
     BEYOND_SHEETS,
-    "what K_Vc itself is made of: see what this method cannot see",
-    "what the meters drifted between two entries: the same meter is taken to be off by the same",
-    "lack of fit, of the certificate's curve and of the line here",
+    "changes of K_Vc itself: see the changes that only a rate table shows",
+    "drift of a meter between two entries: its error is assumed to be the same in both",
+    "deviation from the certificate's curve and from the line of this run",
 )
 
 
@@ -389,7 +389,7 @@ def entry_of(
         cusum=None if drift is None else drift.cusum,
         drift_verdict=None if drift is None else drift.verdict,
         verdict=made.verdict,
-        remarks=(f"K_Vc from {results.k_vc_from}", f"V_Vc is known by {results.v_vc_by}"),
+        remarks=(f"K_Vc from {results.k_vc_from}", f"V_Vc is taken from the {results.v_vc_by}"),
     )
     return NewEntry(record, settings.store.root)
 
@@ -407,19 +407,19 @@ def self_calibration_report(
         said_of("scale factor, line", results.line),
         said_of("bias, generator off", results.bias),
         said_of("non-linearity (max_span)", results.nonlinearity),
-        f"K_Vc from {results.k_vc_from}; V_Vc is known by the {results.v_vc_by}",
+        f"K_Vc from {results.k_vc_from}; V_Vc is taken from the {results.v_vc_by}",
         *results.since,
     ]
     if results.modulator is not None:
         now = f"V {results.modulator[0]:+.5g} V^2 {results.modulator[1]:+.5g} V^3"
         words.append(
-            f"the modulator's shape has changed since the certificate; it is {now}, if the output's has not: taken so"
+            f"the modulator's curve has changed since the certificate, to {now}; the output's is assumed unchanged"
         )
     words += v_vc.known_words(settings)
     rates = [*(level.rate_deg_s for level in results.levels), 0.0]
     residuals = Series("output - line", rates, [1e3 * left_v for left_v in results.virtual.residuals_v])
     parts = [
-        Table(columns, rows, "V_Vc and the rate that it stands for"),
+        Table(columns, rows, "V_Vc and its virtual rate"),
         *([] if results.health is None else health_check.health_parts(results.health)),
         Text("\n".join(words)),
         budget_table("the scale factor", results.scale_factor),

@@ -28,16 +28,16 @@ _MEASURED = 1
 """`step` of the windows that are measured; those of the soak have another."""
 
 NOT_HELD = (
-    "The uncertainties hold the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), the "
-    "temperatures (u_temperature_k, the same at all; u_each_temperature_k), and what is the same at all of them, which "
-    "the coefficients do not see: gain and offset of the reading and, of a scale factor, {}. They do not hold: the "
-    "scale factor that turns the output into deg/s, what the soak left, a sensor whose error changes with "
-    "temperature, the gyroscope's own heat (it is warmer than the air, by as much at all temperatures), lack of fit, "
-    "and what drift other than flicker does to the bias."
+    "The uncertainties contain the scatter of the readings, flicker, the wander of the bias (bias_instability_deg_h), "
+    "the temperatures (u_temperature_k, common to all; u_each_temperature_k), and errors common to all temperatures, "
+    "which cancel in the coefficients: gain and offset of the reading and, of a scale factor, {}. They do not contain: "
+    "the scale factor from the output to deg/s, an incomplete soak, a sensor whose error changes with temperature, the "
+    "gyroscope's own heat (constant above the air), deviation from the parabola, and the effect of drift other than "
+    "flicker on the bias."
 )
 BY_V_VC = (
-    "The scale factor is that to V_Vc (V/V). K_Vc goes with 1 / drive frequency, so that to the rate has the "
-    "coefficient of the frequency more, as far as drive amplitude, carrier, combs and masses stay."
+    "The scale factor is stated against V_Vc (V/V). K_Vc is proportional to 1 / drive frequency, so the scale factor "
+    "against the rate adds the coefficient of the frequency, if drive amplitude, carrier, combs and masses stay."
 )
 
 
@@ -77,8 +77,8 @@ class TemperatureResult(Struct, frozen=True):
     What was not measured (frequency, split) is None. A hysteresis is that going down less that going up, the largest of
     the temperatures that were come to both ways; None where there is none. The largest of several differences is never
     zero, so its U95 is that of all of them together: a hysteresis that is not larger is not seen, and below
-    the sum of both. `..._lack_of_fit` is what the parabola leaves, root mean square over the degrees of freedom; it is
-    in no uncertainty.
+    the sum of both. `..._lack_of_fit` is the deviation from the parabola, root mean square over the degrees of
+    freedom; it is in no uncertainty.
     """
 
     reference_c: float
@@ -306,9 +306,9 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
     ]
     factor, bias = results.scale_factor_lack_of_fit_ppm, results.bias_lack_of_fit_deg_s
     left = (
-        "as many points as coefficients: nothing tells how well a parabola fits"
+        "as many points as coefficients: the fit of the parabola cannot be checked"
         if factor is None or bias is None
-        else f"what the parabolas leave: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
+        else f"deviation from the parabolas: scale factor {factor:.3g} ppm, bias {bias:.2g} deg/s"
     )
     by_v_vc = results.by == "v-vc"
     source = "the gain of the generator" if by_v_vc else "rate and angle of the table"
@@ -316,7 +316,7 @@ def temperature_report(settings: TemperatureSettings, _measured: Measured, resul
     if results.split is None:
         said.insert(0, "mode split: not measured (--set split=true)")
     if settings.chamber is None:
-        said.insert(0, "temperatures are those that a person set, not measured")
+        said.insert(0, "temperatures as set by a person, not measured")
     ppm = [1e6 * (p.slope / results.scale_factor.value - 1.0) for p in results.points]
     biases = [p.bias_deg_s for p in results.points]
     figures = []

@@ -35,30 +35,30 @@ from vcfbench.values.sources import (
 
 MEANINGS = MappingProxyType(
     {
-        "k_vc": ("(deg/s)/V", "rate over V_Vc at the match rate, at that level of V_Vc and not at small ones"),
+        "k_vc": ("(deg/s)/V", "rate over V_Vc at the match rate and its level of V_Vc, not at small levels"),
         "turntable.scale_factor": ("V/(deg/s)", "slope of the line through the outputs on the table at these rates"),
-        "turntable.bias": ("V", "intercept of that line, Earth's rate in it, mean of the horizon"),
-        "turntable.bias_deg_s": ("deg/s", "the same as a rate"),
+        "turntable.bias": ("V", "intercept of that line, with Earth's rate, mean over horizon_h"),
+        "turntable.bias_deg_s": ("deg/s", "that bias as a rate"),
         "virtual.scale_factor": ("V/(deg/s)", "slope of the line of outputs against K_Vc V_Vc at these levels of V_Vc"),
-        "virtual.bias": ("V", "intercept of that line, generator on, Earth's rate in it, mean of the horizon"),
-        "virtual.bias_deg_s": ("deg/s", "the same as a rate"),
-        "scale_factor_error_percent": ("%", "slope of the virtual line against that of the table's"),
-        "bias_difference_v": ("V", "intercept of the virtual line less that of the table's"),
+        "virtual.bias": ("V", "intercept of that line, generator on, with Earth's rate, mean over horizon_h"),
+        "virtual.bias_deg_s": ("deg/s", "that bias as a rate"),
+        "scale_factor_error_percent": ("%", "slope of the virtual line relative to the slope on the table"),
+        "bias_difference_v": ("V", "intercept of the virtual line minus the intercept on the table"),
     }
 )
 """Unit of each value, and which value it is."""
 
 _OF_PAIR: Mapping[str, str] = {
-    "k_vc": "rates over V_Vc at the match rate and its opposite, half the difference: no even order in it"
+    "k_vc": "half the difference of the rates over V_Vc at both signs of the match rate, free of the quadratic term"
 }
 _OF_ABSOLUTE: Mapping[str, str] = {
-    "k_vc": "rate over V_Vc at the match rate by the outputs as they are: what the generator adds to the zero is in u",
+    "k_vc": "rate over V_Vc at the match rate by outputs as they are: the generator's shift of the zero is in u",
 }
 _OF_CURVE: Mapping[str, str] = {
     "k_vc": "rate over V_Vc at small levels: c1 of the curve through the matches",
     "virtual.scale_factor": "slope of the line of outputs against the curve's rates at these levels of V_Vc",
 }
-_RANGES_ARE_LEFT = "the curve took the modulator out, what is left is the generator's ranges"
+_RANGES_ARE_LEFT = "the curve corrects the modulator, the rest is from the generator's ranges"
 
 _Found: TypeAlias = tuple[LevelEffects, list[OutputSum], Callable[[Errors], tuple[Any, Any, Any]], CurvedLine]
 """Errors of V_Vc, noise of the matches, K_Vc, slope and bias of the virtual line by both, its non-linearity."""

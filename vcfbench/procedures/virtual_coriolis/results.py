@@ -207,13 +207,13 @@ def virtual_coriolis_report(_settings: object, points: Sequence[Point], found: V
     nulls: list[Table | Text] = []
     if isinstance(found, NullVirtualCoriolisResult):
         # The matches where K_Vc is from null comparisons, and the curve through them
-        left = heads("rate [deg/s]:g | V_Vc [V]:.6f | rate - K_Vc [deg/s]:.1e | left [V]:.1e")
+        left = heads("rate [deg/s]:g | V_Vc [V]:.6f | rate - K_Vc [deg/s]:.1e | mismatch [V]:.1e")
         rows = [(p.rate_deg_s, p.v_vc_v, p.residual_deg_s, p.left_v) for p in found.pairs]
-        title = f"V_Vc with the same zero-subtracted output as the table ({found.k_vc_by.value})"
+        title = f"V_Vc that gives the same output change as the table ({found.k_vc_by.value})"
         nulls.append(Table(left, rows, title))
         if found.lack_of_fit_p is not None:
             terms = " ".join(f"{each:+.8g} V^{place}" for place, each in enumerate(found.coefficients, start=1))
-            lack = f"lack of fit {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g})"
+            lack = f"deviation from the curve {found.lack_of_fit_deg_s:.1e} deg/s rms (p = {found.lack_of_fit_p:.2g})"
             nulls.append(Text(f"rate = {terms}\n  {lack}; in no uncertainty"))
     values = values_of(found)
     as_printed = "" if rounded is None else f"; {rounded:.3f} % from slopes rounded as the paper prints them"

@@ -226,7 +226,7 @@ def _remarks(
     if not model.started:
         yield (
             "No sum of these noises describes the curve from any averaging time on, or the record is too short for "
-            "that: no coefficient is stated, below their bounds they are with 95 %. Where a drift outweighs the noise, "
+            "that: no coefficient is stated, only upper bounds (95 %). If a drift outweighs the noise, "
             "record at a constant temperature."
         )
         return
@@ -244,14 +244,14 @@ def _remarks(
         )
         yield (
             f"No sum of these noises describes the curve from {begin:.4g} to {last:.4g} s{found}: {piece} not "
-            "stated, below their bounds they are with 95 %."
+            "stated, only upper bounds (95 %)."
         )
         return
     slow = [each for each in coefficients if each.words != Term.ANGLE_RANDOM_WALK.value and each.u is not None]
     if not slow and model.white_alone < _SLOW:
         yield (
-            "Slow noise is there, but this record does not tell flicker from a random walk: four times its length "
-            "would."
+            "There is slow noise, but this record is too short to separate flicker from a random walk: record 4 times "
+            "as long."
         )
 
 
@@ -362,7 +362,7 @@ def noise_table(noise: Sequence[NoiseCoefficient]) -> Table | Text:
     """Return the coefficients, or the reason without any."""
     if not noise:
         return Text("no noise: the readings scatter by less than the meter resolves")
-    columns = heads("<noise | value:.4g | u:.2g | below, 95 %:.3g | <unit")
+    columns = heads("<noise | value:.4g | u:.2g | upper bound, 95 %:.3g | <unit")
     # Of one that does not stand out 0 is no finding: its bound is
     rows = [(each.words, each.value if each.u else None, each.u, each.upper_95, each.unit) for each in noise]
     return Table(columns, rows)
@@ -385,7 +385,7 @@ def stability_table(found: BiasStability) -> Table:
         ("standard deviation of 1-s means", found.sd_1_s),
         ("standard deviation of 10-s means", found.sd_10_s),
         ("standard deviation of 100-s means", found.sd_100_s),
-        ("the same of 10-s means about their line", found.sd_10_s_detrended),
+        ("standard deviation of 10-s means about their line", found.sd_10_s_detrended),
         ("10-s means, peak to peak", found.peak_to_peak_10_s),
         (f"Allan minimum, at {found.allan_minimum_tau_s:g} s", found.allan_minimum),
         ("Allan minimum / 0.664", found.bias_instability_read_off),
@@ -400,11 +400,16 @@ def allan_figure(all_rows: Sequence[AllanRow], white_noise_seen: float) -> Figur
         return Text("no Allan figure: there is no noise to draw")
     tau = [row.tau_s for row in rows]
     low, high = [row.low for row in rows], [row.high for row in rows]
-    series = [Series("as the record shows it", tau, [row.observed for row in rows], low=low, high=high)]
+    series = [Series("as recorded", tau, [row.observed for row in rows], low=low, high=high)]
     if all(row.corrected is not None for row in rows) and white_noise_seen > 1.0:
         series.append(Series("without dead time", tau, [row.corrected or 0.0 for row in rows]))
     if fitted := [row for row in rows if row.fit]:
         times, deviations = [row.tau_s for row in fitted], [row.fit or 0.0 for row in fitted]
         series.append(Series("fit, gapless", times, deviations, kind="line"))
     axes = Axis("averaging time", "s", "log"), Axis("Allan deviation", "deg/h", "log")
-    return Figure("Allan deviation of the output at rest", *axes, series, "The band holds the true value with 95 %.")
+    return Figure(
+        "Allan deviation of the output at rest",
+        *axes,
+        series,
+        "The band contains the true value with 95 % probability.",
+    )

@@ -15,6 +15,7 @@ from vcfbench import steps
 from vcfbench.instructions import routines
 from vcfbench.instructions.kept import conditions_of
 from vcfbench.instructions.procedure import Procedure, Provenance, roles
+from vcfbench.instructions.scale_factor import rates_by
 from vcfbench.procedures.zero.results import (
     Mode,
     ZeroResult,
@@ -87,7 +88,7 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
         bias_instability_deg_h=device_values.Measured(value=value, u=u, dof=0.5 * (value / u) ** 2),
         duration_s=settings.duration_s,
         conditions=conditions_of(settings, made),
-        remarks=(f"mode {found.mode}", f"scale factor {scale_factor.value:.6g} V/(deg/s): {scale_factor.source}"),
+        remarks=(f"mode {found.mode}", rates_by(scale_factor.value, scale_factor.source)),
     )
     return devices.NewEntry(record, Path(settings.devices))
 

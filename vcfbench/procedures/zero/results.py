@@ -16,7 +16,13 @@ from vcfbench.analysis.noise_fit import Coefficients, NoiseFit, NoiseTerm, u_of_
 from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.instructions.kept import KeptSettings
 from vcfbench.instructions.routines import can_answer
-from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, scale_factor_used, tells_scale_factor
+from vcfbench.instructions.scale_factor import (
+    AtRestSettings,
+    ScaleFactor,
+    rates_by,
+    scale_factor_used,
+    tells_scale_factor,
+)
 from vcfbench.instructions.v_vc import away_from_warm_k
 from vcfbench.procedures.zero import noise as noises
 from vcfbench.reports.document import Report, Table, Text, heads
@@ -351,7 +357,7 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
     said = [f"for [uncertainty] of the bench file: bias_instability_deg_h = {flicker[0]:.3g}"] if flicker else []
     if results.trend is not None and abs(results.trend.value) > results.trend.u95:
         said.append(
-            "This record has a trend: over another time the mean is another by what it makes, in no u of the bias."
+            "This record has a trend: at another time the mean differs by it, which u of the bias does not contain."
         )
     columns = heads("< | value:.6g | u:.2g | dof:.3g | U95:.2g | <unit")
     rows: list[Any] = [
@@ -379,16 +385,16 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
 
 
 _WHAT_U_HOLDS = """\
-The mean is stated for the mean over horizon_h around the record; it holds the Earth's rate along the axis. Its u
-holds the noise of this record with all correlations, flicker over the horizon, errors of the meter, temperature,
-warm-up and phases as far as the bench file knows them, and as a rate the scale factor's. The trend is that of this
-record. Not in any u: turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the supply, changes
-after the run."""
+The mean holds for horizon_h around the record; it contains the Earth's rate along the axis. Its u contains the noise
+of this record with all correlations, flicker over the horizon, errors of the meter, temperature, warm-up and phases
+as far as the bench file states them, and as a rate the u of the scale factor. The trend holds for this record only.
+Not contained in any u: turn-on to turn-on and remounting, acceleration, vibration, magnetic fields, the supply,
+changes after the run."""
 
 
 def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
     scale = results.scale_factor_v_per_deg_s
-    lines = [f"scale factor {scale.value:.6g} V/(deg/s): {scale.source}"]
+    lines = [rates_by(scale.value, scale.source)]
     if results.mode == "gapless":
         lost = f"{100.0 * results.dead_share:.2f} % of the time was lost between bursts"
         lines.append(f"readings without gaps, means over {results.interval_s:g} s; {lost}")
@@ -398,16 +404,16 @@ def _taken(settings: ZeroSettings, results: ZeroResult) -> str:
             lines.append(f"noise bandwidth of one reading {band}: {keys} of records with dead time")
     else:
         lines.append(
-            f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise is seen "
-            f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) as "
-            "it stands"
+            f"one reading of {results.aperture_s:g} s every {results.interval_s:g} s: white noise appears "
+            f"{results.white_noise_seen:.3g} times too large, {results.angle_random_walk_as_read:.3g} deg/sqrt(h) "
+            "uncorrected"
         )
     if results.mode == "dead-time":
-        lines.append("NOT corrected: N and the curve hold what the dead time folds in")
+        lines.append("NOT corrected: N and the curve contain the noise that dead time aliases")
     elif results.mode == "corrected" and settings.passed_hz is None and results.white_noise_seen > 1.0:
         lines.append(
-            "corrected with a noise bandwidth of 1 / (2 integration time), the least that a reading can have: a sense "
-            "mode with a split lets more through, so N has an upper bound only; set noise_bandwidth_hz"
+            "corrected with a noise bandwidth of 1 / (2 integration time), the smallest possible: a mode split widens "
+            "it, so N has an upper bound only; set noise_bandwidth_hz"
             + ("" if settings.station.stream else ", or measure it with mode=gapless")
         )
     lines += results.remarks
