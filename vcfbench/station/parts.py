@@ -175,8 +175,8 @@ class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     """Limits of the drive signal on the oscilloscope before anything is measured; each ``[low, high]``."""
 
     frequency_hz: Annotated[bounds.FrequencyWindow, bounds.said("frequency of the drive signal")] = (3475.0, 3503.0)
-    amplitude_v: Annotated[bounds.AmplitudeWindow, bounds.said("its amplitude")] = (0.05, 10.0)
-    phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against it")] = (-180.0, 180.0)
+    amplitude_v: Annotated[bounds.AmplitudeWindow, bounds.said("amplitude of the drive signal")] = (0.05, 10.0)
+    phase_deg: Annotated[bounds.PhaseWindow, bounds.said("phase of the carrier against the drive")] = (-180.0, 180.0)
     start_up_s: Annotated[bounds.StartUp, bounds.said("time given to the drive loop after power-on")] = 5.0
 
     @property
