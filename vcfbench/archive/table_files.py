@@ -57,8 +57,11 @@ def _xlsx(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
 def _npy(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     try:
         array = np.load(raw, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
+        several = dict(array) if isinstance(array, np.lib.npyio.NpzFile) else None
+    except (ValueError, OSError, EOFError, BadZipFile) as error:
         raise ConfigError(f"{name}: expected an array of numbers: {error}") from error
+    if several is not None:
+        return _variables({key: value[:, None] if value.ndim == 1 else value for key, value in several.items()}, name)
     if array.dtype.names:
         return _of_columns({each: array[each].tolist() for each in array.dtype.names})
     if array.dtype.kind not in "iuf" or array.ndim not in {1, 2}:
@@ -73,14 +76,6 @@ def _mat(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
     except Exception as error:  # SciPy's own, zlib's, and what comes of bytes that are none
         raise ConfigError(f"{name}: expected a .mat file up to version 7: {error}", hint="save it with -v7") from error
     return _variables(found, name)
-
-
-def _npz(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
-    try:
-        found = dict(np.load(raw, allow_pickle=False))
-    except (ValueError, OSError, EOFError, BadZipFile) as error:
-        raise ConfigError(f"{name}: expected arrays of numbers: {error}") from error
-    return _variables({key: value[:, None] if value.ndim == 1 else value for key, value in found.items()}, name)
 
 
 def _variables(found: Mapping[str, Any], name: str) -> Iterator[Iterable[Any]]:
@@ -148,7 +143,7 @@ def _tdms(raw: IO[bytes], name: str) -> Iterator[Iterable[Any]]:
 _READERS: Final[dict[str, Callable[[IO[bytes], str], Iterator[Iterable[Any]]]]] = {
     ".xlsx": _xlsx,
     ".npy": _npy,
-    ".npz": _npz,
+    ".npz": _npy,
     ".mat": _mat,
     ".parquet": _parquet,
     ".tdms": _tdms,

@@ -55,6 +55,12 @@ _NO_RAMP: Final = (
     "The curve rises as that of a rate ramp, but the record has no such slope: something slow goes to and fro (a "
     "temperature, a control loop), and B, K, R are not stated. Record at a constant temperature, or for longer."
 )
+_NO_WALK: Final = (
+    "The curve rises as that of a random walk, but the record does not go so far: what is slow comes back (a "
+    "thermostat, a correlated noise), and B, K, R are not stated."
+)
+_LEAST_WANDER: Final = 0.03
+"""K^2 T of a record below which it does not go as far as its walk: K is the larger where its curve is, so 1 of 300."""
 _FORMS: Final[tuple[Form, Form]] = ("plus-minus", "below")
 
 
@@ -141,7 +147,7 @@ def record_noise(
     size, gapless = rates_deg_s.size, Sampling.without_gaps(sampling.interval_s)
     factors = allan.averaging_factors(size, _PER_OCTAVE)
     spreads = spreads_of_means(rates_deg_s, sampling, _DEG_H)
-    slope, ramp = slope_of(rates_deg_s) / sampling.interval_s, True
+    means, gainsaid = means_of(rates_deg_s), ""
     curve = allan.allan_deviation(
         rates_deg_s, sampling.interval_s, factors, confidence=_CONFIDENCE, overwrite=overwrite
     )
@@ -155,8 +161,8 @@ def record_noise(
         walk = fit_noise(curve[model.begin :], size, gapless, _ALWAYS).coefficients.angle_random_walk
         fit = with_what_is_let_through(by_scatter(model.fit, rates_deg_s, fitted), fitted, u_bandwidth_hz)
         fit = without_digit(without_meter(fit, fitted, meter_deg_s), digit, follows[0].tau_s, fitted.interval_s)
-        ramp = follows_slope(fit, slope, size * sampling.interval_s)
-        fit = fit if ramp else with_bounds_alone(fit)
+        gainsaid = gainsaid_by(fit, means, size * sampling.interval_s)
+        fit = with_bounds_alone(fit) if gainsaid else fit
     law = PhaseNoise() if fit is None else fit.coefficients.phase_noise(fitted)
     if law.squares().any():
         # The degrees of freedom that its own noise leaves the curve, not those of white noise
@@ -168,7 +174,7 @@ def record_noise(
         curve = points
     # In the units of data sheets; where the noise bandwidth of a reading is not known, but corrected for, N is a bound
     passed = not corrected or sampling.gapless or sampling.noise_bandwidth_hz is not None
-    described, coefficients = (model is None or model.described) and ramp, []
+    described, coefficients = (model is None or model.described) and not gainsaid, []
     for term, each in ({} if fit is None or model is None else fit.terms).items():
         factor, unit = _UNITS[term]
         known = (passed or term is not Term.ANGLE_RANDOM_WALK) and (each.u is not None or described)
@@ -193,29 +199,31 @@ def record_noise(
         follows[0].tau_s,
         follows[-1].tau_s,
         described,
-        () if model is None else tuple(_remarks(model, curve, coefficients)) if ramp else (_NO_RAMP,),
+        () if model is None else (gainsaid,) if gainsaid else tuple(_remarks(model, curve, coefficients)),
     )
 
 
-def slope_of(rates_deg_s: Floats) -> float:
-    """Return the slope of the line through a record, deg/s a reading."""
-    parts = np.array_split(rates_deg_s, min(rates_deg_s.size, _PARTS))
-    means = np.array([part.mean() for part in parts])
-    return float(np.polyfit(np.arange(means.size), means, 1)[0]) * means.size / rates_deg_s.size
+def means_of(rates_deg_s: Floats) -> Floats:
+    """Return the means of equal parts of a record, a thousand at most."""
+    return np.array([part.mean() for part in np.array_split(rates_deg_s, min(rates_deg_s.size, _PARTS))])
 
 
-def follows_slope(fit: NoiseFit, slope: float, length_s: float) -> bool:
-    """Return whether a record has the slope, deg/s^2, of the rate ramp that its curve shows.
+def gainsaid_by(fit: NoiseFit, means: Floats, length_s: float) -> str:
+    """Return how a record, by means of its parts, gainsays the rate ramp or random walk of its curve, else nothing.
 
     A slow sine rises like a ramp up to a quarter of its period, and chi-square does not see it in the few long
-    averages. A random walk gives the line a slope of K sqrt(6 / 5 / T) by itself.
+    averages: the line through a record with a ramp has its slope, and K sqrt(6 / 5 / T) of a walk. What comes back,
+    as noise behind a thermostat, rises like a walk up to its memory: a walk has the variance K^2 T / 6, and with 97.5 %
+    more than 0.03 K^2 T (Anderson, Darling, Ann. Math. Stat. 23 (1952) 193, table 1).
     """
-    ramp = fit.terms.get(Term.RATE_RAMP)
-    if ramp is None or ramp.u is None:
-        return True
-    walk = fit.terms.get(Term.RATE_RANDOM_WALK)
-    by_walk = walk.value * math.sqrt(1.2 / length_s) if walk is not None else 0.0
-    return abs(slope) >= ramp.value - _FOLLOWS * math.hypot(ramp.u, by_walk)
+    ramp, walk = fit.terms.get(Term.RATE_RAMP), fit.terms.get(Term.RATE_RANDOM_WALK)
+    k = walk.value if walk is not None and walk.u is not None else 0.0
+    if ramp is not None and ramp.u is not None:
+        slope = float(np.polyfit(np.arange(means.size), means, 1)[0]) * means.size / length_s
+        if abs(slope) < ramp.value - _FOLLOWS * math.hypot(ramp.u, k * math.sqrt(1.2 / length_s)):
+            return _NO_RAMP
+    white = fit.coefficients.angle_random_walk**2 * means.size / length_s
+    return _NO_WALK if float(np.var(means)) - white < _LEAST_WANDER * k**2 * length_s else ""
 
 
 def _remarks(
