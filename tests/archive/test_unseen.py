@@ -328,7 +328,9 @@ def test_report_and_record_say_it(turntable: Tried) -> None:
     assert what == "a step of the output"
     assert re.fullmatch(r"below 0\.3\d mV", size)
     assert re.search(r"bias 0\.02\d deg/s", done)
-    first = next(part.text for part in report.parts if isinstance(part, Text) and "would not have refused" in part.text)
+    first = next(
+        part.text for part in report.parts if isinstance(part, Text) and "contain undetected faults" in part.text
+    )
     assert f"{what} ({size})" in first
 
 

@@ -406,7 +406,7 @@ def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, tab
     assert vcfbench.run(procedure, alive, seed=3, settings=settings, runs=None).error is None
     dead = structs.replace(alive, simulation=simulation)
     with pytest.raises(
-        MeasurementError, match="does not answer to " + ("a rate of 10 deg/s" if table else "V_Vc of 1 V")
+        MeasurementError, match="does not respond to " + ("a rate of 10 deg/s" if table else "V_Vc of 1 V")
     ):
         vcfbench.run(procedure, dead, seed=3, settings=settings, runs=None)
 
