@@ -51,11 +51,17 @@ class Digit(Struct, frozen=True):
         return math.exp(-2.0 * math.pi**2 * square) * (1.0 / (math.pi**2 * square) + 4.0) / math.sqrt(2.0)
 
 
-def digit_of(record: Floats) -> Digit:
-    """Return the digit of a record, shape (n,), in its unit."""
+def least_step(record: Floats) -> float:
+    """Return the least step between two readings of a record, shape (n,), that differ; 0 without one."""
     part = record[:_SAMPLE]
     steps = np.diff(np.sort(part))
     steps = steps[steps > _SAME * float(np.ptp(part))]
+    return float(steps.min()) if steps.size else 0.0
+
+
+def digit_of(record: Floats) -> Digit:
+    """Return the digit of a record, shape (n,), in its unit."""
+    part = record[:_SAMPLE]
     lags = [2**place for place in range(int(math.log2(max(2, part.size // 4))))]
     scatter = [math.sqrt(0.5 * float(np.mean((part[lag:] - part[:-lag]) ** 2))) for lag in lags]
-    return Digit(float(steps.min()) if steps.size else 0.0, tuple(scatter))
+    return Digit(least_step(part), tuple(scatter))

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
+from vcfbench.analysis.digit import least_step
 from vcfbench.analysis.regression import LineFit
 
 _FAR: Final = 8.0
@@ -71,7 +72,7 @@ def _far_ones(rates: Floats) -> Iterator[Doubt]:
     bent = np.abs(bent[bent != 0.0])
     if not bent.size:
         return
-    limit = max(_FAR * _MAD * float(np.median(bent)), 2.0 * _least_digit(rates))
+    limit = max(_FAR * _MAD * float(np.median(bent)), 2.0 * least_step(rates))
     count, first, largest = 0, 0, 0.0
     for begin in range(0, rates.size - 2, _PIECE):
         part = rates[begin : begin + _PIECE + 2]
@@ -87,13 +88,6 @@ def _far_ones(rates: Floats) -> Iterator[Doubt]:
             f"{count} readings far from their neighbours, the largest by {largest:.3g} deg/s, {times:.0f} standard "
             "deviations: a glitch, a wrap, a knock",
         )
-
-
-def _least_digit(rates: Floats) -> float:
-    """Return the least step between two readings that differ: the resolution of a sensor that is coarse."""
-    levels = np.diff(np.sort(rates[:_SAMPLE]))
-    levels = levels[levels > 0.0]
-    return float(levels.min()) if levels.size else 0.0
 
 
 def _repeated(rates: Floats) -> Iterator[Doubt]:
@@ -138,7 +132,7 @@ def _parted(rates: Floats) -> Iterator[Doubt]:
         return
     at = int(inner.argmax())
     apart, middle = float(inner[at]), 0.5 * float(ordered[at + _FEW - 1] + ordered[at + _FEW])
-    if apart <= _GAP * float(np.ptp(rates)) or apart <= _LEVELS_APART * _least_digit(rates):
+    if apart <= _GAP * float(np.ptp(rates)) or apart <= _LEVELS_APART * least_step(rates):
         return
     above = rates > middle
     crossed = np.flatnonzero(above[1:] != above[:-1])
@@ -158,7 +152,7 @@ def _moved(rates: Floats) -> Iterator[Doubt]:
         steps -= np.median(steps)
         spread = _MAD * float(np.median(np.abs(steps)))
         size = np.abs(steps)
-        if spread > 0.0 and size.max() > max(_FAR * spread, 2.0 * _least_digit(rates)):
+        if spread > 0.0 and size.max() > max(_FAR * spread, 2.0 * least_step(rates)):
             largest = int(np.argmax(size > _NEARLY * size.max()))  # both edges of a motion are as large
             yield Doubt(
                 (largest + several) * length,
@@ -176,7 +170,7 @@ def _burst(rates: Floats) -> Iterator[Doubt]:
         return
     blocks = _blocks(rates, sample.shape[1])
     spans = blocks.max(axis=1) - blocks.min(axis=1)  # what is far from the median makes a span that is as wide
-    least, count, first, size = 2.0 * _least_digit(rates), 0, 0, 0.0
+    least, count, first, size = 2.0 * least_step(rates), 0, 0, 0.0
     for row in np.flatnonzero(spans > max(_FAR * usual, least)).tolist():
         off = np.abs(blocks[row] - np.median(blocks[row]))
         far = np.flatnonzero(off > max(_FAR * max(usual, _MAD * float(np.median(off))), least))
