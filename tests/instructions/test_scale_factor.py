@@ -99,3 +99,18 @@ def test_no_procedure_believes_it(name: str, wrong: str, tmp_path: Path, *, expe
 def test_another_unit_is_refused_before_anything_is_opened(value: float) -> None:
     with pytest.raises(ConfigError, match=r"scale_factor_v_per_deg_s: expected at (most 1|least 1e-05) either way"):
         vcfbench.dry_run("zero", settings={"scale_factor_v_per_deg_s": value})
+
+
+@pytest.mark.parametrize("value", [-TRUE, 2.0 * TRUE])
+def test_a_setting_unlike_what_is_expected_is_refused(value: float) -> None:
+    paper = vcfbench.load_bench("paper")
+    bench = structs.replace(paper, expected=Expected(scale_factor_v_per_deg_s=(-0.0127, -0.0124)))
+    with pytest.raises(ConfigError, match=r"expected within 10 % of -0\.0127 to -0\.0124 V/\(deg/s\)"):
+        vcfbench.dry_run("zero", bench, settings={"scale_factor_v_per_deg_s": value})
+    vcfbench.dry_run("zero", bench, settings={"scale_factor_v_per_deg_s": 1.05 * TRUE})
+
+
+@pytest.mark.parametrize("value", [-150.0, 2000.0])
+def test_k_vc_unlike_the_guess_is_refused(value: float) -> None:
+    with pytest.raises(ConfigError, match=r"k_vc_deg_s_per_v = .*: expected 15 to 1500 .*k_vc_guess_deg_s_per_v"):
+        vcfbench.dry_run("threshold", settings={"k_vc_deg_s_per_v": value})

@@ -1,5 +1,6 @@
 """Prior knowledge of a device: its K_Vc from a certificate, a file or a number, and its history."""
 
+from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, ClassVar, Self, cast
@@ -16,7 +17,7 @@ from vcfbench.instructions.v_vc import KnownVvcSettings
 from vcfbench.records import device_values, devices
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.gaps import Gap
-from vcfbench.station.settings import Limit, Station
+from vcfbench.station.settings import Limit, ProcedureSettings, Station
 from vcfbench.strict import refusal, words
 
 UNSEEN = (
@@ -249,21 +250,7 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
         return known if since is None else structs.replace(known, reference=since, history=())
     if not 0.0 < abs(number) <= 1e6:
         raise ConfigError(f"--k-vc {given}: expected a certificate's file, or (deg/s)/V other than 0, at most 1e6")
-    own = devices.last_certificate(entries)
-    usual = (
-        settings.expected_gyro().k_vc if own is None else cast("devices.Certificate", own.record).k_vc.coefficients[1]
-    )
-    if own is not None:
-        may, where = far((usual, usual)), f"certificate {own.name}"
-    elif (window := settings.expected.k_vc_deg_s_per_v) is not None:
-        may, where = far(window), "expected.k_vc_deg_s_per_v"
-    else:
-        may, where = [usual / ROUGHLY, usual * ROUGHLY], "k_vc_guess_deg_s_per_v"
-    if not min(may) <= number <= max(may):
-        raise ConfigError(
-            f"--k-vc {given}: expected {min(may):.4g} to {max(may):.4g} (deg/s)/V, about {usual:g} ({where})",
-            hint="vcfbench run kvc measures it, vcfbench run polarity its sign",
-        )
+    require_like_known(settings, number, f"--k-vc {given}", entries)
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2
     curve = devices.KvcCurve(
@@ -271,6 +258,27 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
     )
     source = f"K_Vc = {given} (deg/s)/V, as given"
     return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
+
+
+def require_like_known(settings: ProcedureSettings, k_vc: float, named: str, entries: Sequence[devices.Entry]) -> None:
+    """See that a K_Vc that was told is about that of the device's certificate, or of the bench file.
+
+    ConfigError: it is more than 10 % off, or by more than a factor of ten where only the guess is known.
+    """
+    own, window = devices.last_certificate(entries), settings.expected.k_vc_deg_s_per_v
+    usual = settings.expected_gyro().k_vc
+    if own is not None:
+        usual = cast("devices.Certificate", own.record).k_vc.coefficients[1]
+        may, where = far((usual, usual)), f"certificate {own.name}"
+    elif window is not None:
+        may, where = far(window), "expected.k_vc_deg_s_per_v"
+    else:
+        may, where = [usual / ROUGHLY, usual * ROUGHLY], "k_vc_guess_deg_s_per_v"
+    if not min(may) <= k_vc <= max(may):
+        raise ConfigError(
+            f"{named}: expected {min(may):.4g} to {max(may):.4g} (deg/s)/V, about {usual:g} ({where})",
+            hint="vcfbench run kvc measures it, vcfbench run polarity its sign",
+        )
 
 
 def _with_history(known: KnownDevice, entries: tuple[devices.Entry, ...]) -> KnownDevice:

@@ -55,6 +55,10 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
         if given and not stream and abs(given) < _LEAST_SLOPE:
             expected = f"at least {_LEAST_SLOPE:g} either way, for a slow rate to be seen: volts by deg/s, not by deg/h"
             yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
+        window = self.expected.scale_factor_v_per_deg_s
+        if given and window and not min(far(window)) <= given <= max(far(window)):
+            expected = f"within 10 % of {window[0]:g} to {window[1]:g} V/(deg/s) (expected.scale_factor_v_per_deg_s)"
+            yield InvalidValue("scale_factor_v_per_deg_s", expected, given)
         if given == 0.0:
             expected = "a scale factor other than 0 V/(deg/s); without the key it counts as not given"
             yield InvalidValue("scale_factor_v_per_deg_s", expected, given)

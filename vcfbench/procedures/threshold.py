@@ -19,6 +19,7 @@ from vcfbench.analysis.chopped import CHOPPED, Block
 from vcfbench.analysis.input_limits import DeadBand, fit_dead_band
 from vcfbench.belief.jumps import watched
 from vcfbench.clock import utc_now
+from vcfbench.devices.device import require_like_known
 from vcfbench.errors import MeasurementError
 from vcfbench.files import shown
 from vcfbench.instructions import routines, v_vc
@@ -71,7 +72,10 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
     def recalled(self) -> Self:
         """Return these settings with flicker and K_Vc of the device; ConfigError: its certificate is out of date."""
         settings = super().recalled()
-        entry = None if self.dut is None else last_certificate(self.store.standing(self.dut))
+        entries = () if self.dut is None else self.store.standing(self.dut)
+        if self.k_vc_deg_s_per_v is not None:
+            require_like_known(self, self.k_vc_deg_s_per_v, f"k_vc_deg_s_per_v = {self.k_vc_deg_s_per_v:g}", entries)
+        entry = last_certificate(entries)
         if self.k_vc_deg_s_per_v is not None or entry is None:
             return settings
         record = cast("Certificate", entry.record)
