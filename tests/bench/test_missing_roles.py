@@ -15,6 +15,8 @@ from vcfbench.bench.ground import station
 from vcfbench.bench.make_safe import safe_bench
 from vcfbench.errors import BenchError, ConfigError, LimitError
 from vcfbench.procedures.bench_file import load_bench, parse_bench
+from vcfbench.procedures.catalogue import PROCEDURES
+from vcfbench.procedures.layers import settings_of
 from vcfbench.sim.inventory import inventory
 from vcfbench.station.consistency import LIMITS_OF, invalid_values
 from vcfbench.station.description import BenchDescription, VisaRole
@@ -94,7 +96,7 @@ def test_what_drives_something_has_its_limits(role: str, key: str) -> None:
 def test_limit_of_missing_instrument_is_checked_if_given() -> None:
     text = bench_text(SMALL).replace("[limits]", "[limits]\nmax_rate_deg_s = 100")
     with pytest.raises(ConfigError, match=r"procedure\.rates_deg_s\[0\]: expected a rate of at most 100 deg/s"):
-        parse_bench(text, "lab")
+        settings_of(PROCEDURES["turntable"], parse_bench(text, "lab"))
 
 
 def test_the_drive_need_be_wired_to_an_oscilloscope_only() -> None:

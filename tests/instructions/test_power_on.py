@@ -62,7 +62,7 @@ def test_rails_and_drive_are_seen_before_a_long_wait(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(set(PROCEDURES) - {"electrical", "warmup", "characterize"}))
 def test_a_run_that_stops_before_its_first_reading_is_resumed_as_warm(name: str) -> None:
-    settings = asked(name, "warm_up_s=600")
+    settings = asked(name, "powered_s=600" if name == "zero" else "warm_up_s=600")
     steps = steps_of(PROCEDURES[name].plan(settings), settings)
     taken = steps[: next(number for number, step in enumerate(steps) if step.effect is Effect.MEASURES)]
     again = steps_of(start_up_again(taken, settings), settings)
