@@ -33,8 +33,10 @@ def beyond_output(table: Struct, path: str, most: float, slow_deg_s: float) -> I
         per = {**dict.fromkeys(OUTPUTS, 1.0), "scale_factor_v_per_deg_s": slow_deg_s}.get(key)
         numbers = value if isinstance(value, tuple) else (value or 0.0,)
         if per and max(map(abs, numbers)) * per > most:
-            ends = f"the output ends at {most:g}" + ("" if key in OUTPUTS else f", beyond {slow_deg_s:g} deg/s")
-            expected = f"at most {most / per:.4g} either way: {ends} (are the numbers in another unit, mV?)"
+            ends = f"the output ends at {most:g}"
+            if key not in OUTPUTS:
+                ends += f", and {slow_deg_s:g} deg/s would be beyond"
+            expected = f"at most {most / per:.4g} either way: {ends} (is it in another unit, mV?)"
             yield InvalidValue(path + key, expected, list(value) if isinstance(value, tuple) else value)
 
 
