@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import pytest
@@ -15,10 +16,11 @@ import vcfbench
 from benchmarks.export import record
 from tests import warm
 from tests.seals import sealed
-from vcfbench.archive import export_formats
+from vcfbench.archive import export, export_formats
 from vcfbench.archive.export import FORMATS, export_run
 from vcfbench.archive.export_formats import ExportColumn, ExportTable
 from vcfbench.errors import ConfigError
+from vcfbench.values.value import Form, Value
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -96,6 +98,57 @@ def test_hdf5_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> No
         for name, each in run.values.items():
             assert (file.attrs[f"value.{name}"], file.attrs[f"value.{name}.u95"]) == (each.value, each.u95)
             assert file.attrs[f"value.{name}.unit"] == each.unit
+
+
+STATED = {
+    "bias": Value("bias", -0.0125, "V", u=1e-4),
+    "gain": Value("gain", 3.0),
+    "delay": Value("delay", 2.0, "s", form="interval", low=1.5, high=2.5, missing=("K_Vc", "clock")),
+    "dead_band": Value("dead_band", None, "V", form="size-below", high=8e-4),
+    "walk": Value("walk", 1e-5, "V", form="below", high=2e-5),
+    "least": Value("least", None, "V", form="at-least", low=0.5),
+}
+"""A stated value of each form."""
+
+
+def facts(path: Path) -> dict[str, Any]:
+    """Return the facts of a run as the libraries read them; MATLAB's names have _ for a point."""
+    match path.suffix:
+        case ".mat":
+            return loadmat(path, simplify_cells=True)["about"]
+        case ".xlsx":
+            return {row[0]: row[1] for row in openpyxl.load_workbook(path)["about"].iter_rows(values_only=True)}
+        case ".parquet":
+            return {key.decode(): value.decode() for key, value in pq.read_schema(path).metadata.items()}
+    with h5py.File(path) as file:
+        return dict(file.attrs)
+
+
+@pytest.mark.parametrize("kind", [each for each in FORMATS if each != "csv"])
+def test_every_number_of_every_form_of_a_value_is_a_number(
+    kind: str, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert {each.form for each in STATED.values()} == {*get_args(Form)}
+    monkeypatch.setattr(export, "summary_of", lambda _: SimpleNamespace(results=STATED))
+    found = facts(export_run(run, tmp_path / f"out.{kind}").file)
+    point = "_" if kind == "mat" else "."
+    for name, each in STATED.items():
+        own = f"value{point}{name}"
+        for key, number in (
+            ("", each.value),
+            ("u", each.u),
+            ("u95", each.u95),
+            *zip(("low", "high"), each.ends, strict=True),
+        ):
+            came = found[f"{own}{point}{key}" if key else own]
+            assert kind == "parquet" or not isinstance(came, str), (name, key)
+            expected = number if number is not None and (kind != "xlsx" or np.isfinite(number)) else np.nan
+            found_number = np.nan if came is None else float(came)
+            np.testing.assert_allclose(found_number, expected, rtol=1e-15 if kind == "xlsx" else 0.0, atol=0.0)
+        texts = {key: found[f"{own}{point}{key}"] for key in ("unit", "form", "missing")}
+        said = {"unit": each.unit, "form": each.form, "missing": ", ".join(each.missing)}
+        assert {key: "" if text is None or np.size(text) == 0 else text for key, text in texts.items()} == said
+    assert found["simulated"] == ("true" if kind == "parquet" else 1)  # a text would count as true where it says false
 
 
 def test_a_long_text_fits_into_hdf5(tmp_path: Path) -> None:
@@ -200,7 +253,7 @@ def test_a_damaged_record_is_not_exported(tmp_path: Path) -> None:
     journal = directory / "journal.jsonl"
     lines = journal.read_bytes().splitlines(keepends=True)
     journal.write_bytes(b"".join(lines[:2] + lines[3:]))
-    with pytest.raises(ConfigError, match="so it is not exported: line 3 is not what was written"):
+    with pytest.raises(ConfigError, match="so it is not exported: line 3 was changed"):
         export_run(directory, tmp_path / "out.csv", raw=True)
     assert not (tmp_path / "out.csv").exists()
 

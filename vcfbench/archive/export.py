@@ -1,5 +1,6 @@
 """A run for other programs: its points or every raw reading, a column a quantity, with the facts of its record."""
 
+import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
@@ -104,7 +105,7 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
         "title": header.get("title"),
         "started_utc": header.get("utc"),
         "bench": bench.get("name"),
-        "simulated": str(header.get("simulated")).lower(),
+        "simulated": header.get("simulated"),
         "seed": header.get("seed"),
         **metadata,
         **tags,
@@ -119,11 +120,13 @@ def _about(directory: RunDirectory) -> dict[str, str | float]:
     return {key: value for key, value in plain.items() if value is not None}
 
 
-def _stated(directory: RunDirectory) -> Iterator[tuple[str, str | float | None]]:
-    """Yield the stated values, in SI units: a value with u and U95, or its interval or bound in words."""
+def _stated(directory: RunDirectory) -> Iterator[tuple[str, str | float]]:
+    """Yield the stated values, in SI units: numbers, nan where there is none; of a bound its ends are what is said."""
     for name, each in summary_of(directory).results.items():
-        yield f"value.{name}", each.value if each.form == "plus-minus" else each.figure()
-        yield f"value.{name}.unit", each.unit or None
-        yield f"value.{name}.u", each.u
-        yield f"value.{name}.u95", each.u95
-        yield f"value.{name}.missing", ", ".join(each.missing) or None
+        low, high = each.ends
+        numbers = {"": each.value, ".u": each.u, ".u95": each.u95, ".low": low, ".high": high}
+        for key, number in numbers.items():
+            yield f"value.{name}{key}", math.nan if number is None else number
+        yield f"value.{name}.unit", each.unit
+        yield f"value.{name}.form", each.form
+        yield f"value.{name}.missing", ", ".join(each.missing)
