@@ -18,6 +18,7 @@ from tests.archive.test_written import QUICK
 from vcfbench.archive.certificate import certificate_words
 from vcfbench.archive.dcc import dcc_of
 from vcfbench.errors import ConfigError
+from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.records.stated import values_of
 from vcfbench.station.acceptance import Acceptance, Verdict
 from vcfbench.station.settings import Limit
@@ -226,3 +227,15 @@ def test_within_the_guard_band_one_passes_or_fails_on_condition(
     said = [str(each.text) for each in statement.findall("dcc:declaration/dcc:content", SPACES)]
     assert f"limit_{len(values) - 1} from 0 to 1" in said[-2]
     assert all("marginal" not in each for each in said)
+
+
+def test_no_text_of_an_export_is_a_repr(quick: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    methods = " ".join(str(each.method) for each in PROCEDURES.loaded())
+    monkeypatch.setattr("vcfbench.archive.dcc.method_of", lambda _: f"{methods} It's at 5 degC.")
+    of = "line over 200, -200 deg/s, \u00b1 5 degC, the declared range\x1b"
+    run = replace(quick, _values=tuple(replace(each, of=f"{each.of} {of}") for each in quick.values.values()))
+    root = ET.fromstring(dcc_of(run, certificate_words(run, WORDS)))  # noqa: S314  # ours
+    said = [each.text or "" for each in root.iterfind(".//dcc:content", SPACES)]
+    assert not [each for each in said if each[0] in "'\"" or "\\u" in each or "\\xb" in each]
+    assert sum("-200 \u00b0/s, \u00b1 5 \u00b0C, the declared range\\x1b" in each for each in said) == len(run.values)
+    assert sum(each.endswith("It's at 5 \u00b0C.") for each in said) == 1

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Sequence
 from textwrap import wrap
+from unicodedata import category
 
 from vcfbench.reports.document import Figure, Heading, Notice, Part, Report, Table, Text, texts
 
@@ -98,6 +99,11 @@ def printable_lines(text: str) -> str:
 
 
 def printable(value: object) -> str:
-    """Return a text as one line that can be printed: a record must not write on the terminal by itself."""
+    """Return a text as one line that can be printed: a record must not write on the terminal by itself.
+
+    Escaped is what cannot be printed, and that alone: a space of any width can.
+    """
     text = str(value)
-    return text if text.isprintable() else ascii(text)
+    if text.isprintable():
+        return text
+    return "".join(each if each.isprintable() or category(each) == "Zs" else ascii(each)[1:-1] for each in text)
