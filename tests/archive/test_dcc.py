@@ -186,11 +186,11 @@ def test_quantities_have_types_and_names_in_two_languages(written: Path) -> None
 def test_dcc_holds_report_and_day_of_issue(quick: Run, tmp_path: Path) -> None:
     report = tmp_path / "report.pdf"
     report.write_bytes(b"%PDF-1.7 of ours")
-    path = vcfbench.write_certificate(quick, tmp_path / "run.xml", {**WORDS, "issued": "2026-11-23"}, report)
+    path = vcfbench.write_certificate(quick, tmp_path / "run.xml", {**WORDS, "issued": "2126-11-23"}, report)
     tree = ET.parse(path).getroot()  # noqa: S314  # ours
     assert text_at(tree, "dcc:document/dcc:fileName") == "report.pdf"
     assert b64decode(text_at(tree, "dcc:document/dcc:dataBase64") or "") == report.read_bytes()
-    assert text_at(tree, ".//dcc:coreData/dcc:issueDate") == "2026-11-23"
+    assert text_at(tree, ".//dcc:coreData/dcc:issueDate") == "2126-11-23"
     report.write_bytes(b"no such thing")
     with pytest.raises(ConfigError, match="expected a report as PDF"):
         vcfbench.write_certificate(quick, tmp_path / "run.xml", WORDS, report)

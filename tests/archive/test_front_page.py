@@ -6,14 +6,18 @@ import re
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec.structs import replace
 
 import vcfbench
 from tests.archive.test_written import QUICK
 from vcfbench.archive.batch_sheet import device_parts, device_rows
+from vcfbench.archive.certificate import CertificateWords, stated_words
+from vcfbench.archive.days import days_of
 from vcfbench.archive.front_page import BLANK, front_page, seal_of
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.errors import ConfigError
+from vcfbench.records.amendments import Amendment
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Report, Table
 from vcfbench.reports.html_page import page_of
@@ -59,8 +63,8 @@ def test_unset_fields_are_blank_lines_and_set_fields_printed(judged: Run) -> Non
     assert facts["method"].startswith("turntable, vcfbench ")
     assert facts["adjustment"] == "none during the run"
     assert facts["traceable by"] == f"34401A (multimeter) {BLANK}; acl (rate table) {BLANK}"
-    facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2026-11-23")
-    assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2026-11-23")
+    facts, _, _ = shown(judged, laboratory="L", laboratory_address="here", serial="G-1", issued="2126-11-23")
+    assert (facts["laboratory"], facts["serial number"], facts["issued on"]) == ("L, here", "G-1", "2126-11-23")
     with pytest.raises(ConfigError, match="got 'custommer'"):
         shown(judged, custommer="x")
 
@@ -80,6 +84,38 @@ def test_results_have_uncertainty_factor_limits_and_verdict(judged: Run) -> None
     assert by_name["reading noise"][1:] == ("not known", "", "0 to 1e-06", "FAIL; no U95: simple acceptance")
     assert "Decision rule, guarded, w = U95: a value nearer to a limit than its U95 is marginal" in text
     assert "U95 does not contain: " in text
+
+
+AMENDED = Amendment(revision=2, utc="2126-01-02T00:00:00+00:00", by="A", reason="label", changes=())
+
+
+def test_every_word_of_a_certificate_is_on_the_first_page(judged: Run) -> None:
+    dated = {"issued": "2126-03-04", "received": "2020-01-01"}
+    words = {key: dated.get(key, f"its {key}") for key in CertificateWords.__struct_fields__}
+    for run, more in ((judged, ""), (replace(judged, amendments=(AMENDED,)), " revision 2")):
+        assert run.directory is not None
+        facts, _, text = shown(run, **words)
+        left_out = {"country"}  # which is for machines: an address has it
+        assert [each for key, each in words.items() if each not in text and key not in left_out] == []
+        assert facts["certificate"] == f"its identifier{more}"
+        assert "certificate" not in shown(run)[0]
+        assert stated_words(run)["identifier"] == f"{run.name}{more}"
+
+
+def test_days_that_cannot_be_are_refused_with_both(judged: Run) -> None:
+    days = days_of(judged)
+    assert days is not None
+    cases = [
+        ({"received": "2126-12-25"}, f"the first day measured, {days[0]}, is before received, 2126-12-25"),
+        ({"issued": "2020-01-02"}, f"issued, 2020-01-02, is before the last day measured, {days[1]}"),
+        ({"received": "soon"}, "received: expected a day such as 2026-11-23, got 'soon'"),
+    ]
+    for words, said in cases:
+        with pytest.raises(ConfigError, match=said):
+            stated_words(judged, words)
+    with pytest.raises(ConfigError, match="issued, 2126-01-01, is before the last amendment, 2126-01-02"):
+        stated_words(replace(judged, amendments=(AMENDED,)), {"issued": "2126-01-01"})
+    assert stated_words(judged, {"received": days[0], "issued": days[1]})["issued"] == days[1]
 
 
 @pytest.fixture(scope="module")

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 from msgspec import Struct
 
+from vcfbench.archive.days import days_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 
@@ -16,7 +17,8 @@ NOT_ADJUSTED: Final = "none during the run"
 class CertificateWords(Struct, frozen=True, kw_only=True):
     """Laboratory, customer, device and responsible person of a calibration; entries with a default may be left out.
 
-    `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number;
+    `country` is that of the laboratory, two capital letters (ISO 3166-1); `identifier` the certificate's own number, to
+    which that of the revision is added;
     `responsible` the person who answers for it, with `responsible_function`; `item` what the device is, `serial` its
     serial number; `issued` is the day of issue, 2026-11-23. `place` is where it was calibrated, `received` when the
     device came in, `method` by which method and edition, `adjustment` and `deviations` what was adjusted, and what
@@ -82,7 +84,7 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
     """Return as many entries of a certificate of `run` as are known, by the fields of `CertificateWords`.
 
     Raises:
-        ConfigError: a key is unknown, or `issued` is no day.
+        ConfigError: a key is unknown, or the device was received, measured and its certificate issued in no such order.
     """
     given = given or {}
     unknown = [key for key in given if key not in _KNOWN]
@@ -101,13 +103,42 @@ def stated_words(run: Run, given: Mapping[str, str] | None = None) -> dict[str, 
         "method": f"{run.procedure}, vcfbench {edition}, evaluation {versions.get('evaluation', 0)}"
         if edition
         else None,
-        "identifier": f"{run.name} revision {run.revision}" if run.amendments else run.name,
+        "identifier": run.name,
     }
     tags = {key: value for key, value in run.metadata.tags.items() if key in _KNOWN}
     stated = {**recorded, **tags, **given}
     found = {key: " ".join(value.split()) for key, value in stated.items() if value and value.strip()}
-    try:
-        date.fromisoformat(found.get("issued", "2000-01-01"))
-    except ValueError:
-        raise ConfigError(f"issued: expected a day such as 2026-11-23, got {found['issued']!r}") from None
+    if "identifier" in found:
+        found["identifier"] = revised(run, found["identifier"])
+    _in_order(run, found)
     return found
+
+
+def revised(run: Run, identifier: str | None) -> str:
+    """Return an identifier with the revision of the record, from the second on."""
+    return f"{identifier or ''} revision {run.revision}" if run.amendments else identifier or ""
+
+
+def _in_order(run: Run, found: Mapping[str, str]) -> None:
+    """Refuse days that cannot be; those of a record are of UTC, so all are."""
+    given = [key for key in ("received", "issued") if key in found]
+    first, last = (days_of(run) if given else None) or (None, None)
+    amended = run.amendments[-1].utc[:10] if run.amendments else None
+    days = (
+        *(("received", found.get("received")), ("the first day measured", first), ("the last day measured", last)),
+        *(("the last amendment", amended), ("issued", found.get("issued"))),
+    )
+    latest: tuple[str, date] | None = None
+    for key, day in days:
+        if day is None:
+            continue
+        try:
+            on = date.fromisoformat(day)
+        except ValueError:
+            raise ConfigError(f"{key}: expected a day such as 2026-11-23, got {day!r}") from None
+        if latest is not None and on < latest[1]:
+            raise ConfigError(
+                f"{key}, {on}, is before {latest[0]}, {latest[1]} (UTC)",
+                hint=" or ".join(f"--set {each}=DAY" for each in given),
+            )
+        latest = key, on

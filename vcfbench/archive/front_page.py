@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import msgspec
 
-from vcfbench.archive.certificate import NOT_ADJUSTED, stated_words
+from vcfbench.archive.certificate import NOT_ADJUSTED, revised, stated_words
 from vcfbench.archive.days import days_of
 from vcfbench.archive.run import Run
 from vcfbench.files import read_file
@@ -78,7 +78,7 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
     def said(*keys: str) -> str:
         return ", ".join(filter(None, map(words.get, keys))) or BLANK
 
-    days = days_of(run)
+    days, number = days_of(run), words.get("identifier")
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
     traced = [
         f"{each.model} ({each.title}) {each.certificate or BLANK}{f', {each.calibrated}' if each.calibrated else ''}"
@@ -86,8 +86,9 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         if each.title in _MEASURING or each.certificate or each.calibrated
     ]
     return [
-        ("laboratory", said("laboratory", "laboratory_address", "laboratory_code")),
-        ("customer", said("customer", "customer_address")),
+        *([("certificate", number)] if number and number != revised(run, run.name) else []),
+        ("laboratory", said("laboratory", "laboratory_address", "laboratory_email", "laboratory_code")),
+        ("customer", said("customer", "customer_address", "customer_email")),
         ("device", said("item", "item_manufacturer") if "item" in words else "MEMS gyroscope"),
         ("model", said("item_model")),
         ("serial number", said("serial")),

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 from urllib.parse import quote
 
-from vcfbench.archive.certificate import certificate_words
+from vcfbench.archive.certificate import certificate_words, stated_words
 from vcfbench.archive.dcc import dcc_of
 from vcfbench.archive.reported import full_report, title_of
 from vcfbench.archive.run import Run
@@ -38,7 +38,8 @@ def write_report(run: Run, path: str | Path, words: Mapping[str, str] | None = N
     """
     said = dict(words or {})
     title, logo = said.pop("title", "") or title_of(run), said.pop("logo", "")
-    return write_document(full_report(run, said, title), title, run.name or run.procedure, Path(path), logo)
+    name = stated_words(run, said).get("identifier") or run.procedure
+    return write_document(full_report(run, said, title), title, name, Path(path), logo)
 
 
 _SUFFIXES: Final = (".html", ".pdf", ".md")
