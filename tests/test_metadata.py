@@ -8,6 +8,8 @@ from datetime import UTC, date, datetime, timedelta
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+import numpy as np
 import pytest
 
 import vcfbench
@@ -268,3 +270,27 @@ def test_a_calibration_is_due_by_the_calendar_of_the_station(
     finally:
         monkeypatch.undo()
         time.tzset()
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "kept"),
+    [
+        ("ambient_temperature_c", np.float64(23.0), 23.0),
+        ("humidity_percent", np.int64(41), 41),
+        ("dut", np.str_("G-1"), "G-1"),
+        ("operator", np.str_("A. Person"), "A. Person"),
+        ("note", np.str_("soldered"), "soldered"),
+        ("tags", {np.str_("batch"): np.str_("7")}, {"batch": "7"}),
+    ],
+)
+def test_numpys_numbers_and_texts_are_told_as_pythons(key: str, given: Any, kept: Any) -> None:
+    found = vcfbench.RunMetadata(**{key: given}).as_json()[key]
+    assert found == kept
+    assert msgspec.json.decode(msgspec.json.encode(found)) == kept  # which refuses numpy's
+
+
+def test_header_that_cannot_be_written_leaves_no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(vcfbench.RunMetadata, "as_json", lambda _: {"note": object()})
+    with pytest.raises(TypeError):
+        vcfbench.run("turntable", "lab", settings=QUICK, runs=tmp_path)
+    assert list(tmp_path.iterdir()) == []

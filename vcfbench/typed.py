@@ -29,3 +29,8 @@ def decoder_of(kind: type[_T]) -> Decoder[_T]:
     """Return a decoder of a `kind` from JSON."""
     with _ONE_AT_A_TIME:
         return Decoder(kind)
+
+
+def unboxed(value: Any) -> Any:
+    """Return a number, text or array of numpy's as Python's, which JSON has; anything else as it is."""
+    return value.tolist() if hasattr(value, "tolist") else value

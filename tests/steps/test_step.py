@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
+import msgspec
+import numpy as np
 import pytest
 
 from tests.procedures.fakes import CALIBRATIONS, make_settings
@@ -141,3 +143,24 @@ def test_an_adaptive_plan_is_walked_with_predicted_answers() -> None:
 
     with pytest.raises(LimitError, match=r"voltage 12 V is beyond the bench's limit of 10 V, step 2 \(V_Vc = \+12 V"):
         dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
+
+
+@dataclass(frozen=True)
+class Pulse(Step):
+    """A custom step as a dataclass."""
+
+    rate_deg_s: float
+    count: int
+
+
+@pytest.mark.parametrize(
+    ("step", "plain"),
+    [
+        (Settle(np.float64(2.0), str(np.str_("a drift"))), Settle(2.0, "a drift")),
+        (Pulse(np.float32(5.0), np.int64(3)), Pulse(5.0, 3)),
+    ],
+)
+def test_a_plan_may_count_with_numpy(step: Step, plain: Step) -> None:
+    assert step == plain
+    assert step.describe() == plain.describe()
+    assert msgspec.json.encode(step) == msgspec.json.encode(plain)

@@ -168,7 +168,8 @@ def _parquet(table: ExportTable, path: Path) -> None:
         )
         for each in table.columns
     ]
-    schema = arrow.schema(fields, metadata={key: _told(value) for key, value in table.about.items()})
+    texts = {key: str(value).lower() if isinstance(value, bool) else str(value) for key, value in table.about.items()}
+    schema = arrow.schema(fields, metadata=texts)
     arrays = [arrow.array(each.values, from_pandas=True) for each in table.columns]
     parquet.write_table(arrow.Table.from_arrays(arrays, schema=schema), str(path))
 
@@ -211,11 +212,6 @@ def _xlsx(table: ExportTable, path: Path) -> None:
     for key, value in table.about.items():
         about.append([_as_text(openpyxl, about, key), _as_text(openpyxl, about, value)])
     book.save(path)
-
-
-def _told(value: str | float) -> str:
-    """Return a fact as a text, for the metadata of a schema, which are nothing else: ``true``, ``nan``, all digits."""
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 _LONGEST_CELL: Final = 32_767

@@ -38,7 +38,7 @@ from vcfbench.station.layering import Layer, chosen_settings, keys_of, merged, n
 from vcfbench.station.parts import CalibrationPoint
 from vcfbench.station.settings import V_VC_RANGE_V, MeterKnown, PlacedInstrument, ProcedureSettings, Sources, Station
 from vcfbench.strict import refusal, unknown_key, words
-from vcfbench.typed import typed
+from vcfbench.typed import typed, unboxed
 
 if TYPE_CHECKING:
     from vcfbench.drivers.streams.description import Stream
@@ -53,7 +53,7 @@ def asked_in_python(settings: Mapping[str, Any]) -> Layer:
     """Return the request of a script: ``settings={...}``, a mapping (ConfigError), numpy's numbers as Python's."""
     if not isinstance(settings, Mapping) or not all(isinstance(key, str) for key in settings):
         raise ConfigError(f"settings: expected a mapping of keys to values, got {settings!r}")
-    plain = to_builtins(dict(settings), enc_hook=lambda each: each.tolist() if hasattr(each, "tolist") else str(each))
+    plain = to_builtins(dict(settings), enc_hook=lambda each: unboxed(each) if hasattr(each, "tolist") else str(each))
     return Layer(plain, lambda keys: f"settings: {dotted(('procedure', *keys))}")
 
 

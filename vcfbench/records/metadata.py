@@ -18,7 +18,7 @@ from vcfbench.files import is_utf8
 from vcfbench.interfaces import Identity
 from vcfbench.records.plain import ReadOnly
 from vcfbench.strict import unknown_key
-from vcfbench.typed import typed
+from vcfbench.typed import typed, unboxed
 
 _LINE: Final = 200
 _NOTE: Final = 10_000
@@ -50,31 +50,32 @@ class RunMetadata(Struct, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """See that each value can be one, and let no tag be changed from now on."""
+        for name, most in (("dut", _LINE), ("operator", _LINE), ("note", _NOTE)):
+            if (text := unboxed(getattr(self, name))) is not None:
+                force_setattr(self, name, _text(name, text, most))
         if self.dut is not None:
             from vcfbench.records.devices import require_serial  # noqa: PLC0415  # many runs are of no device with a name
 
             try:
-                for serial in _text("dut", self.dut, _LINE).split(","):  # of several devices at once those of all
+                for serial in self.dut.split(","):  # of several devices at once those of all
                     require_serial(serial)
             except ConfigError as error:
                 raise ConfigError(error.what if error.what.startswith("dut") else f"dut: {error.what}") from None
-        if self.operator is not None:
-            _text("operator", self.operator, _LINE)
-        if self.note is not None:
-            _text("note", self.note, _NOTE)
-        _number("ambient_temperature_c", self.ambient_temperature_c, -100.0, 100.0)
-        _number("humidity_percent", self.humidity_percent, 0.0, 100.0)
-        if self.ambient_from not in {None, "chamber"}:
+        ambient_c = _number("ambient_temperature_c", unboxed(self.ambient_temperature_c), -100.0, 100.0)
+        force_setattr(self, "ambient_temperature_c", ambient_c)
+        force_setattr(self, "humidity_percent", _number("humidity_percent", unboxed(self.humidity_percent), 0.0, 100.0))
+        if self.ambient_from not in (None, "chamber"):  # what came may be a list
             raise ConfigError(f"ambient_from: expected 'chamber', got {_short(self.ambient_from)}")
-        tags = self.tags
+        tags, kept = self.tags, dict[str, str]()
         if not isinstance(tags, Mapping) or len(tags) > _MOST_TAGS:
             raise ConfigError(f"tags: expected texts by key, at most {_MOST_TAGS}, got {_short(tags)}")
-        for key, value in tags.items():
+        for tag in tags.items():
+            key, value = map(unboxed, tag)
             if not isinstance(key, str) or not _KEY.fullmatch(key):
                 expected = "a key of letters, digits, '_', '-' and '.'"
                 raise ConfigError(f"tags: expected {expected}, got {_short(key)}")
-            _text(f"tag {key}", value, _LINE)
-        force_setattr(self, "tags", ReadOnly(tags))
+            kept[key] = _text(f"tag {key}", value, _LINE)
+        force_setattr(self, "tags", ReadOnly(kept))
 
     def as_json(self) -> dict[str, Any]:
         """Return the values that are set, by name."""
@@ -171,10 +172,11 @@ def _text(name: str, value: object, most: int) -> str:
     return value
 
 
-def _number(name: str, value: object, low: float, high: float) -> None:
+def _number(name: str, value: Any, low: float, high: float) -> float | None:
     fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if value is not None and not (fits and low <= float(str(value)) <= high):
         raise ConfigError(f"{name}: expected a number from {low:g} to {high:g}, got {_short(value)}")
+    return value
 
 
 def _short(value: object) -> str:

@@ -208,7 +208,6 @@ class UnderWay(Struct):
         prepared, description = self.prepared, self.prepared.description
         kept = prepared.directory
         on_disk = SimulatedJournal if description.simulated else Journal
-        journal = MemoryJournal() if kept is None else on_disk(kept.journal)
         procedure, bench = prepared.procedure, to_builtins(description)
         del bench["notify"]  # resuming a record elsewhere runs no program that it names
         equipment = equipment_on(today(), description, identities, identities)
@@ -232,9 +231,10 @@ class UnderWay(Struct):
             **profile_of(description),
             **prepared.header_entries(),
         }
+        journal = MemoryJournal() if kept is None else on_disk(kept.journal)
         try:
             journal.header(self.header)
-        except BenchError:  # without a first line nothing that came later could be read
+        except BaseException:  # without a first line nothing that came later could be read
             journal.close()
             if kept is not None:
                 kept.journal.unlink()

@@ -13,16 +13,18 @@ from importlib import import_module
 from typing import Any, ClassVar, Final, Self, TypeVar
 
 from msgspec import Struct, field, to_builtins
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
 from vcfbench.interfaces import Instrument, Operator, nobody
+from vcfbench.records.plain import field_names
 from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S, Point
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.settings import Sources
 from vcfbench.steps.scatter import NoiseSeen
+from vcfbench.typed import unboxed
 
 _T = TypeVar("_T")
 
@@ -273,6 +275,13 @@ class Step:
         """Make the kind known, so that a record can be read into values again; PlanError where its name is taken."""
         super().__init_subclass__(**options)
         _make_known(Step.kinds, cls)
+
+    def __post_init__(self) -> None:
+        """Take numpy's numbers as Python's: plans count with numpy, records and commands have plain numbers."""
+        put: Any = force_setattr if isinstance(self, Struct) else object.__setattr__
+        for name in field_names(self) or ():
+            if (plain := unboxed(value := getattr(self, name))) is not value:
+                put(self, name, plain)
 
     def describe(self) -> str:
         """Describe the action of the step, as the work instruction would."""
