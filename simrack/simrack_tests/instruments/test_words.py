@@ -31,3 +31,37 @@ def test_words_of_drivers_are_known(model: str, messages: list[str], answer: str
         device.write(message.encode() + b"\n")
     clock.sleep_until(60.0)
     assert device.read(100)[0].decode().startswith(answer)
+
+
+@pytest.mark.parametrize("channel", ["@1", "@2", "@3"])
+@pytest.mark.parametrize(
+    "messages",
+    [
+        ["VOLT 5,({0});:OUTP ON,({0})", "VOLT:PROT 4,({0})"],
+        ["VOLT:PROT 4,({0})", "VOLT 5,({0})", "OUTP ON,({0})"],
+        ["VOLT 5,({0})", "VOLT:PROT 4,({0})", "OUTP ON,({0})"],
+        ["VOLT 3,({0});:OUTP ON,({0});:VOLT:PROT 4,({0})", "VOLT 5,({0})"],
+        ["VOLT 5,({0});:VOLT:PROT:STAT OFF,({0});LEV 4,({0});:OUTP ON,({0})", "VOLT:PROT:STAT ON,({0})"],
+        ["VOLT 5,({0});:CURR 0.1,({0});:CURR:PROT:STAT ON,({0});:OUTP ON,({0})"],
+        ["VOLT 5,({0});:CURR 0.1,({0});:OUTP ON,({0})", "CURR:PROT:STAT ON,({0})"],
+        ["VOLT 5,({0});:CURR 1,({0});:CURR:PROT:STAT ON,({0});:OUTP ON,({0})", "CURR 0.1,({0})"],
+    ],
+)
+def test_protection_trips_in_any_order_and_until_it_is_cleared(channel: str, messages: list[str]) -> None:
+    rack = Rack.build(VirtualClock(), plan_of(["E36312A"]))
+    clock = rack.world.clock
+    for rail in rack.world.rails:
+        rack.world.set_load(rail, 10.0)
+    supply, what = rack.devices["E36312A"], "CURR" if "CURR" in messages[0] else "VOLT"
+
+    def said(message: str) -> str:
+        supply.write(message.format(channel).encode() + b"\n")
+        clock.sleep_until(clock.now() + 2.0)
+        return supply.read(200)[0].decode().strip()
+
+    for message in messages:
+        said(message)
+    assert said(f"OUTP? ({{0}});:{what}:PROT:TRIP? ({{0}});:OUTP ON,({{0}});:OUTP? ({{0}})") == "0;1;0"
+    assert abs(float(said("MEAS:VOLT? ({0})"))) < 0.1
+    said("VOLT 0.5,({0});:OUTP:PROT:CLE ({0});:OUTP ON,({0})")
+    assert said(f"OUTP? ({{0}});:{what}:PROT:TRIP? ({{0}})") == "1;0"

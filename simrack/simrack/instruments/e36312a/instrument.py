@@ -7,6 +7,7 @@ E3631A's and unverified: the shape of replies, ``*RST`` levels, errors for a cha
 Output 3, which the E3631A's words call N25V, is positive at its terminals. On the bench its plus terminal is ground,
 so that it gives the negative rail: what is kept here for N25V has the sign of the rail, what is said and asked not.
 
+The guide has no switch of the over-voltage protection: it is on, and VOLTage:PROTection:STATe is what drivers send.
 Paired outputs are only no longer set one by one; remote sense, with nothing at its terminals, reads 0 V (unverified).
 Not simulated: delays of switching off, lists, data log, triggered levels.
 """
@@ -64,7 +65,7 @@ class SimulatedE36312A(SimulatedE3631A):
     def _forget(self) -> None:
         self.switched = dict.fromkeys(_RATED_V, False)
         self.over_v = {name: _OVER * rated for name, rated in _RATED_V.items()}
-        self.over_v_on = dict.fromkeys(_RATED_V, False)
+        self.over_v_on = dict.fromkeys(_RATED_V, True)
         self.over_a_on = dict.fromkeys(_RATED_V, False)
         self.tripped: dict[str, str] = dict.fromkeys(_RATED_V, "")
         self.trigger_sources = dict.fromkeys(_RATED_V, "BUS")
@@ -100,9 +101,10 @@ class SimulatedE36312A(SimulatedE3631A):
 
     def service(self) -> None:
         """Advance ramps, and drive outputs whose delay is over."""
-        if self._next_s is not None and self._next_s <= self.world.clock.now():
-            self.drive()
+        due = self._next_s is not None and self._next_s <= self.world.clock.now()
         super().service()
+        if due:
+            self.drive()
 
     def restore(self, settings: Settings) -> None:
         """Take settings that *RCL recalls; which outputs it switches on is unverified, here none."""
