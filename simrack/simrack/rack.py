@@ -18,6 +18,7 @@ from simrack.gpib_adapter import GpibAdapter
 from simrack.leads import Leads
 from simrack.motion import TableMotion
 from simrack.plan import UPSIDE_DOWN, OwnModel, Place, Plan, plan_of
+from simrack.scpi import tell_apart
 from simrack.serve import ServedBench, ServedClock
 from simrack.sources import Approach
 from simrack.wired import Mechanics, WiredWorld
@@ -83,6 +84,7 @@ class Rack(Struct, frozen=True):
             devices[place.name] = _built(place, seen, seed)
         for node, ohm in plan.loads_ohm.items():
             world.put_load(_named(node, world, "loads"), ohm)
+        tell_apart(devices.values())
         attended.attend(*devices.values())
         return cls(plan, world, devices)
 

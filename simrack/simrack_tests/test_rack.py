@@ -325,3 +325,18 @@ def test_an_instrument_is_found_by_its_name_in_any_case() -> None:
             assert "3024A" in scope.query("*IDN?")
             scope.close()
     manager.close()
+
+
+def test_instruments_have_serial_numbers_of_their_own() -> None:
+    """But for those of models that answer 0, which is none."""
+    words = [name for name, each in RACK.items() if each.kind not in {"rate table", "adapter"}]
+    rack = Rack.build(VirtualClock(), plan_of([*words, *words]))
+    for device in rack.devices.values():
+        device.write(b"*IDN?\n")
+    rack.world.clock.sleep_until(1.0)
+    identities = [device.read(200)[0].decode().split(",") for device in rack.devices.values()]
+    numbers = [each[2] for each in identities if each[2] != "0"]
+    assert len(numbers) == len({*numbers}) == 2 * len({*words} - {"34401A", "E3631A", "ATS-545"})
+    alone = Rack.build(VirtualClock(), plan_of(["34465A"])).devices["34465A"]
+    alone.write(b"*IDN?\n")
+    assert alone.read(200)[0].split(b",")[2] == b"MY54500001"

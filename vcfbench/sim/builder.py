@@ -17,6 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from simrack.attendance import AttendedClock
 from simrack.device import Device
 from simrack.leads import Leads, LoadingLeads
+from simrack.scpi import tell_apart
 from simrack.wires import serial_backend
 from simrack.wires.handshake_line import line_of
 from simrack.wires.serial_line import CharacterFrame, ThreeWireLine
@@ -112,6 +113,7 @@ class SimulatedBench(Struct, frozen=True):
             drawn = _errors(kind.errors_class, asked, default_rng(_sequence(seed, "multimeter", number)))
             around = _surroundings("multimeter", own, seed, number) | {"axes": _axes(outputs, number - 1, leads)}
             devices[f"multimeter-{number}"] = _made(kind, leads[number - 1], drawn, around)
+        tell_apart(devices.values())
         attended.attend(*devices.values())
         return cls(description, world, devices)
 
