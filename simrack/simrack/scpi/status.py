@@ -80,11 +80,11 @@ class Status:
         summaries: register of each status byte bit it feeds, e.g. `{3: questionable}`.
     """
 
-    __slots__ = ("_requested", "_seen", "ese", "esr", "registers", "sre", "summaries")
+    __slots__ = ("_requested", "_seen", "ese", "esr", "others", "sre", "summaries")
 
     def __init__(self, summaries: dict[int, Register], others: tuple[Register, ...] = ()) -> None:
         self.summaries = summaries
-        self.registers = (*others, *summaries.values())
+        self.others = others
         self.esr = 128
         self.ese = 0
         self.sre = 0
@@ -94,7 +94,7 @@ class Status:
     def clear(self) -> None:
         """*CLS: clear every event register."""
         self.esr = 0
-        for register in self.registers:
+        for register in (*self.others, *self.summaries.values()):
             register.clear()
 
     def read_esr(self) -> int:

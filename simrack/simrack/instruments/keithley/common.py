@@ -19,6 +19,7 @@ from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import NOTHING_THERE
 from simrack.instruments.truevolt.mathematics import scaled
 from simrack.instruments.truevolt.measuring_commands import once_idle
+from simrack.instruments.truevolt.system_commands import preset_status
 from simrack.specifications import VoltmeterSpecification
 
 _NR3 = scpi.real(8)
@@ -140,7 +141,7 @@ SHARED = (
     scpi.Command("*TST", query=lambda _: "0", query_takes_s=2.0),
     *scpi.status_commands("OPERation", "operation"),
     *scpi.status_commands("QUEStionable", "questionable"),
-    scpi.Command("STATus:PRESet", do=ignored),
+    scpi.Command("STATus:PRESet", do=preset_status),
 )
 """Rows of both."""
 

@@ -25,6 +25,7 @@ import numpy as np
 from simrack import scpi, specifications
 from simrack.instruments.hp34401a.functions import Function
 from simrack.instruments.hp34401a.range_commands import RANGED
+from simrack.instruments.hp34401a.trigger import TriggerSystem
 from simrack.instruments.keithley import common
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.instruments.truevolt.measuring_commands import once_idle
@@ -32,6 +33,8 @@ from simrack.scpi import Interface
 
 ROWS = scpi.Rows()
 
+_OVERFLOW, _LOW, _HIGH, _READING, _SOME, _HALF, _FULL = (1 << bit for bit in (0, 1, 2, 5, 7, 8, 9))
+"""Bits of the measurement register (manual, p. 5-53)."""
 _SHEET = specifications.KEITHLEY_2000
 _NR3 = scpi.real(8)
 _BUFFER = 1024
@@ -103,7 +106,7 @@ def _set_azero(meter: Keithley2000Twin, state: object) -> None:
 
 
 @ROWS.do(
-    "TRIGger[:SEQuence]:DELay",
+    "TRIGger[:SEQuence<1-1>]:DELay",
     (scpi.Number(unit="S", limits=scpi.Limits(0.0, 999_999.999, 0.0)),),
     query=lambda meter: meter.delay_s(),
     reply=_NR3,
@@ -124,7 +127,7 @@ def _stored(meter: Keithley2000Twin) -> str:
 def _feed(meter: Keithley2000Twin, control: str) -> None:
     meter.control = control
     if control == "NEXT":
-        meter.stored = []
+        meter.empty_buffer()
 
 
 @ROWS.query("CALCulate<2-2>:IMMediate")
@@ -138,9 +141,15 @@ def _statistic(meter: Keithley2000Twin) -> str:
 
 @ROWS.query("CALCulate<3-3>:LIMit<1-2>:FAIL", reply=scpi.boolean)
 def _fails(meter: Keithley2000Twin, limit: int) -> bool:
-    last, kept = meter.ring.last, meter.engine.remembered
+    last = meter.ring.last
+    return last is not None and bool(_beyond(meter, limit, last))
+
+
+def _beyond(meter: Keithley2000Twin, limit: int, reading: float) -> int:
+    """Return the bit of the limit that a reading is beyond."""
+    kept = meter.engine.remembered
     upper, lower = (kept.get((f"{_LIMIT}:{side}[:DATA]", limit), usual) for side, usual in _SIDES)
-    return last is not None and not lower <= last <= upper
+    return (_LOW if reading < lower else 0) | (_HIGH if reading > upper else 0)
 
 
 @ROWS.do("SYSTem:PRESet")
@@ -182,7 +191,7 @@ _COMMANDS = (
     scpi.attribute("INITiate:CONTinuous", scpi.Boolean(), "continuous", scpi.boolean),
     scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
     scpi.attribute(
-        "TRIGger[:SEQuence]:COUNt",
+        "TRIGger[:SEQuence<1-1>]:COUNt",
         _COUNTS,
         "triggering.trigger_count",
         lambda count: "+9.9E37" if math.isinf(count) else str(int(count)),
@@ -191,18 +200,25 @@ _COMMANDS = (
     scpi.attribute(
         "SAMPle:COUNt", scpi.Integer(limits=scpi.Limits(1, _BUFFER, 1)), "triggering.sample_count", scpi.signed_integer
     ),
-    scpi.attribute("TRIGger[:SEQuence]:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
+    scpi.attribute("TRIGger[:SEQuence<1-1>]:DELay:AUTO", scpi.Boolean(), "triggering.delay_auto", scpi.boolean),
     # no source is the timer here (limits and default unverified)
-    scpi.remembered("TRIGger[:SEQuence]:TIMer", scpi.Number(limits=scpi.Limits(1e-3, 999999.999, 0.1)), 0.1, _NR3),
-    scpi.attribute("TRIGger[:SEQuence]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"),
+    scpi.remembered("TRIGger[:SEQuence<1-1>]:TIMer", scpi.Number(limits=scpi.Limits(1e-3, 999999.999, 0.1)), 0.1, _NR3),
+    scpi.attribute(
+        "TRIGger[:SEQuence<1-1>]:SOURce", scpi.Choice(("IMMediate", "BUS", "EXTernal")), "triggering.source"
+    ),
     scpi.Command("*TRG", do=lambda meter: meter.triggering.fire(), urgent=True),
-    scpi.Command("TRACe:CLEar", do=lambda meter: meter.stored.clear()),
+    scpi.Command("TRACe:CLEar", do=lambda meter: meter.empty_buffer()),
     # bytes left and used; 24 a reading and a byte of overhead are what its manual's 1024 readings come to (unverified)
     scpi.Command(
         "TRACe:FREE", query=lambda meter: f"{24 * (_BUFFER - len(meter.stored))},{24 * len(meter.stored)}", reads=True
     ),
     scpi.attribute("TRACe:POINts", scpi.Integer(limits=scpi.Limits(2, _BUFFER)), "points", scpi.signed_integer),
-    scpi.attribute("TRACe:FEED", scpi.Choice(("SENSe", "CALCulate", "NONE")), "feed"),
+    scpi.attribute(
+        "TRACe:FEED",
+        scpi.Choice(("SENSe<1-1>", "CALCulate<1-1>", "NONE")),
+        "feed",
+        convert=lambda word: word.removesuffix("1"),
+    ),
     scpi.attribute("FORMat[:DATA]", scpi.Choice(("ASCii",)), "format"),
     # what drivers set of all of the maker's meters (defaults unverified)
     scpi.remembered("SYSTem:POSetup", scpi.Choice(("RST", "PRESet", "SAV0")), "PRES"),
@@ -267,6 +283,23 @@ class Keithley2000Twin(common.SimulatedKeithley):
         super().power_on()
         self.continuous = True
 
+    def made_trigger_system(self) -> TriggerSystem:
+        """Return the trigger system, with the register of what it and the buffer come to."""
+        self.engine.status.summaries[0] = self.measurement = scpi.Register()
+        return super().made_trigger_system()
+
+    def empty_buffer(self) -> None:
+        """Forget the readings of the buffer."""
+        self.stored: list[float] = []
+        self.measurement.set_bits(_SOME | _HALF | _FULL, 0)
+
+    def service(self) -> None:
+        """Finish and begin readings; while it measures by itself the buffer fills."""
+        super().service()
+        fills = self.control == "NEXT" and len(self.stored) < self.points
+        if self.continuous and fills and self.triggering.sequence is None:
+            self.triggering.start(stored=True)
+
     def identity(self) -> str:
         """Return the reply of a real unit (users' record), but for the model that it stands for."""
         return f"KEITHLEY INSTRUMENTS INC.,MODEL {self._model},1308393,{self.kind.firmware}"
@@ -276,22 +309,30 @@ class Keithley2000Twin(common.SimulatedKeithley):
         self.kept = {name: common.KeptOfFunction(average=True, digits=7) for name in common.NAMES}
         self.points, self.feed, self.control, self.format, self.elements = 100, "CALC", "NEV", "ASC", ("READ",)
         self.beeper = self.display_on = True
-        self.measurement = scpi.Register()
         self.formulas = dict.fromkeys(common.NAMES, common.Formula())
         self.unit, self.held = "V", None
-        self.stored: list[float] = []
+        self.empty_buffer()
         self.continuous = False
         super().reset()
 
     def configure_function(self, name: str) -> None:
-        """CONFigure: the function as after *RST, one reading by the bus, the buffer off."""
+        """CONFigure: the function as after *RST, one reading by the bus, mathematics and the buffer off."""
         self.triggering.abort()
         self.continuous = False
         self.configure(self.functions[name], None, None)
-        self.control = "NEV"
+        self.kept[name] = common.KeptOfFunction(average=True, digits=7)
+        self.formulas[name].on, self.unit, self.control = False, "V", "NEV"
+        for switch in (("CALCulate<2-2>:STATe",), (f"{_LIMIT}:STATe", 1), (f"{_LIMIT}:STATe", 2)):
+            self.engine.remembered.pop(switch, None)
 
     def _finish_reading(self, value: float) -> float:
         reading = super()._finish_reading(value) if self.held is None else self.held
         if self.control == "NEXT" and len(self.stored) < self.points:
             self.stored.append(self.before_mathematics if self.feed == "SENS" else reading)
+        count = len(self.stored)
+        buffer = _SOME * (count >= 2) | _HALF * (2 * count >= self.points) | _FULL * (count >= self.points)
+        judged = self.engine.remembered.get((f"{_LIMIT}:STATe", 1), False)
+        told = judged * _beyond(self, 1, reading) | _OVERFLOW * (abs(reading) >= scpi.INFINITY)
+        self.measurement.set_condition(buffer | told)
+        self.measurement.latch(_READING | told)
         return reading

@@ -37,6 +37,9 @@ _SMOOTHED = {"FAST": 10, "MED": 50, "SLOW": 100}
 """Readings that smoothing means (general knowledge, unverified)."""
 _SERIAL_NUMBER = "MY54500001"
 _OFFSET_RANGE_V = 10.0
+_SCALING = "CALCulate:SCALe[:STATe]"
+_PRESET = ("CALCulate:SMOothing[:STATe]", "SAMPle:COUNt:PRETrigger", "TRIGger:LEVel")
+"""What CONFigure presets of settings that are only kept; the factors of mathematics stay."""
 _STORED = ("setups", "bandwidth_hz", "high_impedance", "_autozero", "aperture_on", "nulls", "limit_test")
 _STORED_OF_TRIGGER = (
     *("source", "delay_s", "delay_auto", "sample_count", "trigger_count"),
@@ -87,7 +90,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
 
     def made_trigger_system(self) -> TriggerSystem:
         """Return the trigger system: a memory that forgets the oldest readings."""
-        self.operation = Register()
+        self.engine.status.summaries[7] = self.operation = Register()
         self.ring = RingTriggerSystem(
             self.clock,
             self._begin_reading,
@@ -187,6 +190,13 @@ class SimulatedTruevolt(SimulatedHp34401A):
         self.aperture_on[function.name] = False
         self.nulls[function.name] = Null()
         self.statistics, self.limit_test = Statistics(), LimitTest()
+        for each in _PRESET:
+            self.engine.remembered.pop((each,), None)
+
+    def _turn_to(self, function: Function) -> None:
+        """Go to a function: scaling goes off (guide p. 224)."""
+        super()._turn_to(function)
+        self.engine.remembered.pop((_SCALING,), None)
 
     def averages_over(self) -> int:
         """Return the number of readings of a moving mean: CALCulate:SMOothing, which the 34465A has."""
@@ -197,7 +207,7 @@ class SimulatedTruevolt(SimulatedHp34401A):
     def calculated(self, reading: float) -> float:
         """Return a reading after CALCulate:SCALe."""
         kept, scale = self.engine.remembered, "CALCulate:SCALe"
-        if not kept.get((f"{scale}[:STATe]",)):
+        if not kept.get((_SCALING,)):
             return reading
         operation = kept.get((f"{scale}:FUNCtion",), "NULL")
         reference = kept.get((f"{scale}:DBM:REFerence",), 600.0) if operation == "DBM" else None

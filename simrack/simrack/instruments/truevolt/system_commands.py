@@ -15,8 +15,10 @@ _TEXT_LIMIT = 40
 """Characters on the display (users' drivers)."""
 
 
-def _preset_status(meter: SimulatedTruevolt) -> None:
-    meter.questionable.enable = meter.operation.enable = 0
+def preset_status(meter: SimulatedTruevolt) -> None:
+    """STATus:PRESet: no event is summed up."""
+    for register in meter.engine.status.summaries.values():
+        register.enable = 0
 
 
 def _identities(kind: MeterKind) -> tuple[str, ...]:
@@ -96,5 +98,5 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         scpi.Command("CALibration:SECure:STATe", query=lambda _meter: True, reply=scpi.boolean, reads=True),
         scpi.Command("CALibration:STRing", query=lambda _meter: "", reply=scpi.quoted, reads=True),
         scpi.remembered("OUTPut:TRIGger:SLOPe", scpi.Choice(("POSitive", "NEGative")), "NEG"),
-        scpi.Command("STATus:PRESet", do=_preset_status),
+        scpi.Command("STATus:PRESet", do=preset_status),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simrack.instruments.hp34401a import MeterErrors
+from simrack.instruments.hp34401a import Hp34401ATwin, MeterErrors
 from simrack.instruments.keithley import Keithley2000Twin, KeithleyDMM6500Twin
 from simrack.instruments.truevolt import Keysight34461ATwin, Keysight34465ATwin, SimulatedTruevolt
 
@@ -203,3 +203,69 @@ def test_tsp_line_gets_error_at_once() -> None:
     told = '-113,"Undefined header; TSP is not simulated'
     assert [str(talk.ask("SYST:ERR?"))[: len(told)] for _ in range(2)] == [told, told]
     assert str(talk.ask("SYST:ERR?")).startswith("0,")
+
+
+CHANGING = [
+    *((kind, "CALC:SCAL", "CALC:SCAL:FUNC DB") for kind in MODELS),
+    *((kind, each, "CALC:LIM:LOW 2") for kind in MODELS for each in ("CALC:AVER", "CALC:LIM", "VOLT:NULL")),
+    (Keysight34465ATwin, "CALC:SMO", "VOLT:NPLC 1"),
+    (Hp34401ATwin, "CALC:STAT", "CALC:FUNC DB"),
+    (Keithley2000Twin, "CALC:STAT", "CALC:FORM MXB;KMAT:MMF 3"),
+    *((Keithley2000Twin, each, "INIT:CONT OFF") for each in ("CALC2:STAT", "CALC3:LIM1:STAT", "VOLT:REF:STAT")),
+]
+"""Switches of what changes or judges readings, after some setting of it."""
+
+
+@pytest.mark.parametrize(("kind", "switch", "setting"), CHANGING)
+@pytest.mark.parametrize("configured", ["MEAS:VOLT:DC?", "CONF:VOLT:DC;:READ?"])
+def test_configuring_switches_mathematics_off(
+    kind: type[SimulatedTruevolt], switch: str, setting: str, configured: str
+) -> None:
+    bench = Bench(kind)
+    bench.world.offset_v = 0.5
+    bench.talk.write(f"{setting};:{switch} ON")
+    assert bench.talk.ask(f"{switch}?") == "1"
+    assert bench.value(configured) == 0.5
+    assert bench.talk.ask(f"{switch}?") == "0"
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_another_function_switches_scaling_off_and_keeps_its_factors(kind: type[SimulatedTruevolt]) -> None:
+    bench = Bench(kind)
+    bench.talk.write("CALC:SCAL:GAIN 3;FUNC SCAL;:CALC:SCAL ON;:RES:NULL ON;:FUNC 'VOLT:AC'")
+    assert bench.talk.ask("CALC:SCAL?;:CALC:SCAL:GAIN?;:RES:NULL?") == "0;+3.00000000E+00;1"
+
+
+def test_configuring_presets_what_triggers() -> None:
+    bench = Bench(Keysight34465ATwin)
+    bench.talk.write("SAMP:COUN 5;COUN:PRET 3;:SAMP:SOUR TIM;:TRIG:COUN 4;LEV 1;DEL 2;SLOP POS;SOUR BUS;:CONF:VOLT:DC")
+    asked = "SAMP:COUN?;COUN:PRET?;:SAMP:SOUR?;:TRIG:COUN?;LEV?;DEL:AUTO?;:TRIG:SLOP?;SOUR?"
+    assert bench.talk.ask(asked) == "+1;+0;IMM;+1.00000000E+00;+0.00000000E+00;1;NEG;IMM"
+
+
+@pytest.mark.parametrize("continuous", [False, True])
+def test_2000_requests_service_when_its_buffer_is_full(continuous: bool) -> None:  # noqa: FBT001
+    """As PyMeasure's config_buffer, start_buffer and wait_for_buffer have it."""
+    bench = Bench(Keithley2000Twin)
+    bench.talk.write("" if continuous else "*RST")
+    bench.talk.write(
+        ":STAT:PRES;*CLS;*SRE 1;:STAT:MEAS:ENAB 512;:TRAC:CLE;:TRAC:POIN 10;:TRIG:COUN 10;:TRIG:SEQ1:DEL 0"
+    )
+    bench.talk.write(":TRAC:FEED SENSE1;:TRAC:FEED:CONT NEXT;")
+    assert bench.talk.ask("*STB?;:TRAC:FEED?") == "+0;SENS"
+    bench.talk.write("" if continuous else ":INIT")
+    bench.world.clock.sleep_until(bench.world.clock.now() + 20.0)
+    assert bench.talk.ask("*STB?;:STAT:MEAS:COND?") == "+65;+896"
+    bench.talk.write("STAT:PRES;:TRAC:CLE")
+    assert bench.talk.ask("*STB?;:STAT:MEAS:COND?") == "+0;+0"
+
+
+def test_2000_tells_of_each_reading_and_of_its_limits() -> None:
+    bench = Bench(Keithley2000Twin)
+    bench.talk.write("*RST;:CALC3:LIM1:UPP 0.9;STAT ON")
+    for offset_v, bits in ((0.5, 32), (1.0, 36), (-2.0, 34)):
+        bench.world.offset_v = offset_v
+        assert bench.talk.ask("READ?")
+        assert bench.talk.ask("STAT:MEAS?;:STAT:MEAS?") == f"+{bits};+0"
+    bench.talk.write("VOLT:RANG 0.1")
+    assert bench.talk.ask("READ?;:STAT:MEAS?") == "-9.90000000E+37;+35"
