@@ -18,7 +18,7 @@ from simrack.gpib_adapter import GpibAdapter
 from simrack.leads import Leads
 from simrack.motion import TableMotion
 from simrack.plan import UPSIDE_DOWN, OwnModel, Place, Plan, plan_of
-from simrack.scpi import tell_apart
+from simrack.scpi.twin import tell_apart
 from simrack.serve import ServedBench, ServedClock
 from simrack.sources import Approach
 from simrack.wired import Mechanics, WiredWorld

@@ -17,7 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from simrack.attendance import AttendedClock
 from simrack.device import Device
 from simrack.leads import Leads, LoadingLeads
-from simrack.scpi import tell_apart
+from simrack.scpi.twin import tell_apart
 from simrack.wires import serial_backend
 from simrack.wires.handshake_line import line_of
 from simrack.wires.serial_line import CharacterFrame, ThreeWireLine

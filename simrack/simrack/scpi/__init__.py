@@ -42,18 +42,7 @@ What happens by itself goes into the model's `service()` and `next_event_s()`; *
 """
 
 from simrack.scpi.attributes import Rows, Settings, attribute, remembered
-from simrack.scpi.common import (
-    COMMON_COMMANDS,
-    MASK_16,
-    condition,
-    enable,
-    event,
-    identity,
-    next_error,
-    reset,
-    status_commands,
-    tell_apart,
-)
+from simrack.scpi.common import COMMON_COMMANDS, MASK_16, condition, enable, event, next_error, reset, status_commands
 from simrack.scpi.dialect import GPIB, LAN, RS232, USB, Dialect, Interface
 from simrack.scpi.engine import ScpiEngine, ScpiModel
 from simrack.scpi.errors import ERROR_WORDS, ErrorQueue, ScpiError
@@ -136,7 +125,6 @@ __all__ = [
     "condition",
     "enable",
     "event",
-    "identity",
     "next_error",
     "quoted",
     "real",
@@ -145,5 +133,4 @@ __all__ = [
     "reset",
     "signed_integer",
     "status_commands",
-    "tell_apart",
 ]

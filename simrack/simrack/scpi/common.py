@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
 
@@ -16,7 +14,6 @@ from simrack.scpi.formats import boolean
 from simrack.scpi.parameters import Integer, Limits
 from simrack.scpi.status import Register
 from simrack.scpi.table import Command
-from simrack.scpi.twin import ScpiTwin
 
 _INTEGER = "engine.dialect.integer"
 _MASK_8 = Integer(limits=Limits(0, 255), named=False)
@@ -38,33 +35,11 @@ def next_error(model: ScpiModel) -> str:
     return f'{model.engine.dialect.error_number(number)},"{words}"'
 
 
-_SERIAL_NUMBER = re.compile(r"([^,]*,[^,]*,(?!0,)[^,]*?)(\d+),")
-
-
-def identity(model: ScpiModel) -> str:
-    """Return the answer to *IDN?: the serial number counts on with the specimens; 0 is none and stays."""
-
-    def counted(found: re.Match[str]) -> str:
-        return f"{found[1]}{int(found[2]) + model.engine.specimen:0{len(found[2])}},"
-
-    return _SERIAL_NUMBER.sub(counted, model.identity(), count=1)
-
-
-def tell_apart(devices: Iterable[object]) -> None:
-    """Give each instrument of a bench a serial number of its own, by its place among those of the same."""
-    before = Counter[str]()
-    for device in devices:
-        if isinstance(device, ScpiTwin):
-            serial = "".join(device.identity().split(",")[2:3])
-            device.engine.specimen = before[serial]
-            before[serial] += 1
-
-
 COMMON_COMMANDS = (
     Command("*CLS", do=lambda model: model.engine.clear_status()),
     attribute("*ESE", _MASK_8, "engine.status.ese", _INTEGER, query_parameters=()),
     Command("*ESR", query=lambda model: model.engine.dialect.integer(model.engine.status.read_esr())),
-    Command("*IDN", query=identity, indefinite=True, reads=True),
+    Command("*IDN", query=lambda model: model.identity(), indefinite=True, reads=True),
     Command(
         "*OPC",
         do=lambda model: model.engine.announce_completion(),

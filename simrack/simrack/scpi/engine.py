@@ -81,8 +81,6 @@ class ScpiEngine:
         self.errors = ErrorQueue(dialect.queue_depth, dialect.words, dialect.error_suffix)
         self.remembered: dict[tuple[Any, ...], Any] = {}
         """Settings that change nothing on this bench, since ``*RST``."""
-        self.specimen = 0
-        """How many of the same serial number are before it on the bench."""
         self.clears_masks_at_power_on = True
         self.hand_over: Callable[[], None] | None = None
         """Called where something long is to be worked out, then to call :meth:`work` slice by slice."""

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from functools import partial
 
 from simrack.scpi.engine import ScpiEngine
 
@@ -70,3 +73,22 @@ class ScpiTwin:
     def operations_end_s(self) -> float:
         """Return when pending operations end; by default none is pending."""
         return -math.inf
+
+
+_SERIAL_NUMBER = re.compile(r"([^,]*,[^,]*,(?!0,)[^,]*?)(\d+),")
+
+
+def tell_apart(devices: Iterable[object]) -> None:
+    """Give each instrument of a bench a serial number of its own, by its place among those of the same; 0 is none."""
+    before = Counter[str]()
+    for device in devices:
+        if isinstance(device, ScpiTwin):
+            serial = "".join(device.identity().split(",")[2:3])
+            device.identity = partial(_counted_on, device.identity, before[serial])  # type: ignore[method-assign]
+            before[serial] += 1
+
+
+def _counted_on(identity: Callable[[], str], further: int) -> str:
+    return _SERIAL_NUMBER.sub(
+        lambda found: f"{found[1]}{int(found[2]) + further:0{len(found[2])}},", identity(), count=1
+    )

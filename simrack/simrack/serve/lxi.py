@@ -10,7 +10,6 @@ from __future__ import annotations
 import socket
 from xml.sax.saxutils import escape
 
-from simrack.scpi import identity
 from simrack.serve.instrument import ServedInstrument
 from simrack.serve.loop import Loop
 from simrack.serve.wire import Connection, Listener
@@ -54,7 +53,7 @@ class LxiServer:
     def identification(self) -> bytes:
         """Return the document with the present reply to *IDN?."""
         engine = self._instrument.engine
-        words = (["", "", "", ""] if engine is None else identity(engine.model).split(","))[:4]
+        words = (["", "", "", ""] if engine is None else engine.model.identity().split(","))[:4]
         family, host = ("IPv6", self._host.strip("[]")) if ":" in self._host else ("IPv4", self._host)
         listed = "".join(f"<InstrumentAddressString>{each}</InstrumentAddressString>" for each in self._addresses)
         return _XML.format(*map(escape, words), url=self.url, family=family, host=host, addresses=listed).encode()

@@ -85,7 +85,7 @@ ROOT_COMMANDS = (
     ),
     scpi.Command("AER", query=lambda model: model.armed(), reply=scpi.signed_integer),
     scpi.Command("TER", query=lambda model: model.was_triggered(), reply=scpi.signed_integer),
-    scpi.Command("SERial", query=lambda model: scpi.identity(model).split(",")[2], reads=True),
+    scpi.Command("SERial", query=lambda model: model.identity().split(",")[2], reads=True),
     scpi.Command("PRINt", do=declarations.nothing),
     scpi.Command("MERGe", (scpi.Choice(("PMEMory<0-9>",)),), do=declarations.nothing),
     scpi.Command("ACTivity", do=declarations.nothing, query=_activity),
