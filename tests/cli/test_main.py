@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import subprocess
@@ -16,6 +17,7 @@ from tests import warm
 from tests.procedures.test_own_code import GOOD
 from vcfbench import __version__
 from vcfbench.cli import main
+from vcfbench.cli.answer import print_json
 from vcfbench.errors import Aborted, BenchError, ConfigError, LimitError, NotSafe
 
 MAIN = [sys.executable, "-m", "vcfbench"]
@@ -200,3 +202,36 @@ def test_a_command_of_a_group_is_named_with_its_group() -> None:
 
 def test_the_short_option_shows_the_version() -> None:
     assert CliRunner().invoke(main.app, ["-v"]).stdout == f"vcfbench {__version__}\n"
+
+
+REFUSED = (
+    *("run turntabel", "run turntable --nosuch", "run turntable --dry-run --bench nofile", "resume nothing", "safe"),
+    *("runs show nothing", "runs verify nothing", "device NONE", "compare last nothing", "analyze nofile.csv"),
+    *("study nofile.toml", "batch nofile.csv", "bench check --bench nofile", "runs list --since x", "nosuch", "talk"),
+)
+
+
+@pytest.mark.parametrize("command", REFUSED)
+def test_with_json_a_command_that_fails_prints_one_object(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(main.app, [*command.split(), "--json"])
+    answer = json.loads(done.stdout)
+    assert set(answer) == {"error", "exit_code"}
+    assert answer["exit_code"] == done.exit_code == 2
+    assert " ".join(answer["error"].split()) in " ".join(done.stderr.split())
+    assert not CliRunner().invoke(main.app, command.split()).stdout
+
+
+def test_with_json_an_object_that_was_printed_stays_the_only_one() -> None:
+    app = typer.Typer(cls=main.Commands, pretty_exceptions_enable=False)
+    app.callback()(lambda: None)
+
+    @app.command("fail")
+    def fail(*, json: bool = False) -> NoReturn:
+        print_json({"json": json})
+        raise NotSafe("live")
+
+    done = CliRunner().invoke(app, ["fail", "--json"])
+    assert (done.stdout, done.exit_code) == ('{"json":true}\n', 5)

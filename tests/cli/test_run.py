@@ -164,13 +164,6 @@ def test_dry_run_as_json(station: Station) -> None:
     assert station.opened == []
 
 
-def test_a_refused_dry_run_as_json_is_one_object_too(station: Station) -> None:
-    result = call("run", "turntable", "--dry-run", "--json", "--bench", "nowhere.toml")
-    assert isinstance(result.exception, ConfigError)
-    assert json.loads(result.stdout) == {"procedure": "turntable", "dry_run": True, "error": str(result.exception)}
-    assert station.opened == []
-
-
 def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
     def overload(bench: FakeBench) -> None:
         bench.multimeter.overload_at = 44

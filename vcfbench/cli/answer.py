@@ -11,7 +11,7 @@ import msgspec
 import typer
 
 from vcfbench.archive.run import Run
-from vcfbench.cli.ending import discard_stdout, terminal_gone
+from vcfbench.cli.ending import JSON_DUE, discard_stdout, terminal_gone
 from vcfbench.errors import BenchError
 from vcfbench.reports.document import Report
 from vcfbench.reports.text import WIDTH, text_of
@@ -23,6 +23,7 @@ _MOST_WINDOWS: Final = 1000  # What they cannot show takes 3 s
 
 def print_json(values: dict[str, Any]) -> None:
     """Print `values` as one JSON object on one line of stdout."""
+    JSON_DUE.set(False)
     typer.echo(msgspec.json.encode(values).decode())
 
 

@@ -194,15 +194,10 @@ def _print_answer(run: Run, options: RunOptions) -> None:
         print_report(short, _SCREEN)
 
 
-def show_plan(request: Request, name: str, metadata: Mapping[str, Any], *, as_json: bool) -> None:
+def show_plan(request: Request, metadata: Mapping[str, Any], *, as_json: bool) -> None:
     """Print every step of a procedure, and the estimated bench time; nothing is opened."""
-    try:
-        prepared = prepare(structs.replace(request, metadata=metadata_of(metadata)))
-        planned = prepared.planned()
-    except BenchError as error:
-        if as_json:
-            print_json({"procedure": name, "dry_run": True, "error": str(error)})
-        raise
+    prepared = prepare(structs.replace(request, metadata=metadata_of(metadata)))
+    planned = prepared.planned()
     wired, devices = prepared.description.rails_at, list(prepared.description.several)
     if as_json:
         steps = [

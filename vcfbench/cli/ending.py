@@ -6,11 +6,13 @@ out about the bench stands. The worst that is known wins, whatever went wrong on
 
 import errno
 import io
+import json
 import os
 import signal
 import stat
 import sys
 from contextlib import suppress
+from contextvars import ContextVar
 from types import FrameType, TracebackType
 from typing import Any, Final, Self, TextIO, cast
 
@@ -19,6 +21,9 @@ from vcfbench.errors import Aborted, BenchError, NotSafe
 _WATCHED: Final = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
 _SAYING_S: Final = 2.0
 """Longest time of a terminal or pipe for the last words, before they go elsewhere, s."""
+
+JSON_DUE: Final = ContextVar("JSON_DUE", default=False)
+"""True where ``--json`` was given, as long as no object was printed."""
 
 
 class Stopped(BaseException):
@@ -114,6 +119,17 @@ def usage_of(error: BaseException) -> tuple[str, int] | None:
     words = io.StringIO()
     usage.show(file=words)
     return words.getvalue().rstrip("\n"), usage.exit_code
+
+
+def print_error(words: str, code: int) -> None:
+    """Print the error that ended a command as the one JSON object that is due on stdout."""
+    if JSON_DUE.get() and words and sys.stdout is not None:
+        JSON_DUE.set(False)
+        try:
+            sys.stdout.write(f"{json.dumps({'error': words, 'exit_code': code})}\n")
+            sys.stdout.flush()
+        except (OSError, ValueError):
+            discard_stdout()
 
 
 def say(words: str, *, alarm: bool = False) -> None:

@@ -17,7 +17,16 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from vcfbench.cli.ending import SignalsWithoutBench, discard_stdout, ending_of, open_streams, say, usage_of
+from vcfbench.cli.ending import (
+    JSON_DUE,
+    SignalsWithoutBench,
+    discard_stdout,
+    ending_of,
+    open_streams,
+    print_error,
+    say,
+    usage_of,
+)
 from vcfbench.errors import BenchError, NotSafe
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.version import installed_version
@@ -99,6 +108,7 @@ class Commands(TyperGroup):
 
     def make_context(self, *arguments: Any, **options: Any) -> Any:
         """Read the command line; ``--help`` and ``--version`` are answered here."""
+        JSON_DUE.set("--json" in (options.get("args") or arguments[1]))
         with _errors_reported():
             return super().make_context(*arguments, **options)
 
@@ -137,7 +147,9 @@ def _report(error: BaseException) -> int | None:
     if isinstance(error, OSError):
         discard_stdout()
     if words:
-        say(words if usage_of(error) else f"vcfbench: {words}", alarm=code == NotSafe.exit_code)
+        usage: Any = usage_of(error) and error
+        say(words if usage else f"vcfbench: {words}", alarm=code == NotSafe.exit_code)
+        print_error(usage.format_message() if usage else words, code)
     return code
 
 
@@ -188,6 +200,7 @@ def main() -> None:
             known = _report(error)
             if known is None:  # never 1, a verdict
                 say("".join(traceback.format_exception(error)).rstrip("\n"))
+                print_error(f"the program has a mistake: {type(error).__name__}: {error}", code)
             code = BenchError.exit_code if known is None else known
         try:
             sys.stdout.flush()

@@ -156,7 +156,7 @@ def run(
     with options.tracing(trace):
         request = Request(command.chosen, bench, seed, asked, speed=speed)
         if dry_run:
-            conduct.show_plan(request, command.chosen.name, metadata, as_json=json)
+            conduct.show_plan(request, metadata, as_json=json)
             return
         request = structs.replace(request, runs=runs, metadata=metadata_of(metadata))
         how = conduct.RunOptions(

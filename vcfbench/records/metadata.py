@@ -172,7 +172,7 @@ def _text(name: str, value: object, most: int) -> str:
     return value
 
 
-def _number(name: str, value: Any, low: float, high: float) -> float | None:
+def _number(name: str, value: float | None, low: float, high: float) -> float | None:
     fits = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if value is not None and not (fits and low <= float(str(value)) <= high):
         raise ConfigError(f"{name}: expected a number from {low:g} to {high:g}, got {_short(value)}")
