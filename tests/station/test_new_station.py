@@ -39,6 +39,13 @@ def test_filled_template_has_given_values_only() -> None:
     assert "put yours" not in "\n".join(line for line in text.splitlines() if not line.startswith("#"))
 
 
+@given(st.integers(1, 60))
+def test_a_remark_never_touches_the_value_before_it(length: int) -> None:
+    template_text = "[procedure]\n# key = 1.0    # a remark\n"
+    text = filled_template(template_text, {"procedure": {"key": "v" * length}}, "head")
+    assert f'"{"v" * length}" ' in text
+
+
 def test_every_key_of_the_template_is_still_explained() -> None:
     draft = Draft("new.toml")
     draft.add_instrument("multimeter", METER)

@@ -193,7 +193,7 @@ def _filled_block(table: str, block: list[str], keys: dict[str, Any] | None) -> 
                 setting, note = f"{key['key']} = {value_text(left.pop(key['key']))}", key["note"].strip()
                 if note == "# put yours":  # it is not the template's proposal any more
                     note = ""
-                lines.append(f"{setting:<{_NOTE_COLUMN}}{note}" if note else setting)
+                lines.append(f"{setting:<{_NOTE_COLUMN - 1}} {note}" if note else setting)
             else:
                 lines.append(_switched(line, on=False))
             last_key = len(lines)
