@@ -16,7 +16,7 @@ A script is TOML; `vcfbench sim serve --faults FILE` and the test fixtures read 
 kind            what happens
 ==============  ====================================================================================================
 silent          answers are lost
-late            answers come `delay_s` later
+late            answers come `delay_s` (1 s) later
 garbled         one byte of each answer is noise
 garbage         a burst of noise comes before each answer
 truncated       the second half of each answer is missing
@@ -24,11 +24,11 @@ disconnect      the connection is cut once
 unreachable     the connection is cut, and there is no new one
 half_open       the connection is dead and nobody says so: nothing is taken, nothing comes; a new one works
 power_cycle     the mains fail: the connection is cut, and the instrument comes back (after `duration_s`) as switched on
-error           `number` is in the error queue
+error           `number` (-300) is in the error queue
 identity        the answer to ``*IDN?`` is `identity`: somebody has exchanged the instrument
 overload        the multimeter's input is beyond every range
 offset          the multimeter reads `offset` too much (in the unit of the reading), and `drift_s` more every second
-current_limit   a short circuit (`load_ohm`) across the rails: the supply goes to its current limit
+current_limit   a short circuit (`load_ohm`, 1 ohm) across the rails: the supply goes to its current limit
 interlock       the rate table's master interlock opens: the servo drops
 door            its door switch opens
 emergency_stop  its emergency stop is pressed
@@ -133,8 +133,13 @@ class Fault(Struct, frozen=True):
     def __post_init__(self) -> None:
         if self.kind not in get_args(Kind):
             raise ValueError(f"a fault is one of {', '.join(get_args(Kind))}, not {self.kind!r}")
+        own = _OF_KIND.get(self.kind, ())
         if self.count is not None and not (self.kind in _SPOILERS and self.count > 0):
             raise ValueError("count: expected a number of damaged answers above 0, for a fault that damages answers")
+        if strange := next((name for name in _FIELDS if name not in own and getattr(self, name) != _FIELDS[name]), ""):
+            raise ValueError(f"{strange} is nothing of a fault {self.kind}, which has {', '.join(own) or 'none such'}")
+        if self.kind == "offset" and not (self.offset or self.drift_s):
+            raise ValueError("offset or drift_s: expected one of them for a fault offset, got neither")
         if not self.load_ohm > 0:
             raise ValueError(f"a load has more than 0 ohm, not {self.load_ohm}")
         for name in ("at_s", "duration_s", "delay_s", "number", "offset", "drift_s"):
@@ -146,13 +151,20 @@ class Fault(Struct, frozen=True):
 
     def describe(self) -> str:
         """Return in words the fault, its beginning and the time for which it lasts."""
-        own = {name: getattr(self, name) for name in self.__struct_fields__ if name in _OF_KIND.get(self.kind, ())}
-        what = "".join(f", {name} {value}" for name, value in own.items())
+        what = "".join(f", {name} {getattr(self, name)}" for name in _OF_KIND.get(self.kind, ()))
         if self.kind in AT_ONCE:
             return f"{self.instrument}: {self.kind}{what}, once at {self.at_s:g} s of bench time"
         until = "until it is cleared" if self.duration_s is None else f"for {self.duration_s:g} s"
         answers = "" if self.count is None else f", or {self.count} answers"
         return f"{self.instrument}: {self.kind}{what}, from {self.at_s:g} s of bench time {until}{answers}"
+
+
+_FIELDS = {
+    name: default
+    for name, default in zip(reversed(Fault.__struct_fields__), reversed(Fault.__struct_defaults__), strict=False)
+    if any(name in each for each in _OF_KIND.values())
+}
+"""Fields of single kinds, with their defaults."""
 
 
 class FaultScript(Struct, frozen=True):

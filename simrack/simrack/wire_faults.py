@@ -62,7 +62,7 @@ class WireFault:
     Args:
         kind: one of `WIRE_FAULTS`.
         count: how many replies are spoilt; None: all, until the fault is ended.
-        delay_s: how much later ``late`` replies come, s; the time from byte to byte of ``trickle``, s.
+        delay_s: how much later ``late`` replies come, and bytes of ``trickle``, s; 1 s if not given.
         seed: of random bytes and places.
 
     Raises:

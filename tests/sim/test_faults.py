@@ -1,12 +1,14 @@
 from __future__ import annotations
 
+from pathlib import Path
 from random import Random
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast, get_args
 
 import pytest
-from simrack.faults import Fault, FaultScript
+from simrack.faults import Fault, FaultScript, Kind
 from simrack.faulty_device import FaultInjector, FaultyDevice
 
+import simrack
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import ConfigError
 from vcfbench.procedures.bench_file import load_bench
@@ -14,8 +16,6 @@ from vcfbench.sim.builder import SimulatedBench
 from vcfbench.sim.fault_scripts import parse_script, read_script
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from simrack.device import Device
 
     from vcfbench.clock import Clock
@@ -115,6 +115,33 @@ def test_what_is_no_script_is_told(text: str, words: str) -> None:
     with pytest.raises(ConfigError, match=r"^f: ") as caught:
         parse_script(text, "f")
     assert words in str(caught.value)
+
+
+OF_KINDS = {"delay_s": "late", "number": "error", "identity": "identity", "load_ohm": "current_limit"}
+GIVEN = {"delay_s": 3.0, "number": -350, "identity": "A,B,0,0", "load_ohm": 5.0, "offset": 1.0, "drift_s": 0.1}
+
+
+@pytest.mark.parametrize("kind", get_args(Kind))
+def test_a_field_of_another_kind_is_refused(kind: Kind) -> None:
+    own = {name for name in GIVEN if OF_KINDS.get(name, "offset") == kind}
+    for name in own:
+        Fault("multimeter", kind, **{name: GIVEN[name]})
+    for name in GIVEN.keys() - own:
+        with pytest.raises(ValueError, match=f"^{name} is nothing of a fault {kind}, which has"):
+            Fault("multimeter", kind, **{**{each: GIVEN[each] for each in own}, name: GIVEN[name]})
+
+
+@pytest.mark.parametrize("name", OF_KINDS)
+def test_a_field_without_a_value_has_the_default_of_the_page(name: str) -> None:
+    page = (Path(simrack.__file__).parents[1] / "docs" / "faults.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{OF_KINDS[name]}` |"))
+    default = getattr(Fault("multimeter", cast("Kind", OF_KINDS[name])), name)
+    assert f"{default:g}" in row if isinstance(default, int | float) else default in row
+
+
+def test_an_offset_of_nothing_is_refused() -> None:
+    with pytest.raises(ValueError, match="offset or drift_s: expected one of them"):
+        Fault("multimeter", "offset")
 
 
 def test_without_faults_everything_passes() -> None:
