@@ -8,7 +8,7 @@ from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report
 from vcfbench.reports.generic import generic_report, points_table, results_table, verdict_table
 from vcfbench.reports.text import table_text, text_of
-from vcfbench.station.acceptance import Acceptance, Verdict
+from vcfbench.station.acceptance import Acceptance, Verdict, judged
 from vcfbench.station.settings import Limit
 from vcfbench.values.value import Value
 
@@ -107,9 +107,27 @@ def test_a_verdict_has_every_limit_with_its_value() -> None:
     )
     assert table_text(verdict_table(Acceptance(limits))).splitlines() == [
         "FAIL",
-        "limit           value   U95   low   high   unit                        verdict   rule",
+        "value judged    value   U95   low   high   unit                        verdict   rule",
         "-------------------------------------------------------------------------------------",
         "bias (output)     251    12     0    260   mV      MARGINAL (conditional pass)   guarded, w = U95",
         "bias                -     -     0      1   deg/s                          FAIL   not found",
     ]
     assert verdict_table(Acceptance(limits[:1])).title == "MARGINAL"
+
+
+def test_a_verdict_names_the_value_that_was_judged_and_what_a_bound_leaves_of_it() -> None:
+    slope = Value("scale_factor", -0.0125, "V/(deg/s)", 1e-5, kind="scale_factor_small")
+    bend = Value("nonlinearity", 812.4, "ppm", form="below", high=2613.0, kind="nonlinearity_by_v_vc")
+    limits = [
+        Limit("scale_factor_v_per_deg_s", -0.013, -0.012),
+        Limit("nonlinearity_ppm", 0.0, 800.0, guarded=True),
+        Limit("e_n", 0.0, 1.0),
+    ]
+    acceptance = judged(limits, (slope, bend, Value("e_n", 0.0043987, kind="e_n")), ())
+    assert acceptance is not None
+    rows = [row[:3] for row in verdict_table(acceptance).printed()]
+    assert rows == [
+        ("scale factor of small signals", "-12.500(10)", "0.020"),
+        ("non-linearity, of the span, by V_Vc", "below 2600 (found: 812.4)", "-"),
+        ("E_n", "0.00", "-"),
+    ]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vcfbench.uncertainty.measurand import stated_cells
-from vcfbench.values.printing import digits_of_u, digits_of_value, grouped, shorthand
+from vcfbench.values.printing import digits_of_u, digits_of_value, grouped, in_digits, shorthand
 
 if TYPE_CHECKING:
     from vcfbench.reports.document import Cell
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def printed(*values: float) -> list[str]:
     cells: tuple[Cell, ...] = stated_cells(*values)
-    return [format(each.value, each.format) for each in cells]
+    return [in_digits(each.value, each.format) for each in cells]
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ def printed(*values: float) -> list[str]:
         ((3.354889253235919, 0.0024021966, 0.0047084623), ["3.3549", "0.0024", "0.0047"]),
         ((150.16111439, 1.7347599, 2.853102), ["150.2", "1.7", "2.9"]),
         ((1.5, 0.0996, 0.1952), ["1.50", "0.10", "0.20"]),
-        ((3388.4, 123.4, 246.8), ["3388", "123", "247"]),
+        ((3388.4, 123.4, 246.8), ["3390", "120", "250"]),
         ((1.234567e-9, 2.04e-12, 4.0e-12), ["1.2346e-09", "2.0e-12", "4.0e-12"]),
         ((1.2e-9, 2.04e-7, 4.0e-7), ["1e-09", "2.0e-07", "4.0e-07"]),
         ((0.0, 9.96, 20.0), ["0", "10", "20"]),
@@ -41,7 +41,7 @@ def test_value_has_digits_of_two_digit_u(stated: tuple[float, ...], words: list[
 
 
 def test_a_value_without_uncertainty_has_eight_digits() -> None:
-    assert format(1.23456789012, digits_of_value(1.23456789012, 0.0)) == "1.2345679"
+    assert in_digits(1.23456789012, digits_of_value(1.23456789012, 0.0)) == "1.2345679"
     assert format(0.0, digits_of_u(0.0)) == "0"
 
 
@@ -60,8 +60,10 @@ def test_printed_values_are_within_half_the_last_place_of_u(u: float, value: flo
         (-12.541604, 2.96e-4, "-12.541 60(30)"),
         (817.3, 6.4, "817.3(6.4)"),
         (99.97, 0.0996, "99.97(10)"),
-        (1234567.0, 560.0, "1 234 567(560)"),
+        (1234567.0, 560.0, "1 234 570(560)"),
         (3.2e-9, 1.1e-11, "3.200(11)e-09"),
+        (3182.0, 664.0, "3180(660)"),
+        (4.5, 524.0, "0(520)"),
         (12.0, None, "12"),
         (-6e-12, 0.013, "0.000(13)"),
         (4e-12, 4.5, "0.0(4.5)"),
@@ -73,4 +75,4 @@ def test_a_value_has_its_uncertainty_in_parentheses(value: float, u: float | Non
 
 
 def test_digits_of_an_uncertainty_stand_in_threes() -> None:
-    assert (grouped(0.000588), grouped(13.2), grouped(11234.0)) == ("0.000 59", "13", "11 234")
+    assert (grouped(0.000588), grouped(13.2), grouped(11234.0)) == ("0.000 59", "13", "11 000")

@@ -21,8 +21,8 @@ from vcfbench.extras import need
 from vcfbench.files import failing_as, shown
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Column, Heading, Notice, Part, Report, Table, Text, heads
+from vcfbench.station.acceptance import Acceptance
 from vcfbench.values.definition import Conditions
-from vcfbench.values.kinds import limit_words
 from vcfbench.values.printing import shorthand
 from vcfbench.values.value import Value
 
@@ -207,8 +207,9 @@ def _slope(values: Iterable[Value], *kinds: str) -> Value | None:
 
 def _row(summary: RunSummary, run: Run, found: Mapping[str, Any]) -> SheetRow:
     values = run.values
-    judged = [] if run.verdict is None else [each for each in run.verdict.limits if each.measured]
-    limits = [(limit_words(each.key), each) for each in judged]
+    verdict = run.verdict or Acceptance(())
+    judged = [each for each in verdict.limits if each.measured]
+    limits = [(verdict.named(each), each) for each in judged]
     shown = [column.example.missing for column in columns_of([list(values.values())])]
     lacks = [*shown, *(each.missing for each in judged)]
     return SheetRow(

@@ -5,7 +5,7 @@ from typing import Final
 
 from vcfbench.archive.run import Run
 from vcfbench.reports.document import Column, Part, Report, Table, Text
-from vcfbench.values.printing import digits_of_value, grouped, in_threes
+from vcfbench.values.printing import digits_of_value, grouped, in_digits, in_threes
 from vcfbench.values.value import Value
 
 _MOST: Final = 20  # Values on one screen
@@ -40,7 +40,7 @@ def _row(value: Value) -> tuple[str, str, str, str]:
         plain = value.form == "plus-minus" and value.u is None
         return of.words, f"{found:.4g}" if plain else value.figure(of.factor), "-", of.unit
     u95 = abs(of.factor) * value.u95
-    return of.words, in_threes(format(found, digits_of_value(found, u95))), grouped(u95), of.unit
+    return of.words, in_threes(in_digits(found, digits_of_value(found, u95))), grouped(u95), of.unit
 
 
 def _causes(value: Value) -> Iterator[str]:

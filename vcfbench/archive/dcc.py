@@ -147,7 +147,10 @@ def _administrative(parent: ET.Element, run: Run, words: CertificateWords, value
     if run.verdict is not None:
         one = _under(statements, "statement")
         one.set("refType", "basic_conformity")
-        limits = [f"{e.key} from {e.low:g} to {e.high:g}: {e.stated}" for e in run.verdict.limits]
+        limits = [
+            f"{run.verdict.named(each).words}, {each.key} from {each.low:g} to {each.high:g}: {each.stated}"
+            for each in run.verdict.limits
+        ]
         _say(one, "declaration", "Conformity with the limits of the bench file", *limits)
         _under(one, "conformity", _CONFORMITY[run.verdict.conditional or run.verdict.word])
 

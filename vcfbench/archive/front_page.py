@@ -19,8 +19,8 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Status
 from vcfbench.records.stated import left_out
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
-from vcfbench.station.acceptance import Verdict, limit_key
-from vcfbench.values.kinds import limit_words
+from vcfbench.station.acceptance import Acceptance, Verdict, limit_key
+from vcfbench.values.kinds import KINDS
 from vcfbench.values.printing import grouped, incomplete
 from vcfbench.values.value import Value as Stated
 from vcfbench.values.verdict import RULES
@@ -129,27 +129,32 @@ def values_table(run: Run, most: int | None = None) -> Table | None:
 
     `most` of them, those with limits all the same.
     """
-    limits = {} if run.verdict is None else {each.key: each for each in run.verdict.limits}
+    verdict = run.verdict or Acceptance(())
+    limits = {each.key: each for each in verdict.limits}
     rows: list[tuple[Value, ...]] = []
     for place, each in enumerate(run.values.values()):
         limit = limits.pop(limit_key(each), None)
         if most is not None and place >= most and limit is None:
             continue
         of, k = each.named, each.coverage_factor
-        value = f"{each.figure(of.factor)} {of.unit}".strip()
-        u95 = "in its value" if each.form != "plus-minus" else "not known"
+        found = each.found_in_bound(of.factor) if limit else ""
+        value = f"{each.figure(of.factor)} {of.unit}".strip() + found
         if each.u95 is not None:
             u95 = f"{grouped(abs(of.factor) * each.u95)} {of.unit}".strip()
+        elif each.kind and KINDS[each.kind].stands_alone:
+            u95 = "-"
+        else:
+            u95 = "in its value" if each.form != "plus-minus" else "not known"
         window = _window(limit, of.factor)
         rows.append((f"{of.words}{incomplete(each.missing)}", value, u95, None if k is None else f"{k:.2f}", *window))
     for limit in limits.values():  # of what no results state
-        of = limit_words(limit.key)
-        value = "-" if limit.found is None else f"{limit.found.figure(of.factor)} {of.unit}".strip()
-        rows.append((of.words, value, "not known", "", *_window(limit, of.factor)))
+        of, judged = verdict.named(limit), verdict.judged(limit)
+        value = "-" if judged is None else f"{judged.figure(of.factor)} {of.unit}".strip()
+        rows.append((of.words, value, "-" if judged is None else "not known", "", *_window(limit, of.factor)))
     names = ("quantity", "value", "U95", "k", "limits", "verdict")
-    judged = len(names) if run.verdict is not None else 4
-    columns = [Column(each, align="left" if place in {0, 5} else "right") for place, each in enumerate(names[:judged])]
-    return Table(columns, [row[:judged] for row in rows], "Results") if rows else None
+    shown = len(names) if run.verdict is not None else 4
+    columns = [Column(each, align="left" if place in {0, 5} else "right") for place, each in enumerate(names[:shown])]
+    return Table(columns, [row[:shown] for row in rows], "Results") if rows else None
 
 
 def _window(limit: Verdict | None, factor: float) -> tuple[str, str]:

@@ -15,6 +15,7 @@ from msgspec.structs import force_setattr
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
 from vcfbench.typed import typed
+from vcfbench.values.printing import in_digits
 
 Value: TypeAlias = bool | int | float | str | None  # a whole number stays one when it is read back
 """Cell of a table: a number, a text, or None where there is nothing."""
@@ -191,7 +192,7 @@ def _printed(value: Any, column: Column) -> str:
     cell = value if isinstance(value, Cell) else Cell(value, column.format)
     if cell.value is None:
         return "-"
-    figure = cell.value if isinstance(cell.value, str) else format(cell.value, cell.format)
+    figure = cell.value if isinstance(cell.value, str) else in_digits(cell.value, cell.format)
     return f"{figure} {cell.unit}" if cell.unit else figure
 
 

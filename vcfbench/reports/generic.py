@@ -7,8 +7,7 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Cell, Report, Table, Value, heads, texts
 from vcfbench.station.acceptance import Acceptance
-from vcfbench.values.kinds import limit_words
-from vcfbench.values.printing import incomplete
+from vcfbench.values.printing import grouped, incomplete
 from vcfbench.values.value import Value as Quantity
 
 _QUANTITY = {*Quantity.__struct_fields__, "u_fit", "complete"}
@@ -93,9 +92,9 @@ def verdict_table(acceptance: Acceptance) -> Table:
     """Return PASS, MARGINAL or FAIL, the parts that U95 lacks, and every limit with its value and its rule."""
     rows = []
     for each in acceptance.limits:
-        of = limit_words(each.key)
-        value = "-" if each.found is None else each.found.figure(of.factor)
-        u95, low, high = (None if e is None else of.factor * e for e in (each.u95, each.low, each.high))
-        rows.append((of.words, value, u95, low, high, of.unit, each.said, each.rule))
-    columns = heads("<limit | value | U95:.2g | low:g | high:g | <unit | verdict | <rule")
+        of, value = acceptance.named(each), acceptance.judged(each)
+        u95 = None if each.u95 is None else grouped(abs(of.factor) * each.u95)
+        figure = "-" if value is None else value.figure(of.factor) + value.found_in_bound(of.factor)
+        rows.append((of.words, figure, u95, of.factor * each.low, of.factor * each.high, of.unit, each.said, each.rule))
+    columns = heads("<value judged | value | U95 | low:g | high:g | <unit | verdict | <rule")
     return Table(columns, rows, title=acceptance.said)

@@ -9,7 +9,7 @@ from msgspec import Struct
 from vcfbench.records.schema import Point, pooled_std_v
 from vcfbench.records.stated import stated
 from vcfbench.station.settings import Limit
-from vcfbench.values.kinds import KINDS
+from vcfbench.values.kinds import KINDS, Named, limit_words
 from vcfbench.values.value import Form, Unstated, Value
 from vcfbench.values.verdict import Word, judge
 
@@ -100,6 +100,16 @@ class Acceptance(Struct, frozen=True):
     """
 
     limits: tuple[Verdict, ...]
+    values: tuple[Value, ...] = ()
+    """The values that were judged: several kinds have one key, so a limit does not say of which it is."""
+
+    def judged(self, limit: Verdict) -> Value | None:
+        """Return the value that `limit` was held against, as far as it is known, or None."""
+        return next((each for each in self.values if limit_key(each) == limit.key), limit.found)
+
+    def named(self, limit: Verdict) -> Named:
+        """Return the words of the value that `limit` was held against, and its unit in print."""
+        return next((each.named for each in self.values if limit_key(each) == limit.key), limit_words(limit.key))
 
     @property
     def passed(self) -> bool:
@@ -154,4 +164,5 @@ def judged(limits: Sequence[Limit], results: object, points: Sequence[Point]) ->
         Verdict.of(limit, found[limit.key]) if limit.key in found else Verdict(limit.key, None, limit.low, limit.high)
         for limit in limits
     )
-    return Acceptance(verdicts) if any(verdict.measured for verdict in verdicts) else None
+    values = tuple(each for each in (found.get(limit.key) for limit in limits) if each is not None)
+    return Acceptance(verdicts, values) if any(verdict.measured for verdict in verdicts) else None

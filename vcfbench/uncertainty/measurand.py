@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, summed
 from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
-from vcfbench.values.printing import digits_of_u, digits_of_value, incomplete
+from vcfbench.values.printing import digits_of_u, digits_of_value, in_digits, incomplete
 from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 _ROUNDING = 1e-9
@@ -120,8 +120,8 @@ def said_of(name: str, found: Measurand) -> str:
     ratio = found.value and found.unit not in {"V", "deg/s", "ppm"}
     relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if ratio else ""
     factor = f"k = {found.coverage_factor or 0.0:.2f}"
-    value = format(found.value, digits_of_value(found.value, found.u))
-    u, u95 = (format(each, digits_of_u(each)) for each in (found.u, found.u95))
+    value = in_digits(found.value, digits_of_value(found.value, found.u))
+    u, u95 = (in_digits(each, digits_of_u(each)) for each in (found.u, found.u95))
     return f"{name}: {value} {found.unit}, u {u}{relative}, U95 {u95} ({factor}){incomplete(found.missing)}"
 
 

@@ -28,6 +28,8 @@ class Kind(NamedTuple):
     limit: str = ""
     """Key of ``[acceptance]``."""
     stands_alone: bool = False
+    digits: str = ""
+    """Format of a ratio that has no uncertainty."""
 
 
 _SLOPE: Final = ("V/(deg/s)", 1e3, "mV/(deg/s)", "scale_factor_v_per_deg_s")
@@ -64,12 +66,12 @@ KINDS: Final = {
     "scale_factor_repeatability": Kind(
         "repeatability of the scale factor", "", "ppm", 1.0, "ppm", "scale_factor_repeatability_ppm"
     ),
-    "e_n": Kind("E_n", limit="e_n", stands_alone=True),
-    "e_n_since_last": Kind("E_n since last", limit="e_n_since_last", stands_alone=True),
-    "cusum": Kind("cusum", limit="cusum", stands_alone=True),
+    "e_n": Kind("E_n", limit="e_n", stands_alone=True, digits=".2f"),
+    "e_n_since_last": Kind("E_n since last", limit="e_n_since_last", stands_alone=True, digits=".2f"),
+    "cusum": Kind("cusum", limit="cusum", stands_alone=True, digits=".2f"),
     "failed_before": Kind("failed before", limit="failed_before", stands_alone=True),
     "wrong_signs": Kind("wrong signs", limit="wrong_signs", stands_alone=True),
-    "comparison.e_n": Kind("E_n of the fits' scatter alone, no verdict", stands_alone=True),
+    "comparison.e_n": Kind("E_n of the fits' scatter alone, no verdict", stands_alone=True, digits=".2f"),
 }
 """Kinds by their names, which are those of results in programs."""
 LIMITED: Final = {kind.limit: name for name, kind in reversed(KINDS.items()) if kind.limit}

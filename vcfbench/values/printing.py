@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Final
 
 _SMALLEST_GROUPED = 1e-7  # Above that an uncertainty in words has none: its zeros stand in threes
+_LARGEST_FIXED = 1e7  # Above that, too, where they have fewer digits
 _SMALLEST_FIXED = 1e-4  # Below that numbers are printed with an exponent
 
 
@@ -16,6 +17,8 @@ def shorthand(value: float, u: float | None) -> str:
     """
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return in_threes(format(value, ".6g"))
+    if second_digit(u) > 0:
+        return f"{in_threes(f'{round(value, -second_digit(u)):z.0f}')}({in_digits(u, digits_of_u(u))})"
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
     if power and int(power) < second_digit(u):  # less than half a unit of the last digit of u
         figure, power = "0", f"{second_digit(u):03d}"
@@ -24,9 +27,15 @@ def shorthand(value: float, u: float | None) -> str:
 
 
 def grouped(u: float) -> str:
-    """Return an uncertainty in two digits, those in threes: ``0.000 59``."""
+    """Return an uncertainty in two digits, those in threes: ``0.000 59``, ``1200``."""
     fixed = _SMALLEST_GROUPED <= u < _SMALLEST_FIXED
-    return in_threes(f"{u:.{-second_digit(u)}f}" if fixed else format(u, digits_of_u(u)))
+    return in_threes(f"{u:.{-second_digit(u)}f}" if fixed else in_digits(u, digits_of_u(u)))
+
+
+def in_digits(number: float, form: str) -> str:
+    """Return a number by its format, one of 100 and more in few digits with zeros behind them: ``1200``."""
+    figure = format(number, form)
+    return format(float(figure), ".0f") if "e+" in figure and abs(number) < _LARGEST_FIXED else figure
 
 
 def in_threes(figure: str) -> str:
@@ -53,17 +62,19 @@ def incomplete(missing: Sequence[str]) -> str:
 
 
 def digits_of_u(u: float) -> str:
-    """Return the format of an uncertainty that has two digits, zeros too; of 100 and more all before the point."""
+    """Return the format, for :func:`in_digits`, of an uncertainty that has two digits, zeros too."""
     if not u:
         return ".2g"
-    return ".0f" if second_digit(u) >= 0 else "#.2g"
+    return ".0f" if second_digit(u) == 0 else "#.2g"
 
 
 def digits_of_value(value: float, u: float) -> str:
-    """Return the format of a value whose uncertainty is `u`; eight digits of one that has none."""
+    """Return the format, for :func:`in_digits`, of a value whose uncertainty is `u`; eight digits of one without."""
     if not u or not math.isfinite(u) or not math.isfinite(value):
         return ".8g"
     place = min(0, second_digit(u))
+    if value and (digits := second_digit(value) + 2 - second_digit(u)) > 0 and second_digit(u) > 0:
+        return f".{digits}g"
     if value and max(abs(value), u) < _SMALLEST_FIXED:
         return f".{max(0, math.floor(math.log10(abs(value))) - place)}e"
     return f"z.{-place}f"

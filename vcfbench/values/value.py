@@ -10,7 +10,7 @@ from msgspec.structs import force_setattr
 from vcfbench.errors import ConfigError
 from vcfbench.values.definition import Conditions, Definition
 from vcfbench.values.kinds import KINDS, Named, fits, kind_of, named
-from vcfbench.values.printing import digits_of_value, grouped, in_threes, incomplete, shorthand
+from vcfbench.values.printing import digits_of_value, grouped, in_digits, in_threes, incomplete, shorthand
 from vcfbench.values.quantile import t_quantile
 
 Form = Literal["plus-minus", "interval", "size-below", "below", "at-least"]
@@ -152,8 +152,15 @@ class Value(Struct, frozen=True):
             middle, *ends = (f"{'-' * (each < 0.0)}{grouped(abs(each))}" for each in (found, low, high))
             return f"{middle} ({' to '.join(ends)})"
         if self.u is None and self.u95:
-            return in_threes(format(found, digits_of_value(found, size * self.u95)))
-        return shorthand(found, None if self.u is None else size * self.u)
+            return in_threes(in_digits(found, digits_of_value(found, size * self.u95)))
+        ratio = self.kind and KINDS[self.kind].digits
+        return format(found, ratio) if ratio else shorthand(found, None if self.u is None else size * self.u)
+
+    def found_in_bound(self, factor: float = 1.0) -> str:
+        """Return ``(found: 812)`` behind a bound, `factor` times the value that was found; nothing of other forms."""
+        if self.form not in {"size-below", "below", "at-least"} or self.value is None:
+            return ""
+        return f" (found: {in_threes(in_digits(factor * self.value, '.4g'))})"
 
     def __str__(self) -> str:
         """Return the value in the unit in which people read it."""
