@@ -171,7 +171,7 @@ def test_last_sentence_explains_change_and_rest() -> None:
         return Run("own", Status.COMPLETE, POINTS, {"scale_factor": slope})
 
     (said,) = text_of(compare_runs(run(-0.0125, 1, 0), run(-0.012503, 1, 0)).report()).splitlines()[-1:]
-    assert said == "scale factor, A to B: changed by +240 ppm; it is +240±44 ppm, more than its U95."
+    assert said == "scale factor, A to B: changed by +240±44 ppm, more than its U95."
 
 
 def test_a_run_compared_with_itself_has_no_difference(two: Path) -> None:

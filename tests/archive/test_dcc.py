@@ -239,3 +239,11 @@ def test_no_text_of_an_export_is_a_repr(quick: Run, monkeypatch: pytest.MonkeyPa
     assert not [each for each in said if each[0] in "'\"" or "\\u" in each or "\\xb" in each]
     assert sum("-200 \u00b0/s, \u00b1 5 \u00b0C, the declared range\\x1b" in each for each in said) == len(run.values)
     assert sum(each.endswith("It's at 5 \u00b0C.") for each in said) == 1
+
+
+def test_only_calibrated_instruments_are_standards(quick: Run) -> None:
+    first, *others = quick.equipment
+    run = replace(quick, equipment=(replace(first, certificate="K-1"), *others))
+    root = ET.fromstring(dcc_of(run, certificate_words(run, WORDS)))  # noqa: S314  # ours
+    found = [each.get("refType") for each in root.iterfind(".//dcc:measuringEquipment", SPACES)]
+    assert found == ["basic_measurementStandard", *[None] * len(others)]

@@ -118,6 +118,14 @@ def test_days_that_cannot_be_are_refused_with_both(judged: Run) -> None:
     assert stated_words(judged, {"received": days[0], "issued": days[1]})["issued"] == days[1]
 
 
+def test_nothing_is_said_of_a_meter_that_was_not_used(judged: Run) -> None:
+    assert "Limits of the data sheet of the multimeter count" in shown(judged)[2]
+    others = tuple(each for each in judged.equipment if each.role != "multimeter")
+    assert "Limits of the data sheet" not in shown(replace(judged, equipment=others))[2]
+    meter = replace(judged.equipment[0], role="v_vc_meter", certificate="K-2")
+    assert "(V_Vc meter) K-2" in shown(replace(judged, equipment=(meter,)))[0]["traceable by"]
+
+
 @pytest.fixture(scope="module")
 def lacking(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A run whose uncertainties lack what no class tells, judged with a guard band."""

@@ -117,8 +117,13 @@ def test_that_of_its_class_is_said_to_be_assumed() -> None:
     assert drive is not None
     assert drive.moved_k == pytest.approx(2.0)
     assert (drive.temperature_c, drive.assumed) == (None, "-30 ppm/K assumed")
+    for moved_k, words in (
+        (-2.0, "cooled by 2.0 K (U95 1.2 K, by"),
+        (-0.04, "changed its temperature by less than 1.2 K ("),
+    ):
+        assert words in replace(drive, moved_k=moved_k).words
     said = Conditions((10.0, -10.0), None, drive).words
-    assert "drive 3499.89 Hz; during the run the device warmed by +2.0 K (U95 1.2 K, by -30 ppm/K assumed)" in said
+    assert "drive 3499.89 Hz; during the run the device warmed by 2.0 K (U95 1.2 K, by -30 ppm/K assumed)" in said
 
 
 def test_run_without_last_record_has_frequency_without_change() -> None:

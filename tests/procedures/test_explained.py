@@ -35,7 +35,8 @@ def test_missing_coefficient_is_named_and_explains_no_change() -> None:
     assert "effect on this device not known (vcfbench run temperature --by table)" in words
     assert "Unexplained: -2950±59 ppm, more than its U95." in words
     same = said(Characteristics(drive_hz=HZ), Characteristics(drive_hz=HZ))
-    assert "neither temperature nor rails, both unchanged" in same
+    assert "Explained by: nothing (the temperature, unchanged within 0.5 K (U95))." in same
+    assert "nothing (temperature and rails were not compared)" in said(Characteristics(), Characteristics())
 
 
 def test_without_a_thermometer_nothing_is_said_of_temperature() -> None:

@@ -259,10 +259,14 @@ def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Te
         for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):
             if d.value is not None and d.u95 is not None and d.e_n is not None:
                 parts = [f"{ppm * part:+.0f} ppm by {why}" for why, part in d.explained]
-                left = f"{'left are' if parts else 'it is'} {ppm * d.value:+.0f}±{abs(ppm) * d.u95:.0f} ppm"
+                left = f"{ppm * d.value:+.0f}±{abs(ppm) * d.u95:.0f} ppm"
+                if parts:
+                    changed = f"changed by {ppm * (value - each.values[0]):+.0f} ppm"
+                    left = "; ".join([changed, *parts, f"left are {left}"])
+                else:
+                    left = f"changed by {left}"
                 seen = "more than its U95" if d.e_n > 1.0 else "within its U95"
-                changed = f"{words}, A to {letter}: changed by {ppm * (value - each.values[0]):+.0f} ppm"
-                yield Text(f"{'; '.join([changed, *parts, left])}, {seen}.")
+                yield Text(f"{words}, A to {letter}: {left}, {seen}.")
 
 
 def _points_part(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Part]:

@@ -256,7 +256,8 @@ def _influences(run: Run, held: Conditions) -> Iterator[tuple[str, str, float, f
 
 
 def _equipment(parent: ET.Element, each: Equipment) -> None:
-    parent.set("refType", "basic_measurementStandard")
+    if each.certificate or each.calibrated:
+        parent.set("refType", "basic_measurementStandard")
     _say(parent, "name", each.title)
     dates = (("calibrated", each.calibrated), ("calibration due", each.calibration_due))
     said = [f"{name}: {value}" for name, value in (*dates, ("certificate", each.certificate)) if value is not None]

@@ -20,14 +20,15 @@ from vcfbench.records.schema import Status
 from vcfbench.records.stated import left_out
 from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Table, Text, Value, facts
 from vcfbench.station.acceptance import Acceptance, Verdict, limit_key
-from vcfbench.values.kinds import KINDS
+from vcfbench.values.kinds import KINDS, in_words
 from vcfbench.values.printing import grouped, incomplete
 from vcfbench.values.value import Value as Stated
 from vcfbench.values.verdict import RULES
 
 BLANK: Final = "_" * 24  # Stands for what was not told
-_MEASURING: Final = ("multimeter", "v vc meter", "rate table")  # Results are traced by them: blanks if nothing is told
+_MEASURING: Final = ("multimeter", "V_Vc meter", "rate table")  # Results are traced by them: blanks if nothing is told
 MOST: Final = 12  # So many results stand on the first page; the others follow
+_OF_LINES: Final = {"scale_factor", "scale_factor_of_range", "scale_factor_by_v_vc"}
 _KEY: Final = re.compile(r" \([a-z]+(?:_[a-z]+)+\)")  # Name of a setting, for programs
 
 
@@ -177,13 +178,13 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
     under = dict.fromkeys(each.conditions for each in run.values.values())
     for conditions in under:
         yield f"The results hold at {conditions.words}."
-    over = dict.fromkeys(each.definition.levels_words for each in run.values.values() if each.kind == "scale_factor")
-    yield from (f"The scale factor is that of the line over {levels}." for levels in over if levels)
+    over = {each.named.words: each.definition.levels_words for each in stated if each.kind in _OF_LINES}
+    yield from (f"The {words} is that of the line over {levels}." for words, levels in over.items() if levels)
     station = (plain(run.header.get("settings")) or {}).get("station", {})
     if known := station.get("known"):
         measured = f", measured on {known['issued'][:10]} (UTC)" if known.get("issued") else ""
         yield f"Source of K_Vc: {known['source']}{measured}."
-    yield from _limits_of_meters(station)
+    yield from _limits_of_meters(station, {each.role for each in run.equipment})
     if without := [_KEY.sub("", each) for each in left_out(run.results)]:
         yield f"U95 does not contain: {'; '.join(without)}."
     if any(each.form == "below" for each in stated):
@@ -192,14 +193,14 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
         yield f"All {len(stated)} results are in the section Results."
 
 
-def _limits_of_meters(station: Mapping[str, Any]) -> Iterator[str]:
-    """Yield for each voltmeter the distribution of the limits of its data sheet."""
+def _limits_of_meters(station: Mapping[str, Any], used: Collection[str]) -> Iterator[str]:
+    """Yield for each voltmeter that was used the distribution of the limits of its data sheet."""
     sources, meters = station.get("sources", {}), station.get("meters", {})
     for role, key in (("multimeter", "meter"), ("v_vc_meter", "v_vc")):
         is_stream = role == "multimeter" and (station.get("gyro") or {}).get("stream")
-        if is_stream or role not in station.get("instruments", {}) or sources.get(f"{key}_gain") is None:
+        if is_stream or role not in used or sources.get(f"{key}_gain") is None:
             continue
-        sigmas, name = sources.get(f"{key}_sigmas"), role.replace("_", " ")
+        sigmas, name = sources.get(f"{key}_sigmas"), in_words(role)[0]
         counted = (
             f"{sigmas:g} standard deviations, as its maker says" if sigmas else "rectangular: any error is as likely"
         )

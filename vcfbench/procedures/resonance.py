@@ -433,9 +433,9 @@ def resonance_characteristics(_settings: ResonanceSettings, found: Resonances) -
 RESONANCE = Procedure(
     name="resonance",
     method=(
-        "Frequency and quality factor of the drive mode and of both sense modes are measured by ring-down and by "
-        "sweep with the generator and the oscilloscope, and compared by E_n. The mode split is the difference of the "
-        "frequencies."
+        "Frequency and quality factor of the drive mode and of both sense modes are measured by ring-down with the "
+        "generator and the oscilloscope; split and quality factor of the sense mode also by sweep, and compared by "
+        "E_n. The mode split is the difference of the frequencies."
     ),
     settings=ResonanceSettings,
     plan=plan,

@@ -167,7 +167,7 @@ TURNTABLE = Procedure(
     method=(
         "The rate table turns the gyroscope at each rate in turn, without V_Vc. At each rate the table's "
         "read-back is checked and the output is the mean of repeated readings. A least-squares line "
-        "through the means gives scale factor (slope) and bias (value at rest); what it leaves over gives the "
+        "through the means gives scale factor (slope) and bias (its output at rate 0); what it leaves over gives the "
         "non-linearity. Uncertainties are combined after the GUM (JCGM 100)."
     ),
     settings=schedule.SweepSettings,

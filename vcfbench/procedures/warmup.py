@@ -417,9 +417,9 @@ def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
 WARMUP = Procedure(
     name="warmup",
     method=(
-        "From power-on the output is recorded at rest until three means in a row agree. Turn-on is when the output "
-        "first stays within its tolerance; an exponential fitted to the readings gives amplitude, time constant and "
-        "warm-up time."
+        "From power-on the output is recorded at rest until three means in a row agree, or the longest time is over. "
+        "Turn-on is when the output first stays within its tolerance; an exponential fitted to the readings gives "
+        "amplitude, time constant and warm-up time."
     ),
     settings=WarmupSettings,
     plan=warmup,

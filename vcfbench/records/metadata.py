@@ -19,6 +19,7 @@ from vcfbench.interfaces import Identity
 from vcfbench.records.plain import ReadOnly
 from vcfbench.strict import unknown_key
 from vcfbench.typed import typed, unboxed
+from vcfbench.values.kinds import in_words
 
 _LINE: Final = 200
 _NOTE: Final = 10_000
@@ -109,7 +110,7 @@ class Equipment(Struct, frozen=True, kw_only=True):
     @property
     def title(self) -> str:
         """Role of the instrument as it is printed; an output that is a stream of numbers is read by none."""
-        return "stream" if self.model == "stream" else self.role.replace("_", " ")
+        return "stream" if self.model == "stream" else in_words(self.role)[0]
 
     def as_json(self) -> dict[str, Any]:
         """Return all of it but `identity`, which records hold by role; dates as texts, ``2027-01-15``."""

@@ -84,13 +84,16 @@ class Drive(Struct, frozen=True):
 
     @property
     def words(self) -> str:
-        """Return ``drive 3488.93 Hz; during the run the device warmed by +0.1 K (U95 0.5 K)``."""
+        """Return ``drive 3488.93 Hz; during the run the device warmed by 1.1 K (U95 0.5 K)``."""
         said = f"drive {self.frequency_hz:.2f} Hz"
         if self.moved_k is None:
             return said
         by = f", by {self.assumed}" if self.assumed else ""
         u95_k = 2.0 * (self.u_moved_k or 0.0)
-        return f"{said}; during the run the device warmed by {self.moved_k:+.1f} K (U95 {u95_k:.1f} K{by})"
+        moved = f"{'cooled' if self.moved_k < 0.0 else 'warmed'} by {abs(self.moved_k):.1f} K (U95 {u95_k:.1f} K{by})"
+        if abs(self.moved_k) <= u95_k:
+            moved = f"changed its temperature by less than {abs(self.moved_k) + u95_k:.1f} K (95 %{by})"
+        return f"{said}; during the run the device {moved}"
 
 
 class Conditions(Struct, frozen=True):

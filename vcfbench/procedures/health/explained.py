@@ -35,8 +35,11 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
     """Return the part of a change that temperature and rails explain, and the rest; empty if neither is known."""
     if then is None or now is None:
         return []
+    unmoved: list[str] = []
     causes: list[tuple[str, float, float, Measured | None, str]] = []
-    if (rise := rise_since(then, now)) is not None and abs(rise.kelvin) > 2.0 * rise.u:
+    if (rise := rise_since(then, now)) is not None and abs(rise.kelvin) <= 2.0 * rise.u:
+        unmoved.append(f"the temperature, unchanged within {2.0 * rise.u:.1f} K (U95)")
+    elif rise is not None:
         words = f"{rise.kelvin:+.1f} K (U95 {2.0 * rise.u:.1f}, by {rise.by})"
         causes.append((words, rise.kelvin, rise.u, then.table_slope_ppm_k, "vcfbench run temperature --by table"))
     rails = [(then.positive_rail_v, now.positive_rail_v), (then.negative_rail_v, now.negative_rail_v)]
@@ -44,7 +47,9 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
     if len(known) == len(rails):
         wider_v = sum(abs(after.value) - abs(before.value) for before, after in known) / len(rails)
         u_v = math.hypot(*(each.u for pair in known for each in pair)) / len(rails)
-        if abs(wider_v) > 2.0 * u_v:
+        if abs(wider_v) <= 2.0 * u_v:
+            unmoved.append(f"the rails, unchanged within {2.0 * u_v:.3f} V (U95)")
+        else:
             words = f"{wider_v:+.3f} V of both rails"
             causes.append((words, wider_v, u_v, then.table_slope_ppm_v, "vcfbench run power --by table"))
     said, left, square = [], change_ppm.value, change_ppm.u95**2
@@ -56,7 +61,7 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
         said.append(f"{slope.value * by:+.0f}±{2.0 * u:.0f} ppm by {words}")
         left -= slope.value * by
         square += 4.0 * u**2
-    what = "; ".join(said) or "neither temperature nor rails, both unchanged"
+    what = "; ".join(said) or f"nothing ({'; '.join(unmoved) or 'temperature and rails were not compared'})"
     seen = "more than its U95" if abs(left) > math.sqrt(square) else "within its U95"
     return [
         Text(

@@ -424,7 +424,7 @@ def online_report(settings: OnlineSettings, _measured: Measured, results: Online
     scattered = f"{results.noise_at_rest_deg_s:.2g} deg/s at rest, {results.noise_modulated_deg_s:.2g} modulated"
     curvature = f"{results.compression_ppm:+.0f} ppm of curvature, {results.response_ppm:+.0f} ppm of response"
     words = [
-        said_of("scale factor, small signals", results.scale_factor),
+        said_of("scale factor of small signals", results.scale_factor),
         f"{len(results.windows)} windows scatter with {scatter}; {sine}",
         f"true rate with modulation minus at rest: {disturbance.value:+.2g} deg/s, u {disturbance.u:.1g}: {less}",
         f"  contributions to u: {made_of(disturbance, '.1g')} deg/s",

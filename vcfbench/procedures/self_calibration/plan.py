@@ -54,8 +54,9 @@ SELF_CALIBRATION = Procedure(
     name="self-calibration",
     method=(
         "Without a rate table: V_Vc is set to levels that stand, by the certificate of the device, for known rates, "
-        "and the output is read at each. A least-squares line gives scale factor, bias and linearity, which are "
-        "compared with the device's certificate and last entry."
+        "and the output is read at each, and with the generator off, which is the bias. The slope at rate 0 of a cubic "
+        "through the outputs is the scale factor of small signals, a least-squares line gives that of all levels and "
+        "the non-linearity. The scale factor is compared with the device's certificate and last entry."
     ),
     settings=SelfCalibrationSettings,
     watched=Watched(),

@@ -131,13 +131,20 @@ class SelfCalibrationResult(Struct, frozen=True, kw_only=True):
     drift: Drift | None
     """Since the certificate; None where nothing earlier is known."""
 
+    @property
+    def by_v_vc(self) -> tuple[Measurand, ...]:
+        """Its values under their names."""
+        return (
+            self.scale_factor.called("scale_factor", "scale_factor_small"),
+            self.line.called("line", "scale_factor_by_v_vc"),
+            self.bias.called("bias", "bias_at_rest"),
+            self.bias_deg_s.called("bias_deg_s", "bias_at_rest_deg_s"),
+            self.nonlinearity.called("nonlinearity", "nonlinearity_by_v_vc"),
+        )
+
     def stated(self) -> Iterator[Value]:
         """Yield its values, the drift last."""
-        yield self.scale_factor.called("scale_factor", "scale_factor_small")
-        yield self.line.called("line", "scale_factor_by_v_vc")
-        yield self.bias.called("bias", "bias_at_rest")
-        yield self.bias_deg_s.called("bias_deg_s", "bias_at_rest_deg_s")
-        yield self.nonlinearity.called("nonlinearity", "nonlinearity_by_v_vc")
+        yield from self.by_v_vc
         if self.drift is not None:
             yield from self.drift.stated()
 
@@ -399,14 +406,11 @@ def self_calibration_report(
 ) -> Report:
     """Report the levels, the results with their budget, the drift, and the errors that the method cannot see."""
     if isinstance(results, NotStated):
-        return Report([*health_check.health_parts(results.health), Text(said_of("bias, generator off", results.bias))])
+        return Report([*health_check.health_parts(results.health), Text(said_of("output at rest", results.bias))])
     columns = heads("rate [deg/s]:.4f | V_Vc [V]:.6f | output - zero [V]:.5f")
     rows = [(level.rate_deg_s, level.v_vc_v, level.output_v) for level in results.levels]
     words = [
-        said_of("scale factor, small signals", results.scale_factor),
-        said_of("scale factor, line", results.line),
-        said_of("bias, generator off", results.bias),
-        said_of("non-linearity (max_span)", results.nonlinearity),
+        *(said_of(each.named.words, each) for each in results.by_v_vc),
         f"K_Vc from {results.k_vc_from}; V_Vc is taken from the {results.v_vc_by}",
         *results.since,
     ]
