@@ -332,7 +332,7 @@ class Keithley2000Twin(common.SimulatedKeithley):
         count = len(self.stored)
         buffer = _SOME * (count >= 2) | _HALF * (2 * count >= self.points) | _FULL * (count >= self.points)
         judged = self.engine.remembered.get((f"{_LIMIT}:STATe", 1), False)
-        told = judged * _beyond(self, 1, reading) | _OVERFLOW * (abs(reading) >= scpi.INFINITY)
-        self.measurement.set_condition(buffer | told)
-        self.measurement.latch(_READING | told)
+        events = judged * _beyond(self, 1, reading) | _OVERFLOW * (abs(reading) >= scpi.INFINITY)
+        self.measurement.set_condition(buffer | events)
+        self.measurement.latch(_READING | events)
         return reading
