@@ -22,15 +22,24 @@ from simrack.rack import Rack
         ("DMM6500", ['TRIG:LOAD "SimpleLoop"', "SYST:ERR?"], "-109"),
         ("33522B", ["INIT2:CONT OFF", "INIT2:IMM", "SYST:ERR?"], "+0"),
         ("33522B", ["INIT", "SYST:ERR?"], "-213"),
+        ("33522B", ["DATA:ARB two,0,1", "SYST:ERR?"], '-220,"Parameter error; too little data"'),
+        ("33522B", ["DATA:ARB a,0,0,0,0,1,1,1,1", "DATA:ATTR:POIN? a;:SOUR1:DATA:ATTR:AVER? a"], "+8;+5.0"),
+        ("33522B", ["DATA:ARB a,0,0,0,0,1,1,1,1", "DATA:VOL:FREE?"], "+999992"),
+        ("33522B", ["AM:DSSC ON;:SOUR2:AM:DSSC?;:AM:DSSC?"], "0;1"),
+        ("33522B", ["SWE:HTIM 1;RTIM 2;HTIM?;RTIM?"], "+1.000000000000000E+00;+2.0"),
+        ("33522B", ["FUNC:NOIS:BAND 1E6;BAND?;BAND? MAX"], "+1.000000000000000E+06;+3.0"),
+        *(("33522B", [f"{each}:SOUR CH2;SOUR?"], "CH2") for each in ("AM", "FM", "PM", "PWM")),
+        ("33521B", ["AM:SOUR CH2", "SYST:ERR?"], "-224"),
+        ("E36312A", ["FETC:VOLT? (@1);:FETC:CURR? (@1)"], "+0.0"),
     ],
 )
 def test_words_of_drivers_are_known(model: str, messages: list[str], answer: str) -> None:
-    clock = VirtualClock()
-    device = Rack.build(clock, plan_of([model])).devices[model]
+    rack = Rack.build(VirtualClock(), plan_of([model]))
+    device = rack.devices[model]
     for message in messages:
         device.write(message.encode() + b"\n")
-    clock.sleep_until(60.0)
-    assert device.read(100)[0].decode().startswith(answer)
+    rack.world.clock.sleep_until(60.0)
+    assert device.read(100)[0].decode("latin-1").startswith(answer)
 
 
 @pytest.mark.parametrize("channel", ["@1", "@2", "@3"])

@@ -159,7 +159,7 @@ class Player:
         """Return the depth of AM, None where there is no AM."""
         if self._settings.mode != "AM":
             return None
-        return 0.0 if self._settings.am.source == "EXT" else float(self._settings.am_depth_percent) / 100.0
+        return 0.0 if self._settings.am.source != "INT" else float(self._settings.am_depth_percent) / 100.0
 
     def _envelope(self, direct_v: float, peak_v: float) -> Envelope | None:
         from simrack.instruments.agilent33220a.envelopes import HIGHEST_PEAK_V, Envelope  # noqa: PLC0415
@@ -174,7 +174,7 @@ class Player:
         from simrack.instruments.agilent33220a.envelopes import WidthSwing  # noqa: PLC0415
 
         settings = self._settings
-        if settings.mode != "PWM" or settings.pwm.source == "EXT":
+        if settings.mode != "PWM" or settings.pwm.source != "INT":
             return None
         hz = settings.frequency_hz
         return WidthSwing(settings.width_s * hz, settings.pwm_deviation_s * hz, self._rhythm(settings.pwm))

@@ -296,8 +296,11 @@ TABLE = scpi.CommandTable(
     _tripped("[SOURce:]CURRent:PROTection:TRIPped", "OC"),
     scpi.Command("[SOURce:]VOLTage:PROTection:CLEar", (_LIST,), do=_clear),
     scpi.Command("[SOURce:]CURRent:PROTection:CLEar", (_LIST,), do=_clear),
-    _measurement("MEASure[:SCALar][:VOLTage][:DC]", _measure_volts),
-    _measurement("MEASure[:SCALar]:CURRent[:DC]", _measure_amps),
+    *(
+        _measurement(f"{word}[:SCALar]{what}", read)
+        for word in ("MEASure", "FETCh")  # it measures all the time
+        for what, read in (("[:VOLTage][:DC]", _measure_volts), (":CURRent[:DC]", _measure_amps))
+    ),
     scpi.attribute(
         "DISPlay[:WINDow]:TEXT[:DATA]", scpi.Text(), "display_text", scpi.quoted, convert=lambda text: text[:12]
     ),

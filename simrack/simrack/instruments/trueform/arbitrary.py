@@ -8,7 +8,7 @@ from simrack.instruments.agilent33220a.arbitrary import BUILT_IN, ArbitraryMemor
 from simrack.scpi import ScpiError
 
 MOST_POINTS = 1_000_000
-"""Points of a waveform (the maker's help page)."""
+"""Points of the memory, which one waveform may fill (the maker's help page)."""
 _POINTS = 250
 """Of a built-in one: 40 kSa/s make 160 Hz of EXP_RISE (users' record of a 33600A)."""
 _FOLDER = "INT:\\BUILTIN\\"
@@ -41,9 +41,15 @@ class NamedWaveforms(ArbitraryMemory):
         """Return every waveform in volatile memory, the built-in one that is there after ``*RST`` first."""
         return [path("EXP_RISE"), *self._kept]
 
+    def free(self) -> int:
+        """Return the points for which there is room."""
+        return MOST_POINTS - sum(map(len, self._kept.values()))
+
     def load_named(self, name: str, points: list[float], least: int) -> None:
-        """Take a waveform; 786 where one of that name is there already (its number and words are unverified)."""
-        if not least <= len(points) <= MOST_POINTS:
+        """Take a waveform; 786 where one of that name is there already, -220 of too few (unverified)."""
+        if len(points) < least:
+            raise ScpiError(-220, "Parameter error; too little data")
+        if len(points) > self.free():
             raise ScpiError(-223)
         if name in self._kept or name in BUILT_IN:
             raise ScpiError(786, "Specified arb waveform already exists")

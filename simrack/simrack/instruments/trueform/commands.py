@@ -17,7 +17,7 @@ from msgspec.structs import replace
 
 from simrack import scpi
 from simrack.instruments import agilent33220a
-from simrack.instruments.agilent33220a import level_commands
+from simrack.instruments.agilent33220a import arbitrary_commands, level_commands
 from simrack.instruments.agilent33220a.declarations import SWITCH_S, TUNE_S, mode_switch, nr3, setting
 from simrack.instruments.agilent33220a.settings import conflict
 from simrack.instruments.trueform.arbitrary import bare_name, path
@@ -29,11 +29,12 @@ ROWS = scpi.Rows()
 
 _FIFTEEN = scpi.real(15)
 _SOURCES = scpi.Choice(("INTernal", "EXTernal"))
+_OTHER_CHANNEL = scpi.Choice(("INTernal", "EXTernal", "CH<1-2>"))
+_SWEEP_REST_S = scpi.Limits(0.0, 3600.0, 0.0)
 _THIRTEEN = ("[SOURce:]VOLTage", "[SOURce:]VOLTage:OFFSet", "[SOURce:]PHASe[:ADJust]", "[SOURce:]BURSt:PHASe")
 _HEADERS = {
     "[SOURce:]FUNCtion:PULSe:TRANsition": "[SOURce:]FUNCtion:PULSe:TRANsition[:BOTH]",
     "MARKer:FREQuency": "[SOURce:]MARKer:FREQuency",
-    "DATA:ATTRibute": "[SOURce:]DATA:ATTRibute",
 }
 _LEFT_OUT = (
     *("MARKer[:STATe]", "*LRN", "SYSTem:KLOCk", "SYSTem:COMMunicate:RLSTate", "OUTPut:LOAD", "APPLy:USER"),
@@ -343,11 +344,28 @@ OWN = (
     ),
     setting("[SOURce:]SUM:SOURce", _SOURCES, "state.sum.source"),
     setting("OUTPut:MODE", scpi.Choice(("NORMal", "GATed")), "state.gating"),
+    *(
+        _as_here(replace(each, pattern=f"[SOURce:]{each.pattern}", query_parameters=(_Name(required=False),)))
+        for each in arbitrary_commands.COMMANDS
+        if each.pattern.startswith("DATA:ATTRibute")
+    ),
+    scpi.Command(
+        "[SOURce:]DATA:VOLatile:FREE", query=lambda m: m.waveforms.free(), reply=scpi.signed_integer, reads=True
+    ),
     setting("[SOURce:]COMBine:FEED", scpi.Choice(("NONE", "CH<1-2>")), "state.combined"),
     setting("[SOURce:]TRACk", scpi.Choice(("OFF", "ON", "INVerted")), "state.tracking"),
     setting("[SOURce:]VOLTage:COUPle[:STATe]", scpi.Boolean(), "state.levels_coupled", scpi.boolean),
     setting("[SOURce:]FREQuency:COUPle[:STATe]", scpi.Boolean(), "state.frequencies_coupled", scpi.boolean),
     # told, and nothing else: there are no lists, no timer, one Sync connector (limits and defaults unverified)
+    scpi.attribute("[SOURce:]AM:DSSC", scpi.Boolean(), "state.suppressed", scpi.boolean),
+    scpi.attribute("[SOURce:]SWEep:HTIMe", scpi.Number(unit="S", limits=_SWEEP_REST_S), "state.hold_s", _nr3),
+    scpi.attribute("[SOURce:]SWEep:RTIMe", scpi.Number(unit="S", limits=_SWEEP_REST_S), "state.return_s", _nr3),
+    scpi.attribute(
+        "[SOURce:]FUNCtion:NOISe:BANDwidth",
+        scpi.Number(unit="HZ", limits=lambda model: scpi.Limits(1e-3, model.kind.frequency_hz["NOIS"][1], 1e5)),
+        "state.noise_hz",
+        _nr3,
+    ),
     scpi.attribute("[SOURce:]FREQuency:MODE", scpi.Choice(("CW", "LIST", "SWEep", "FIXed")), "state.frequency_mode"),
     scpi.attribute("TRIGger:COUNt", scpi.Number(limits=scpi.Limits(1, 1e6, 1)), "state.trigger_count", _nr3),
     scpi.attribute("TRIGger:TIMer", scpi.Number(unit="S", limits=scpi.Limits(1e-6, 8e3, 1)), "state.timer_s", _nr3),
@@ -371,11 +389,17 @@ OWN = (
 
 
 _TIES = re.compile(r"COUPle\[|COMBine|TRACk")
+_MODULATING = re.compile(r"(AM|FM|PM|PWM):SOURce$")
 
 
 @cache
 def table(channels: int) -> scpi.CommandTable:
     """Return the commands of a model with so many channels; what ties channels needs two."""
     commands = tuple(each for each in (*_inherited(), *OWN) if channels == 2 or not _TIES.search(each.pattern))
+    if channels == 2:
+        commands = tuple(
+            replace(each, parameters=(_OTHER_CHANNEL,)) if _MODULATING.search(each.pattern) else each
+            for each in commands
+        )
     ways = (_spelled, _of_second)[:channels]
     return scpi.CommandTable(*scpi.COMMON_COMMANDS, *(each for way in ways for row in commands for each in way(row)))

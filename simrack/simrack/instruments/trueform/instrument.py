@@ -8,7 +8,8 @@ and -222, what gives way to what.
 The second channel of a model that has two is set and asked as the first; its output is on a node of a rack that names
 one, else it leads nowhere.
 
-Not simulated: sums with other than sines, what a couple of channels has beside equal levels and frequencies, sequences,
+Not simulated: modulation by the other channel, a suppressed carrier, hold and return of sweeps, the bandwidth of
+noise, sums with other than sines, what a couple of channels has beside equal levels and frequencies, sequences,
 lists, the timer as trigger, and the lower amplitudes of a 33600A at high frequencies.
 """
 

@@ -29,6 +29,10 @@ class TrueformSettings(GeneratorSettings):
     bpsk_phase_deg: float = 180.0
     sum: Keying = field(default_factory=lambda: Keying(frequency_hz=100.0))
     sum_percent: float = 0.1
+    suppressed: bool = False
+    hold_s: float = 0.0
+    return_s: float = 0.0
+    noise_hz: float = 100e3
     gating: str = "NORM"
     combined: str = "NONE"
     tracking: str = "OFF"
