@@ -31,6 +31,9 @@ from simrack.rack import Rack
         *(("33522B", [f"{each}:SOUR CH2;SOUR?"], "CH2") for each in ("AM", "FM", "PM", "PWM")),
         ("33521B", ["AM:SOUR CH2", "SYST:ERR?"], "-224"),
         ("E36312A", ["FETC:VOLT? (@1);:FETC:CURR? (@1)"], "+0.0"),
+        *((model, ["FORM REAL,64;FORM?;:READ?;:FORM ASC;:FORM?"], "REAL,64;#18") for model in ("34461A", "34465A")),
+        ("34465A", ["FORM:DATA REAL,32;:MEAS:VOLT:DC?"], "#14"),
+        ("34465A", ["FORM:DATA REAL;:SAMP:COUN 3;:INIT;*WAI;DATA:REM? 2,WAIT"], "#216"),
     ],
 )
 def test_words_of_drivers_are_known(model: str, messages: list[str], answer: str) -> None:

@@ -8,6 +8,7 @@ INITiate is overlapped: other commands are executed while it measures, FETCh? wa
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from typing import Any
 
@@ -22,10 +23,14 @@ from simrack.instruments.truevolt.instrument import SimulatedTruevolt
 from simrack.instruments.truevolt.kinds import MeterKind
 from simrack.scpi.formats import NOT_A_NUMBER
 
+ROWS = scpi.Rows()
+
 _NR3 = scpi.real(8)
 _READINGS = scpi.comma_list(_NR3)
 AUTO = math.nan
 """What the word AUTO in place of a range is handed over as; no number that can be typed is."""
+_FORMAT = ("FORMat[:DATA]",)
+_BINARY = {"REAL,32": "f", "REAL,64": "d"}
 _UNITS = {"V": "VDC", "A": "ADC", "OHM": "OHM", "HZ": "HZ", "S": "SEC", "C": "C", "F": "F"}
 """Unit after DATA:LAST?'s reading; all but VDC are unverified."""
 _PROBE = (
@@ -69,19 +74,47 @@ def once_idle(meter: SimulatedTruevolt, outcome: Callable[[], Any]) -> Any:
     return scpi.Pending(lambda: meter.clock.now() if meter.triggering.sequence is None else None, outcome)
 
 
+@ROWS.do(
+    *_FORMAT,
+    (scpi.Choice(("ASCii", "REAL")), scpi.Integer(limits=scpi.Limits(0, 64), required=False)),
+    query=lambda meter: meter.engine.remembered.get(_FORMAT, "ASC"),
+    query_parameters=(),
+    reads=True,
+)
+def _set_format(meter: SimulatedTruevolt, form: str, length: int | None) -> None:
+    """FORMat[:DATA]: text of any length reads the same."""
+    form = form if form == "ASC" else f"{form},{length or 64}"
+    if form not in {"ASC", *_BINARY}:
+        raise scpi.ScpiError(-222)
+    meter.engine.remembered[_FORMAT] = form
+
+
+def _formed(meter: SimulatedTruevolt, readings: list[float]) -> str | bytes:
+    """Return readings as FORMat has them: text, or a block of numbers."""
+    kept = meter.engine.remembered
+    if (form := kept.get(_FORMAT, "ASC")) == "ASC":
+        return _READINGS(readings)
+    order = "<" if kept.get(("FORMat:BORDer",)) == "SWAP" else ">"
+    return scpi.block(struct.pack(f"{order}{len(readings)}{_BINARY[form]}", *readings))
+
+
+def _as_formed(readings: str | bytes) -> str | bytes:
+    return readings
+
+
 def _read(meter: SimulatedTruevolt) -> Any:
     """READ?: INITiate, then FETCh?."""
     if meter.triggering.source == "BUS":
         raise scpi.ScpiError(-214)
     meter.triggering.start(stored=True)
-    return once_idle(meter, lambda: list(meter.triggering.memory))
+    return once_idle(meter, lambda: _formed(meter, meter.triggering.memory))
 
 
 def _fetch(meter: SimulatedTruevolt) -> Any:
-    def stored() -> list[float]:
+    def stored() -> str | bytes:
         if not meter.triggering.memory:
             raise scpi.ScpiError(-230)
-        return list(meter.triggering.memory)
+        return _formed(meter, meter.triggering.memory)
 
     return once_idle(meter, stored)
 
@@ -90,10 +123,10 @@ def _take_whole(meter: SimulatedTruevolt, count: int, wait: str | None) -> Any:
     """DATA:REMove?: with WAIT it waits for them; that too few without it are -222 is unverified."""
     memory = meter.ring
 
-    def taken() -> list[float]:
+    def taken() -> str | bytes:
         if len(memory.memory) < count:
             raise scpi.ScpiError(-222)
-        return memory.take(count)
+        return _formed(meter, memory.take(count))
 
     if wait is None or len(memory.memory) >= count:
         return taken()
@@ -141,13 +174,14 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
     all_of_them = (*functions.values(), *short)
     of_functions = (each for function in all_of_them for each in measurement_commands(function, _read, {"AUTO": AUTO}))
     return (
-        *(forgetting(each) for each in (*of_functions, *temperature)),
+        *ROWS,
+        *(forgetting(replace(each, reply=_as_formed)) for each in (*of_functions, *temperature)),
         CONFIGURATION,
         replace(forgetting(FUNCTION), pattern="[SENSe:]FUNCtion[:ON]"),
-        scpi.Command("READ", query=_read, reply=_READINGS),
+        scpi.Command("READ", query=_read),
         scpi.Command("INITiate[:IMMediate]", do=lambda meter: meter.triggering.start(stored=True)),
         scpi.Command("ABORt", do=lambda meter: meter.triggering.abort()),
-        scpi.Command("FETCh", query=_fetch, reply=_READINGS),
+        scpi.Command("FETCh", query=_fetch),
         scpi.Command(
             "R",
             query=lambda meter, most: _READINGS(meter.ring.take(most or meter.kind.memory)).encode(),
@@ -158,7 +192,6 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
             "DATA:REMove",
             query=_take_whole,
             query_parameters=(scpi.Integer(limits=scpi.Limits(1, 2e6)), scpi.Choice(("WAIT",), required=False)),
-            reply=_READINGS,
         ),
         scpi.Command("DATA:LAST", query=_last),
         scpi.Command("[SENSe:]DATA2", query=_second, reply=_NR3),

@@ -90,7 +90,6 @@ def commands(kind: MeterKind) -> tuple[scpi.Command, ...]:
         *_lan(),
         *scpi.status_commands("OPERation", "operation"),
         *scpi.status_commands("QUEStionable", "questionable"),
-        scpi.remembered("FORMat[:DATA]", scpi.Choice(("ASCii", "REAL")), "ASC"),
         scpi.remembered("FORMat:BORDer", scpi.Choice(("NORMal", "SWAPped")), "NORM"),
         scpi.Command("SYSTem:ERRor:NEXT", query=scpi.next_error),
         # of CALibration the queries: it stays secured; values of a unit that was calibrated once
