@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack.serve import ControlError
@@ -218,3 +218,27 @@ def test_a_script_that_the_bench_cannot_suffer_is_not_served() -> None:
         serve_simulated("ideal", faults=script),
     ):
         pass
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        {"drive_mode.frequency_hz": 3490.0, "drive_mode.quality": 900.0},
+        {"override.drive_mode.frequency_hz": 3490.0, "drive_mode": {"quality": 900.0}},
+        {"drive_mode": {"frequency_hz": 3490.0, "quality": 900.0}},
+        {"override": {"drive_mode": {"frequency_hz": 3490.0, "quality": 900.0}}},
+        "drive_mode.frequency_hz = 3490.0\noverride.drive_mode.quality = 900.0",
+    ],
+)
+def test_single_parameters_by_any_form_of_their_name(overrides: Any) -> None:
+    found = simulated("paper", overrides=overrides).simulation
+    assert found is not None
+    assert found.override == {"drive_mode": {"frequency_hz": 3490.0, "quality": 900.0}}
+
+
+@pytest.mark.parametrize(
+    "overrides", [{"override": 3}, {"drive_mode.": 1.0}, {"drive_mode.x.y": 1.0}, {"drive_mode": 3}]
+)
+def test_a_name_of_no_parameter_is_refused(overrides: Any) -> None:
+    with pytest.raises(ConfigError, match=r"paper: simulation\.override"):
+        simulated("paper", overrides=overrides)

@@ -34,6 +34,7 @@ from vcfbench.sim.simulation import chosen_seed
 from vcfbench.sim.world import World
 from vcfbench.station.consistency import invalid_values
 from vcfbench.station.description import BenchDescription, Simulation, SimulationErrors
+from vcfbench.station.layering import merged
 from vcfbench.strict import converted
 
 _GIVING_UP_S = 10.0
@@ -52,7 +53,7 @@ def simulated(
         bench: a description, a bench file, or the name of an embedded bench; None is the paper's.
         parameters: ``paper`` or ``ideal`` gyroscope and PCB; None leaves what the file says.
         errors: ``none`` or ``drawn`` for every instrument; None leaves what the file says.
-        overrides: single physical parameters by name (``vcfbench sim show``), nested, or as TOML text.
+        overrides: single physical parameters by name (``vcfbench sim show``), dotted or nested, or as TOML text.
 
     Raises:
         ConfigError: the file cannot be used, or a value is not one.
@@ -60,7 +61,14 @@ def simulated(
     description = described(bench)
     simulation = description.simulation or Simulation()
     given = parse_toml(overrides, "overrides") if isinstance(overrides, str) else overrides or {}
-    asked = {**structs.asdict(simulation), "override": {**simulation.override, **given}}
+    override = simulation.override
+    for name, value in given.items():
+        table: Any = value
+        for key in reversed(name.split(".")):
+            table = {key: table}
+        within = table.get("override")  # as `sim show` names them
+        override = merged(override, within if isinstance(within, Mapping) else table)
+    asked = {**structs.asdict(simulation), "override": override}
     if parameters is not None:
         asked["parameters"] = parameters
     if errors is not None:
