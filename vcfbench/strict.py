@@ -45,7 +45,10 @@ def refusal(where: str, expected: str, came: str) -> ConfigError:
 
 def unknown_key(key: str, known: Sequence[str], where: str) -> ConfigError:
     """Return the error that says that `key` is none of `known`; close ones are suggested."""
-    return refusal(where, one_of(key, known, "key"), "an unknown key")
+    error, (table, _, rest) = refusal(where, one_of(key, known, "key"), "an unknown key"), key.partition(".")
+    if rest and table in known:
+        error.hint = f"in Python a table is a mapping, {{{table!r}: {{{rest!r}: ...}}}}; in a file no quotes: {key}"
+    return error
 
 
 def one_of(name: str, known: Sequence[str], what: str) -> str:

@@ -211,3 +211,20 @@ def test_wait_that_does_not_count_is_refused(procedure: str, counts: str) -> Non
     shared = structs.replace(bench, procedure_table={**bench.procedure_table, "warm_up_s": 100.0})
     vcfbench.dry_run(procedure, shared)
     vcfbench.dry_run(procedure, settings={"warm_up_s": 2000.0, counts: 2000.0})
+
+
+@pytest.mark.parametrize(
+    ("asked", "nested"),
+    [
+        ({"settings": {"drive.start_up_s": 8}}, "{'drive': {'start_up_s': ...}}"),
+        ({"settings": {"expected.bias_v": 8}}, "{'expected': {'bias_v': ...}}"),
+        ({"metadata": {"tags.batch": "7"}}, "{'tags': {'batch': ...}}"),
+    ],
+)
+def test_a_dotted_key_in_python_is_told_as_a_mapping(asked: dict[str, Any], nested: str) -> None:
+    assert f"in Python a table is a mapping, {nested}" in refusal(lambda: vcfbench.dry_run("turntable", **asked))
+
+
+@pytest.mark.parametrize("key", ["samples.", "kvc.samples", "."])
+def test_a_dotted_key_of_no_table_is_an_unknown_one(key: str) -> None:
+    assert refusal(lambda: vcfbench.dry_run("turntable", settings={key: 3})).endswith("got an unknown key")
