@@ -43,7 +43,8 @@ reading_noise_v = [0.0, 1e-6]
 @pytest.fixture(scope="module")
 def judged(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("front")
-    (folder / "bench.toml").write_text(embedded_text("paper") + LIMITS, encoding="utf-8")
+    bench = re.sub(r"(?m)^temperature_k = .*$", "temperature_k = 0.5", embedded_text("paper"))
+    (folder / "bench.toml").write_text(bench + LIMITS, encoding="utf-8")
     return vcfbench.run("turntable", folder / "bench.toml", seed=3, settings=QUICK, runs=folder / "runs")
 
 
@@ -118,6 +119,21 @@ def test_days_that_cannot_be_are_refused_with_both(judged: Run) -> None:
     assert stated_words(judged, {"received": days[0], "issued": days[1]})["issued"] == days[1]
 
 
+def test_signature_and_day_of_issue_stand_before_all_notes(judged: Run) -> None:
+    text = shown(judged)[2]
+    assert text.index("scale factor") < text.index("issued on") < text.index("name, function, signature")
+    assert text.index("seal of the record") < text.index("In parentheses: ")
+
+
+def test_inputs_of_uncertainties_are_listed_and_the_temperature_that_u95_contains(judged: Run) -> None:
+    given = judged.header["bench"]["uncertainty"]
+    tables = [part for part in full_report(judged).parts if isinstance(part, Table)]
+    (listed,) = (dict(each.printed()) for each in tables if each.title.startswith("Inputs of the uncertainties"))
+    assert listed.keys() == {key for key, value in given.items() if value is not None}
+    assert listed["temperature_k"] == "0.5"
+    assert "a device that is up to 0.5 K away from the temperature" in " ".join(shown(judged)[2].split())
+
+
 def test_nothing_is_said_of_a_meter_that_was_not_used(judged: Run) -> None:
     assert "Limits of the data sheet of the multimeter count" in shown(judged)[2]
     others = tuple(each for each in judged.equipment if each.role != "multimeter")
@@ -178,6 +194,7 @@ def test_the_results_fit_on_the_first_page(lacking: Run) -> None:
         pytest.skip("this system has no Pango")
     page = page_of(Report(list(front_page(lacking, "Title", {}, None))), "Title", "run", printed=True, logo="")
     laid = weasyprint.HTML(string=page).render().pages[0]
+    assert "seal of the record" in " ".join(each.text for each in laid._page_box.descendants() if hasattr(each, "text"))
     ends = [each.position_x + each.width for each in laid._page_box.descendants() if hasattr(each, "text")]
     assert max(ends) < laid.width - 17.0 / 25.4 * 96.0 + 1.0  # its margin, in pixels of CSS
 

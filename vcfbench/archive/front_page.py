@@ -22,6 +22,7 @@ from vcfbench.reports.document import Column, Figure, Heading, Notice, Part, Tab
 from vcfbench.station.acceptance import Acceptance, Verdict, limit_key
 from vcfbench.values.kinds import KINDS, in_words
 from vcfbench.values.printing import grouped, incomplete
+from vcfbench.values.sources import TEMPERATURE
 from vcfbench.values.value import Value as Stated
 from vcfbench.values.verdict import RULES
 
@@ -61,9 +62,10 @@ def front_page(
     if run.verdict is not None:
         yield Notice(f"Verdict: {run.verdict.said}", run.verdict.word)
     yield facts(_persons_and_dates(run, words))
-    yield from _results(run, left_unseen)
-    if figure is not None:
-        yield figure
+    table = values_table(run, most=MOST)
+    if table is not None:
+        yield table
+    # before the notes, which may need a second page
     issued, seal = words.get("issued") or BLANK, seal_of(run) or "none"
     signature = ", ".join(filter(None, (BLANK, words.get("responsible"), words.get("responsible_function"))))
     yield facts([("issued on", issued), ("name, function, signature", signature), ("seal of the record", seal)])
@@ -71,6 +73,12 @@ def front_page(
         "These results are those of the device named above, at the time and under the conditions stated. Without a "
         "signature this is no certificate. It is copied whole, or with the laboratory's leave."
     )
+    if table is not None:
+        yield Text("\n".join(_said_of_results(run, run.values.values())))
+        if left_unseen:
+            yield Text(f"It does not contain undetected faults either (section Undetected faults): {left_unseen}.")
+    if figure is not None:
+        yield figure
 
 
 def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -113,16 +121,6 @@ def checked(run: Run) -> str | None:
         return None
     since = "" if check.revision == run.revision else f"; revision {run.revision} is not checked"
     return f"{check.by}, {check.utc[:10]} (UTC), revision {check.revision}{since}"
-
-
-def _results(run: Run, left_unseen: str) -> Iterator[Part]:
-    """Yield the box of the results, and the notes on their uncertainties."""
-    table = values_table(run, most=MOST)
-    if table is not None:
-        yield table
-        yield Text("\n".join(_said_of_results(run, run.values.values())))
-        if left_unseen:
-            yield Text(f"It does not contain undetected faults either (section Undetected faults): {left_unseen}.")
 
 
 def values_table(run: Run, most: int | None = None) -> Table | None:
@@ -178,9 +176,12 @@ def _said_of_results(run: Run, stated: Collection[Stated]) -> Iterator[str]:
     under = dict.fromkeys(each.conditions for each in run.values.values())
     for conditions in under:
         yield f"The results hold at {conditions.words}."
+    station = (plain(run.header.get("settings")) or {}).get("station", {})
+    within_k = station.get("sources", {}).get("temperature_k")
+    if within_k and any(part.source == TEMPERATURE for each in stated for part in each.parts):
+        yield f"U95 contains a device that is up to {within_k:g} K away from the temperature of these results."
     over = {each.named.words: each.definition.levels_words for each in stated if each.kind in _OF_LINES}
     yield from (f"The {words} is that of the line over {levels}." for words, levels in over.items() if levels)
-    station = (plain(run.header.get("settings")) or {}).get("station", {})
     if known := station.get("known"):
         measured = f", measured on {known['issued'][:10]} (UTC)" if known.get("issued") else ""
         yield f"Source of K_Vc: {known['source']}{measured}."

@@ -191,6 +191,9 @@ def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
     if settings:
         yield Heading("Settings", 2)
         yield Table([*texts("setting", "", "unit"), *texts("key", verbatim=True)], rows)
+    known = {key: each for key, each in (header.get("bench", {}).get("uncertainty") or {}).items() if each is not None}
+    for table in results_table(known, "Inputs of the uncertainties that are not assumed, [uncertainty]", shown=None):
+        yield Table(texts("key", "value", verbatim=True), [row[:2] for row in table.rows], table.title)
 
 
 def _provenance(run: Run, header: Mapping[str, Any]) -> Iterator[Part]:
