@@ -321,7 +321,7 @@ class Keithley2000Twin(common.SimulatedKeithley):
         self.continuous = False
         self.configure(self.functions[name], None, None)
         self.kept[name] = common.KeptOfFunction(average=True, digits=7)
-        self.formulas[name].on, self.unit, self.control = False, "V", "NEV"
+        self.formulas[name].on, self.control = False, "NEV"
         for switch in (("CALCulate<2-2>:STATe",), (f"{_LIMIT}:STATe", 1), (f"{_LIMIT}:STATe", 2)):
             self.engine.remembered.pop(switch, None)
 
