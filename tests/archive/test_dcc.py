@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from base64 import b64decode
+from decimal import Decimal
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -81,14 +82,14 @@ def test_an_independent_library_reads_it(dcc: Any, quick: Run, written: Path) ->
     found = {name.split(": ")[-1]: quantity for name, quantity in certificate.get_calibration_results("name", "en")}
     found = {name: found[key] for name in ("scale factor", "output") for key in found if key.endswith(name)}
     scale_factor, expected = found["scale factor"]["real"], values_of(quick.results)["scale_factor"]
-    assert float(scale_factor["value"]) == expected.value
+    assert float(scale_factor["value"]) == pytest.approx(expected.value, abs=1e-3 * (expected.u95 or 0.0))
     assert scale_factor["unit"] == r"\volt\degree\tothe{-1}\second"
     expanded = scale_factor["measurementUncertaintyUnivariate"]["expandedMU"]
-    assert float(expanded["valueExpandedMU"]) == expected.u95
+    assert float(expanded["valueExpandedMU"]) == pytest.approx(expected.u95, rel=0.01)
     assert expanded["coverageProbability"] == "0.95"
     assert float(expanded["coverageFactor"]) == pytest.approx(expected.coverage_factor, abs=5e-4)
     assert [float(each) for each in found["output"]["realListXMLList"]["valueXMLList"].split()] == [
-        point.output_v for point in quick.points
+        pytest.approx(point.output_v, rel=1e-9) for point in quick.points
     ]
 
 
@@ -114,12 +115,12 @@ def test_conditions_of_the_values_stand_in_it(quick: Run, written: Path) -> None
     drive = quick.values["scale_factor"].conditions.drive
     assert drive is not None
     value, u95, unit = found.pop("frequency of the drive")
-    assert (float(value or 0.0), unit) == (drive.frequency_hz, r"\hertz")
-    assert float(u95 or 0.0) == pytest.approx(1.959964 * drive.u_hz)
+    assert (float(value or 0.0), unit) == (pytest.approx(drive.frequency_hz, abs=1e-3 * drive.u_hz), r"\hertz")
+    assert float(u95 or 0.0) == pytest.approx(1.959964 * drive.u_hz, rel=0.01)
     assert found == {
         "temperature of the room": ["23.1", None, r"\degreecelsius"],
-        "positive rail": ["10.0", None, r"\volt"],
-        "negative rail": ["-10.0", None, r"\volt"],
+        "positive rail": ["10", None, r"\volt"],
+        "negative rail": ["-10", None, r"\volt"],
     }
 
 
@@ -239,6 +240,21 @@ def test_no_text_of_an_export_is_a_repr(quick: Run, monkeypatch: pytest.MonkeyPa
     assert not [each for each in said if each[0] in "'\"" or "\\u" in each or "\\xb" in each]
     assert sum("-200 \u00b0/s, \u00b1 5 \u00b0C, the declared range\\x1b" in each for each in said) == len(run.values)
     assert sum(each.endswith("It's at 5 \u00b0C.") for each in said) == 1
+
+
+def test_values_have_the_digits_of_their_uncertainty_which_is_rounded_up(quick: Run, written: Path) -> None:
+    tree = ET.parse(written).getroot()  # noqa: S314  # ours
+    for quantity in tree.iterfind(".//dcc:quantity", SPACES):
+        u95, value = (quantity.findtext(f".//si:{key}", None, SPACES) for key in ("valueExpandedMU", "value"))
+        if u95 is not None and value is not None:
+            assert len(u95.lower().partition("e")[0].replace(".", "").strip("0")) <= 3
+            assert Decimal(value) % Decimal(1).scaleb(Decimal(u95).adjusted() - 4) == 0
+    for each in (*quick.values.values(), Value("bias", 1234.56789, "deg/s", u=345.678)):
+        run = replace(quick, _values=(each,))
+        root = ET.fromstring(dcc_of(run, certificate_words(run, WORDS)))  # noqa: S314  # ours
+        stated = root.findtext(".//dcc:result//si:valueExpandedMU", None, SPACES)
+        if stated is not None and each.u95:
+            assert 0.0 <= float(stated) / (each.u95 * (1e-6 if each.unit == "ppm" else 1.0)) - 1.0 < 0.011
 
 
 def test_only_calibrated_instruments_are_standards(quick: Run) -> None:

@@ -8,6 +8,7 @@ import math
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Sequence
+from decimal import ROUND_CEILING, Context, Decimal
 from typing import Final
 from xml.etree import ElementTree as ET
 
@@ -24,7 +25,7 @@ from vcfbench.records.schema import Status
 from vcfbench.reports.text import printable_lines
 from vcfbench.reports.typography import in_unicode
 from vcfbench.values.definition import Conditions
-from vcfbench.values.printing import incomplete
+from vcfbench.values.printing import grouped, incomplete
 from vcfbench.values.quantile import t_quantile
 from vcfbench.values.value import Value
 
@@ -218,9 +219,7 @@ def _measured(parent: ET.Element, run: Run, values: Sequence[Value]) -> None:
         one = _under(conditions, "influenceCondition")
         one.set("refType", ref_type)
         _say(one, "name", name)
-        real = _real(_under(_under(one, "data"), "quantity"), value, 1.0, unit)
-        if u is not None:
-            _expanded(real, _FACTOR * u, _FACTOR)
+        _real(_under(_under(one, "data"), "quantity"), value, unit, None if u is None else _FACTOR * u, _FACTOR)
     results = _under(parent, "results")
     result = _under(results, "result")
     _say(result, "name", "values")
@@ -288,29 +287,31 @@ def _quantity(parent: ET.Element, value: Value) -> None:
         _say(quantity, "noQuantity", f"{value.figure()} {value.unit} (95 %)")
         return
     if value.value is None or in_words is None:
-        _say(quantity, "noQuantity", f"{value.value!r} {value.unit}, U95 {value.u95!r}, k {value.coverage_factor!r}")
+        words = [f"{value.figure()} {value.unit}", *([] if value.u95 is None else [f"U95 {grouped(value.u95)}"])]
+        words += [] if value.coverage_factor is None else [f"k {value.coverage_factor:.2f}"]
+        _say(quantity, "noQuantity", ", ".join(words))
         return
-    real = _real(quantity, value.value, *in_words)
-    u95, factor = value.u95, value.coverage_factor
-    if u95 is None or factor is None:  # u = 0: there is no factor
-        return
-    _expanded(real, in_words[0] * u95, factor)
+    scale, unit = in_words
+    # where u is 0 there is no factor
+    u95 = None if value.u95 is None or value.coverage_factor is None else scale * value.u95
+    _real(quantity, scale * value.value, unit, u95, value.coverage_factor or 0.0)
 
 
-def _expanded(real: ET.Element, u95: float, factor: float) -> None:
-    """Add to a D-SI quantity its expanded uncertainty, in its unit."""
-    expanded = _under(_under(real, "measurementUncertaintyUnivariate", space=_SI), "expandedMU", space=_SI)
-    _under(expanded, "valueExpandedMU", repr(u95), _SI)
-    _under(expanded, "coverageFactor", f"{factor:.3f}", _SI)
-    _under(expanded, "coverageProbability", _COVERAGE, _SI)
-
-
-def _real(parent: ET.Element, value: float, scale: float, unit: str) -> ET.Element:
-    """Add a D-SI quantity: `value` times `scale`, in `unit`."""
+def _real(parent: ET.Element, value: float, unit: str, u95: float | None, factor: float) -> None:
+    """Add a D-SI quantity with its expanded uncertainty, in three digits, up; the value has two places more."""
     real = _under(parent, "real", space=_SI)
-    _under(real, "value", repr(scale * value), _SI)
+    stated, expanded = f"{value:.10g}", None
+    if u95:
+        expanded = Context(prec=3, rounding=ROUND_CEILING).create_decimal(repr(u95))
+        least = Decimal(1).scaleb(expanded.adjusted() - 4)
+        stated = repr(float(Decimal(repr(value)).quantize(least)))
+    _under(real, "value", stated, _SI)
     _under(real, "unit", unit, _SI)
-    return real
+    if expanded is not None:
+        of_real = _under(_under(real, "measurementUncertaintyUnivariate", space=_SI), "expandedMU", space=_SI)
+        _under(of_real, "valueExpandedMU", repr(float(expanded)), _SI)
+        _under(of_real, "coverageFactor", f"{factor:.3f}", _SI)
+        _under(of_real, "coverageProbability", _COVERAGE, _SI)
 
 
 def _points(parent: ET.Element, run: Run) -> None:
@@ -330,5 +331,5 @@ def _points(parent: ET.Element, run: Run) -> None:
         quantity.set("refType", _ref_type(name))
         _say(quantity, "name", name)
         numbers = _under(quantity, "realListXMLList", space=_SI)
-        _under(numbers, "valueXMLList", " ".join(map(repr, values)), _SI)
+        _under(numbers, "valueXMLList", " ".join(f"{each:.10g}" for each in values), _SI)
         _under(numbers, "unitXMLList", unit, _SI)
