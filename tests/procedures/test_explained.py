@@ -27,7 +27,7 @@ def test_temperature_by_the_drive_and_rails_explain_what_they_do() -> None:
         Characteristics(drive_hz=HZ, **rails, **by, table_slope_ppm_v=volts), Characteristics(drive_hz=COLD, **wide)
     )
     assert "Explained by: -2950±66 ppm by +28.4 K (U95 0.6, by the drive's frequency)" in words
-    assert "; +37±2 ppm by +0.100 V of both rails. Unexplained: -37±88 ppm, within its U95." in words
+    assert "; +37±2.1 ppm by +0.100 V of both rails. Unexplained: -37±88 ppm, within its U95." in words
 
 
 def test_missing_coefficient_is_named_and_explains_no_change() -> None:

@@ -112,7 +112,7 @@ def test_budget_has_a_row_for_each_part() -> None:
         (None, pytest.approx(64.0), None, ""),  # of nothing, no ppm
         (None, pytest.approx(36.0), 9.0, "M1"),
     ]
-    assert table.title.startswith("uncertainty of bias: u 5 V, U95 ")
+    assert table.title.startswith("uncertainty of bias: u 5.0 V, U95 ")
     assert "tilt" in table.title
     assert budget_table("exact", measurand(1.0, "V", [UncertaintyPart("none", 0.0)])).rows[0][1:4] == (0.0, 0.0, None)
     (row,) = quantity_table({"bias": found}).rows

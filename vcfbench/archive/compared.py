@@ -19,6 +19,7 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.values.kinds import named
+from vcfbench.values.printing import grouped
 
 
 class SharedResult(Struct, frozen=True):
@@ -259,7 +260,7 @@ def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Te
         for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):
             if d.value is not None and d.u95 is not None and d.e_n is not None:
                 parts = [f"{ppm * part:+.0f} ppm by {why}" for why, part in d.explained]
-                left = f"{ppm * d.value:+.0f}±{abs(ppm) * d.u95:.0f} ppm"
+                left = f"{ppm * d.value:+.0f}±{grouped(abs(ppm) * d.u95)} ppm"
                 if parts:
                     changed = f"changed by {ppm * (value - each.values[0]):+.0f} ppm"
                     left = "; ".join([changed, *parts, f"left are {left}"])

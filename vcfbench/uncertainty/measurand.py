@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from vcfbench.analysis.budget import Source, convolved_coverage_factor, summed
 from vcfbench.records.device_values import Measured, Share
 from vcfbench.reports.document import Cell, Table, heads
-from vcfbench.values.printing import digits_of_u, digits_of_value, in_digits, incomplete
+from vcfbench.values.printing import digits_of_u, digits_of_value, grouped, in_digits, incomplete
 from vcfbench.values.value import Measurand, UncertaintyPart, Unstated, Value
 
 _ROUNDING = 1e-9
@@ -118,7 +118,7 @@ def said_of(name: str, found: Measurand) -> str:
     """Return a line: value, unit, standard and expanded uncertainty; `u` also in ppm where a ratio means something."""
     # The share of a bias, whose zero is anywhere, or of what is in ppm itself, means nothing
     ratio = found.value and found.unit not in {"V", "deg/s", "ppm"}
-    relative = f", {1e6 * found.u / abs(found.value):.0f} ppm" if ratio else ""
+    relative = f", {grouped(1e6 * found.u / abs(found.value))} ppm" if ratio else ""
     factor = f"k = {found.coverage_factor or 0.0:.2f}"
     value = in_digits(found.value, digits_of_value(found.value, found.u))
     u, u95 = (in_digits(each, digits_of_u(each)) for each in (found.u, found.u95))
@@ -145,7 +145,7 @@ def made_of(found: Value, digits: str = ".2g") -> str:
 def budget_table(name: str, found: Measurand) -> Table:
     """Return the contributions to the uncertainty of `found`, the largest first."""
     columns = heads(
-        f"<source | u [{found.unit}]:.2g | u [ppm]:.2f | share [%]:.1f | degrees of freedom:.3g | <shared with"
+        f"<source | u [{found.unit}]:.2g | u [ppm]:.2g | share [%]:.1f | degrees of freedom:.3g | <shared with"
     )
     rows = []
     for part in found.parts:
@@ -153,5 +153,5 @@ def budget_table(name: str, found: Measurand) -> Table:
         ppm = 1e6 * abs(part.u / found.value) if found.value else None
         share = 100.0 * (part.u / found.u) ** 2 if found.u else None
         rows.append((part.source, u, ppm, share, part.dof, part.of or ""))
-    title = f"uncertainty of {name}: u {found.u:.3g} {found.unit}, U95 {found.u95:.3g}"
+    title = f"uncertainty of {name}: u {grouped(found.u)} {found.unit}, U95 {grouped(found.u95)}"
     return Table(columns, rows, title + incomplete(found.missing))

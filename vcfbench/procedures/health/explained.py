@@ -6,6 +6,7 @@ from typing import NamedTuple
 from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
+from vcfbench.values.printing import grouped
 from vcfbench.values.value import Measurand
 
 
@@ -58,7 +59,7 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
             said.append(f"{words}, effect on this device not known ({ask})")
             continue
         u = math.hypot(slope.u * by, slope.value * u_by)
-        said.append(f"{slope.value * by:+.0f}±{2.0 * u:.0f} ppm by {words}")
+        said.append(f"{slope.value * by:+.0f}±{grouped(2.0 * u)} ppm by {words}")
         left -= slope.value * by
         square += 4.0 * u**2
     what = "; ".join(said) or f"nothing ({'; '.join(unmoved) or 'temperature and rails were not compared'})"
@@ -66,6 +67,6 @@ def explained_parts(change_ppm: Measurand, then: Characteristics | None, now: Ch
     return [
         Text(
             f"The scale factor has changed by {change_ppm.value:+.0f} ppm since the certificate. Explained by: "
-            f"{what}. Unexplained: {left:+.0f}±{math.sqrt(square):.0f} ppm, {seen}."
+            f"{what}. Unexplained: {left:+.0f}±{grouped(math.sqrt(square))} ppm, {seen}."
         )
     ]
