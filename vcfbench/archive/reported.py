@@ -31,6 +31,14 @@ from vcfbench.values.kinds import in_words
 from vcfbench.version import installed_version
 
 _RESIDUALS: Final = "Residuals of"  # Beginning of the title of a figure on the first page
+_OF_ROLES: Final = {
+    "rate_source": ("generator_",),
+    "oscilloscope": ("oscilloscope_", "exchanged_"),
+    "multimeter": ("meter_", "output_ohm"),
+    "v_vc_meter": ("v_vc_meter_",),
+    "rate_table": ("table_",),
+}
+"""Beginnings of the keys of [uncertainty] that are for an instrument."""
 _LONG: Final = 50  # A window of so many readings is drawn reading by reading
 
 
@@ -191,7 +199,10 @@ def _settings(header: Mapping[str, Any]) -> Iterator[Part]:
     if settings:
         yield Heading("Settings", 2)
         yield Table([*texts("setting", "", "unit"), *texts("key", verbatim=True)], rows)
-    known = {key: each for key, each in (header.get("bench", {}).get("uncertainty") or {}).items() if each is not None}
+    bench = header.get("bench") or {}
+    absent = tuple(key for role, keys in _OF_ROLES.items() if not bench.get(role) for key in keys)
+    given = {key: each for key, each in (bench.get("uncertainty") or {}).items() if each is not None}
+    known = {key: each for key, each in given.items() if not key.startswith(absent)}
     for table in results_table(known, "Inputs of the uncertainties that are not assumed, [uncertainty]", shown=None):
         yield Table(texts("key", "value", verbatim=True), [row[:2] for row in table.rows], table.title)
 

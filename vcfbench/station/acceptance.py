@@ -103,6 +103,13 @@ class Acceptance(Struct, frozen=True):
     values: tuple[Value, ...] = ()
     """The values that were judged: several kinds have one key, so a limit does not say of which it is."""
 
+    def __eq__(self, other: object) -> bool:
+        """Return True if the limits are the same: values that are read back have less to tell."""
+        return isinstance(other, Acceptance) and self.limits == other.limits
+
+    def __hash__(self) -> int:
+        return hash(self.limits)
+
     def judged(self, limit: Verdict) -> Value | None:
         """Return the value that `limit` was held against, as far as it is known, or None."""
         return next((each for each in self.values if limit_key(each) == limit.key), limit.found)
