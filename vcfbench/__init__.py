@@ -19,7 +19,7 @@ def __getattr__(name: str) -> object:
     elif name == "__version__":
         return import_module("vcfbench.version").installed_version()
     elif name in homes:
-        value = getattr(import_module(homes[name]), name)
+        value = import_module("vcfbench.arguments").checked(getattr(import_module(homes[name]), name))
     else:
         raise AttributeError(f"module 'vcfbench' has no attribute {name!r}")
     globals()[name] = value

@@ -217,7 +217,6 @@ def test_wait_that_does_not_count_is_refused(procedure: str, counts: str) -> Non
     ("asked", "nested"),
     [
         ({"settings": {"drive.start_up_s": 8}}, "{'drive': {'start_up_s': ...}}"),
-        ({"settings": {"expected.bias_v": 8}}, "{'expected': {'bias_v': ...}}"),
         ({"metadata": {"tags.batch": "7"}}, "{'tags': {'batch': ...}}"),
     ],
 )

@@ -1,7 +1,7 @@
 """Records read back: everything is made again from the journal."""
 
 from collections.abc import Mapping
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -47,7 +47,7 @@ def list_runs(
     runs: str | Path = "runs",
     *,
     dut: str | None = None,
-    since: str | datetime | None = None,
+    since: str | date | None = None,
     status: str | None = None,
     procedure: str | None = None,
     tags: Mapping[str, str] | None = None,
@@ -59,7 +59,7 @@ def list_runs(
     Args:
         runs: directory of the records.
         dut: only those of this device.
-        since: only those that began on this day (``"2026-01-15"``, UTC) or later, or from an instant on.
+        since: only those that began on this day (``"2026-01-15"`` or a date, UTC) or later, or from an instant on.
         status: only those that ended so.
         procedure: only those of this procedure.
         tags: only those that have all of them.

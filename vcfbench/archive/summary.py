@@ -9,7 +9,7 @@ import os
 import secrets
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, Final
@@ -83,7 +83,7 @@ def run_summaries(
     runs: str | Path = "runs",
     *,
     dut: str | None = None,
-    since: str | datetime | None = None,
+    since: str | date | None = None,
     status: str | None = None,
     procedure: str | None = None,
     tags: Mapping[str, str] | None = None,
@@ -100,7 +100,8 @@ def run_summaries(
     if status is not None and status not in known:
         raise ConfigError(f"status: expected one of {', '.join(known)}, got {status!r}")
     try:
-        instant = datetime.fromisoformat(since) if isinstance(since, str) else since
+        day = since.isoformat() if isinstance(since, date) else since  # a datetime has its time too
+        instant = None if day is None else datetime.fromisoformat(day)
     except ValueError:
         raise ConfigError(f"since: expected a date, as in 2026-01-15, got {since!r}") from None
     if instant is not None and instant.tzinfo is None:

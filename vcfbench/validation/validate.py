@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import getpass
 import platform
+from collections.abc import Callable, Mapping  # the arguments are held against the annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +15,13 @@ from vcfbench.bench.check import check_bench
 from vcfbench.clock import utc_now
 from vcfbench.procedures.bench_file import load_bench
 from vcfbench.reports.document import Heading, Notice, Report, Table, Text, facts, texts
+from vcfbench.safety.trust import Trust
+from vcfbench.station.description import BenchDescription
 from vcfbench.validation import benches, installation, numbers
 from vcfbench.validation.check import Check, Checked, Found, Verdict, made
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
     from datetime import datetime
-
-    from vcfbench.safety.trust import Trust
-    from vcfbench.station.description import BenchDescription
 
 _LIMITS = (
     "This document says that the program, as installed on this machine, answered the questions below as stated on the "
