@@ -9,6 +9,7 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import ConfigError, MeasurementError
+from vcfbench.instructions.routines import OTHER_SCALE_FACTOR
 from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used
 from vcfbench.records.devices import DeviceStore
 from vcfbench.station.parts import Expected
@@ -75,6 +76,24 @@ def ended(name: str, tmp_path: Path, settings: dict[str, Any], window: list[floa
     except (ConfigError, MeasurementError) as error:
         return error
     return found.error
+
+
+@pytest.mark.parametrize("name", ["zero", "warmup", "repeatability", "power", "rate-limits"])
+def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_path: Path) -> None:
+    """Its rates are by the paper's scale factor and incomplete; nothing of them is kept of the device."""
+    bench = vcfbench.load_bench("paper")
+    other = structs.replace(
+        bench, simulation=structs.replace(bench.simulation, override={"output_stage": {"gain": 5.0}})
+    )
+    asked = {**SHORT[name], "dut": "Z", "devices": str(tmp_path / "devices")}
+    found = vcfbench.run(name, other, seed=1, settings=asked, runs=tmp_path / "runs")
+    assert found.status == "complete"
+    (said,) = (each for each in found.not_checked if each.startswith(OTHER_SCALE_FACTOR))
+    assert "the output changes by -0.006" in said
+    assert "which cannot be -0.0125 V/(deg/s) (value of the paper" in said
+    rates = [each for each in found.values.values() if each.unit.removeprefix("(").startswith("deg/s")]
+    assert [each.name for each in rates if "scale factor" not in each.missing and each.value is not None] == []
+    assert name == "power" or not [*(tmp_path / "devices").glob("Z/*")]  # which keeps what does not go by it
 
 
 def test_nothing_is_kept_by_a_scale_factor_of_the_wrong_sign(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used
+from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used, tells_scale_factor, unlike_used
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive, one_two_five
@@ -244,6 +244,10 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
         )
 
 
+OTHER_SCALE_FACTOR = "values in deg/s, which are not those of this gyroscope"
+"""Of a run that was told no scale factor, and whose output answers otherwise than the usual one has it."""
+
+
 def can_answer(settings: ProcedureSettings) -> bool:
     """Return True if the bench has a table or a generator, by which the output may show its scale factor."""
     return settings.station.limits.max_rate_deg_s is not None or _has_source(settings)
@@ -287,7 +291,11 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
             hint=f"check the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
     moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
-    require_as_used(settings, moved_v / rate_deg_s, abs(within_v / rate_deg_s), by_v_vc=not turns)
+    slope, within = moved_v / rate_deg_s, abs(within_v / rate_deg_s)
+    if tells_scale_factor(settings):
+        require_as_used(settings, slope, within, by_v_vc=not turns)
+    elif words := unlike_used(settings, slope, within, by_v_vc=not turns):  # nobody has said that it were so
+        yield steps.NotChecked(OTHER_SCALE_FACTOR, words)
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:

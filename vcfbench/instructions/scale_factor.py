@@ -119,7 +119,18 @@ def far(ends: tuple[float, float], part: float = 0.0) -> list[float]:
 
 
 def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> None:
-    """See that the output answers as the scale factor that is used has it; MeasurementError: it does not.
+    """See that the output answers as the scale factor that is used has it; MeasurementError: it does not."""
+    if words := unlike_used(settings, found, within, by_v_vc=by_v_vc):
+        raise MeasurementError(
+            words,
+            instrument="multimeter",
+            hint="correct scale_factor_v_per_deg_s of the run, or [expected] of the bench file (V, deg/s, its sign); "
+            "if they are right, look at the leads: vcfbench run polarity",
+        )
+
+
+def unlike_used(settings: AtRestSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> str:
+    """Return how the output answers otherwise than the scale factor that is used has it; empty if it does not.
 
     `found` is its slope, V/(deg/s), known to `within`; of V_Vc by `k_vc_guess_deg_s_per_v`, which is a rough one.
     """
@@ -135,14 +146,9 @@ def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0,
     part = 2.0 * (used.u or 0.0) / abs(used.value)
     may = [each * factor for each, factor in itertools.product(far(scale, part), factors)]
     if min(may) - within <= found <= max(may) + within:
-        return
+        return ""
     moves = f"{found * k_vc:+.4g} V a volt of V_Vc" if by_v_vc else f"{found:+.4g} V/(deg/s)"
-    raise MeasurementError(
-        f"the output changes by {moves}, which cannot be {said}",
-        instrument="multimeter",
-        hint="correct scale_factor_v_per_deg_s of the run, or [expected] of the bench file (V, deg/s, its sign); if "
-        "they are right, look at the leads: vcfbench run polarity",
-    )
+    return f"the output changes by {moves}, which cannot be {said}"
 
 
 def rates_by(value: float, source: str) -> str:

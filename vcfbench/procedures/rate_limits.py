@@ -275,12 +275,13 @@ def _side(settings: RateLimitsSettings, windows: Sequence[steps.Window], line: L
     parts = [*noise, *_of_inputs(settings, found, line)]
     gaps = settings.station.sources.missing("k_vc") if settings.by_table else ()
     at_limit = measurand(line.slope * found.at, "V", parts, {"table rate", "misalignment"}.intersection(gaps))
-    limit = as_rate(at_limit, slope, 0.0 if settings.by_table else scale.u)
+    u_slope = 0.0 if settings.by_table else scale.u
+    limit = as_rate(at_limit, slope, u_slope)
     beyond, back = (max(each for each in own if points[each].step == step) for step in (_BEYOND, _BACK))
     before = [each for each in own if points[each].step == _LINE]
     again = {back: 1.0, **dict.fromkeys(before, -1.0 / len(before))}
     came_v = math.fsum(weight * points[each].output_v for each, weight in again.items())
-    came = as_rate(measurand(came_v, "V", noise_v(settings, windows, again, points[: len(CHOPPED)])), slope, 0.0)
+    came = as_rate(measurand(came_v, "V", noise_v(settings, windows, again, points[: len(CHOPPED)])), slope, u_slope)
     return RateLimit(limit, None, found.at, output_of(settings, points[beyond]), found.rises, came)
 
 

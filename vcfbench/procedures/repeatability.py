@@ -11,7 +11,7 @@ from itertools import combinations
 from statistics import fmean, stdev
 from typing import Annotated, Any, ClassVar
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench import steps
 from vcfbench.analysis.allan import Sampling
@@ -27,7 +27,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.station.bounds import ranged
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.steps.measured import Measured
-from vcfbench.uncertainty.measurand import mean_of_records, quantity_table, titled
+from vcfbench.uncertainty.measurand import divided, mean_of_records, quantity_table, titled
 from vcfbench.uncertainty.window_sum import windows_without_times
 from vcfbench.values.value import Measurand, Value
 
@@ -150,9 +150,12 @@ def results(settings: RepeatabilitySettings, measured: Measured) -> Repeatabilit
     slope = fmean(each.slope for each in found)
     return RepeatabilityResult(
         tuple(found),
-        _spread("bias_repeatability", [each.bias_deg_s for each in found], of_bias, "deg/s"),
+        structs.replace(
+            _spread("bias_repeatability", [each.bias_deg_s for each in found], of_bias, "deg/s"),
+            missing=() if scale.u is not None else ("scale factor",),
+        ),
         _spread("scale_factor_repeatability", [1e6 * each.slope / slope for each in found], of_slope, "ppm"),
-        mean_of_records([each.transient_deg_s for each in found], "deg/s"),
+        divided(mean_of_records([each.transient_deg_s for each in found], "deg/s"), scale.value, scale.u),
         scale.value,
         scale.source,
     )

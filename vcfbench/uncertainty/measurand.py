@@ -40,6 +40,17 @@ def titled(words: str, found: Measurand) -> Measurand:
     return found.called(re.sub(r"\W+", "_", words).strip("_").lower(), "", words)
 
 
+def divided(found: Measurand, by: float, u_by: float | None) -> Measurand:
+    """Return a rate with the uncertainty of the scale factor that the output was divided by.
+
+    Without a `u_by`, V/(deg/s) as `by` is, it is incomplete.
+    """
+    if u_by is None:
+        return measurand(found.value, found.unit, found.parts, (*found.missing, "scale factor"), found.kind)
+    part = UncertaintyPart("scale factor", abs(found.value * u_by / by))
+    return measurand(found.value, found.unit, [*found.parts, part], found.missing, found.kind)
+
+
 def finite(dof: float) -> float | None:
     """Return degrees of freedom as values have them: None where they are as many as one likes."""
     return dof if math.isfinite(dof) else None

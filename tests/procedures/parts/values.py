@@ -200,7 +200,8 @@ def noisy_runs(name: str) -> Figures:
             assert run.directory is not None
             more[f"{procedure}: report"] = figure_of_report(run.report())
             more[f"{procedure}: steps"] = figure_of_steps(lines_of(run.directory / "journal.jsonl"))
-            more[f"{procedure}: not seen"] = _sized([*_numbers(plain(each))] for each in unseen_of(run))
+            # sizes are of two digits: one on an edge falls either way, as the processor rounds
+            more[f"{procedure}: not seen"] = round(_sized([*_numbers(plain(each))] for each in unseen_of(run)), 2)
             if run.device_entry is not None:
                 entry = json.loads(run.device_entry.read_text(encoding="utf-8"))
                 begins, ends = (entry.get(key) for key in ("issued" if "issued" in entry else "done", "valid_until"))

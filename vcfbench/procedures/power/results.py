@@ -20,7 +20,7 @@ from vcfbench.station.settings import Sources
 from vcfbench.steps import Acquire, Window
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Reading, Step, StepResult
-from vcfbench.uncertainty.measurand import measurand, titled, value_table
+from vcfbench.uncertainty.measurand import divided, measurand, titled, value_table
 from vcfbench.values.value import Measurand, UncertaintyPart, Value
 
 Order = Literal["together", "positive", "negative"]
@@ -87,7 +87,7 @@ NOT_HELD = (
     "the supply's own ammeter. The sensitivities contain noise, flicker and the read-back of the step; a linear drift "
     "cancels. Sensitivities to a single rail hold for rails of equal size: if only the weaker rail matters, the "
     "supply's imbalance moves part of one half to the other; this is corrected by the read-back, and its u is "
-    "contained. They do not contain the uncertainty of the scale factor from volts to deg/s."
+    "contained."
 )
 
 
@@ -303,7 +303,7 @@ def _effects(settings: PowerSettings, measured: Measured, scale: ScaleFactor) ->
         beside = _imbalance_v(settings, rails, seen[of])
         bias = _three(biases[of], bias_noise, step, beside, ("(deg/s)/V", 1.0))
         slope = _three(slopes[of], slope_noise, step, beside, ("ppm/V", 1e6))
-        yield RailEffect(rails, step[0], beside[0], *slope, *bias)
+        yield RailEffect(*(rails, step[0], beside[0], *slope), *(divided(each, scale.value, scale.u) for each in bias))
 
 
 def _moved(windows: Sequence[tuple[Acquire, Window]], scale: float) -> tuple[Block, Block, list[Mapping[str, float]]]:

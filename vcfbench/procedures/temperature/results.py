@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from statistics import fmean, stdev
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.bench.bench import Bench
@@ -18,7 +18,7 @@ from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text,
 from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
-from vcfbench.uncertainty.measurand import value_table
+from vcfbench.uncertainty.measurand import divided, value_table
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
 from vcfbench.uncertainty.over_temperature import Cause, Temperatures, most, over_temperature
 from vcfbench.values.sources import METER_GAIN, METER_OFFSET, MISALIGNMENT, TABLE_RATE, V_VC_GAIN
@@ -177,6 +177,10 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
     of_bias = _of_bias(settings, seen, (u_bias, volts), noise)
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
+    if not table:  # nobody turned it: rates are by the scale factor that was told
+        value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
+        hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
+        bias = structs.replace(bias, value=value, tc=tc, tc2=tc2, hysteresis=hysteresis)
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
         mean_hz = fmean(hz for hz, _ in found)

@@ -150,6 +150,7 @@ class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
             yield InvalidValue("burst_readings", expected, self.burst_readings)
 
 
+_BY_SCALE = ("scale factor",)
 _UNSEEN = "no table and no generator has shown that the output answers so: its flicker is not kept of a device"
 
 
@@ -195,7 +196,8 @@ class ZeroResult(Struct, frozen=True):
             return
         yield self.output_v.called("output_v", "bias_at_rest")
         yield self.bias.called("bias", "bias_at_rest_deg_s")
-        yield from self.noise
+        missing = _BY_SCALE if self.scale_factor_v_per_deg_s.u is None else ()
+        yield from (replace(each, missing=(*each.missing, *missing)) for each in self.noise)
         yield self.trend.called("trend")
         if self.noise_bandwidth_hz is not None:
             yield self.noise_bandwidth_hz.called("noise_bandwidth_hz")
@@ -370,9 +372,10 @@ def zero_report(settings: ZeroSettings, _measured: object, results: ZeroResult) 
             value, u, u95 = printed(found)
             rows[place : place + 1] = [(name, value, u, found.dof, u95, found.unit)]
     lacks = incomplete(() if results.bias is None else results.bias.missing).removeprefix("; ")
+    of_noise = incomplete(_BY_SCALE if results.noise and results.scale_factor_v_per_deg_s.u is None else ())
     return Report(
         [
-            Text(_taken(settings, results)),
+            Text(_taken(settings, results) + of_noise.replace("; ", "\nnoise: ", 1)),
             noises.noise_table(results.noise),
             Table(columns, rows, lacks),
             *([] if results.output_v is None else [budget_table("the output's mean", results.output_v)]),
