@@ -142,7 +142,7 @@ class InterlockError(BenchError):
     >>> lab.fault("rate_table", "door")
     >>> bench.rate_table.enable()
     Traceback (most recent call last):
-    vcfbench.errors.InterlockError: rate_table at sim://ideal: interlock input 1; see to the cause, then...
+    vcfbench.errors.InterlockError: rate_table at sim://ideal: interlock input 1; remove the cause, then...
     """
 
 
