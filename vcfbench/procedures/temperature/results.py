@@ -20,7 +20,7 @@ from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
 from vcfbench.uncertainty.measurand import divided, value_table
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
-from vcfbench.uncertainty.over_temperature import Cause, Temperatures, most, over_temperature
+from vcfbench.uncertainty.over_temperature import Cause, OverTemperature, Temperatures, most, over_temperature
 from vcfbench.values.sources import METER_GAIN, METER_OFFSET, MISALIGNMENT, TABLE_RATE, V_VC_GAIN
 from vcfbench.values.value import Measurand, Value
 
@@ -177,10 +177,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
     of_bias = _of_bias(settings, seen, (u_bias, volts), noise)
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
-    if not table:  # nobody turned it: rates are by the scale factor that was told
-        value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
-        hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
-        bias = structs.replace(bias, value=value, tc=tc, tc2=tc2, hysteresis=hysteresis)
+    if not table:  # nobody turned it
+        bias = _by_told(bias, scale)
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
         mean_hz = fmean(hz for hz, _ in found)
@@ -218,6 +216,13 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
         ),
         scale_factor_v_per_deg_s=scale,
     )
+
+
+def _by_told(bias: OverTemperature, scale: ScaleFactor) -> OverTemperature:
+    """Return rates by a scale factor that was told, or was not."""
+    value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
+    hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
+    return structs.replace(bias, value=value, tc=tc, tc2=tc2, hysteresis=hysteresis)
 
 
 def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _Seen:
