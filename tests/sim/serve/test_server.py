@@ -133,8 +133,11 @@ def test_fault_fields_are_command_line_arguments(described: tuple[Any, dict[str,
         assert done.exit_code == 0, (words, done.output, done.exception)
         return json.loads(done.stdout)
 
-    fields = ["number=-350", "delay_s=3", "at_s=1e6", "identity=ACME,1,2,3", "offset=0.5", "drift_s=1e-3", "load_ohm=2"]
-    ctl("fault", "multimeter", "late", "5", *fields, "count=1")
+    ctl("fault", "multimeter", "late", "5", "delay_s=3", "at_s=1e6", "count=1")
+    ctl("fault", "multimeter", "error", "number=-350", "at_s=1e6")
+    ctl("fault", "multimeter", "identity", "identity=ACME,1,2,3", "at_s=1e6")
+    ctl("fault", "multimeter", "offset", "offset=0.5", "drift_s=1e-3", "at_s=1e6")
+    ctl("fault", "power", "current_limit", "load_ohm=2", "at_s=1e6")
     ctl("fault", "multimeter", "silent", "count=1")
     ctl("fault", "instrument=power", "kind=current_limit", "duration_s=5")
     faults = {role: state["faults"] for role, state in ctl("status")["instruments"].items()}

@@ -177,8 +177,7 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
     of_bias = _of_bias(settings, seen, (u_bias, volts), noise)
     bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
-    if not table:  # nobody turned it
-        bias = _by_told(bias, scale)
+    bias = bias if table else _divided(bias, scale)
     frequency, split = None, None
     if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
         mean_hz = fmean(hz for hz, _ in found)
@@ -218,8 +217,8 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     )
 
 
-def _by_told(bias: OverTemperature, scale: ScaleFactor) -> OverTemperature:
-    """Return rates by a scale factor that was told, or was not."""
+def _divided(bias: OverTemperature, scale: ScaleFactor) -> OverTemperature:
+    """Return rates with the u of the scale factor that the outputs were divided by."""
     value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
     hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
     return structs.replace(bias, value=value, tc=tc, tc2=tc2, hysteresis=hysteresis)
