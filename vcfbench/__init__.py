@@ -19,7 +19,9 @@ def __getattr__(name: str) -> object:
     elif name == "__version__":
         return import_module("vcfbench.version").installed_version()
     elif name in homes:
-        value = import_module("vcfbench.arguments").checked(getattr(import_module(homes[name]), name))
+        value = getattr(import_module(homes[name]), name)
+        if type(value).__name__ == "function":  # its arguments are held against their annotations
+            value = import_module("vcfbench.arguments").checked(value)
     else:
         raise AttributeError(f"module 'vcfbench' has no attribute {name!r}")
     globals()[name] = value

@@ -34,6 +34,7 @@ _SAID_THERE: Final = {
     "safe_bench": {"bench"},
     "load_bench": {"path"},
     "compare_runs": {"runs"},
+    "analyze": {"compared"},
 }
 """Parameters by function that it refuses itself, with more words."""
 
@@ -95,7 +96,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return True
     if getattr(kind, "_is_protocol", False) and not kind.__module__.startswith(("collections", "typing")):
         own = [name for name in vars(kind) if name == "__call__" or not name.startswith("_")]
-        return all(hasattr(value, name) for name in own)
+        return any(hasattr(value, name) for name in own)  # one that lacks some is told by who calls it
     if not isinstance(value, kind) or (kind in _SEVERAL and isinstance(value, str | bytes)):
         return False
     items: Any = value

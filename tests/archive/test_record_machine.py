@@ -45,7 +45,7 @@ class Watcher:
         self._machine, self._others_at, self._earlier = machine, others_at, earlier
         self._points: list[Point] | None = None
 
-    def __call__(self, event: Event) -> None:
+    def handle(self, event: Event) -> None:
         [path] = [each for each in self._machine.runs.iterdir() if each not in self._machine.kept]
         if self._points is None:  # what was taken over comes without events
             self._points = list(vcfbench.load_run(path).points)

@@ -260,7 +260,7 @@ def test_output_responds_if_slope_is_eight_uncertainties(at_200_deg_s_v: float, 
     for n, each in enumerate(walk.windows):
         output_v = at_200_deg_s_v * each.table_deg_s / 200.0 + NOISE_V / math.sqrt(10.0) * rng.normal()
         walk.windows[n] = replace(each, point=replace(each.point, output_v=output_v))
-    with nullcontext() if believed else pytest.raises(MeasurementError, match="does not answer"):
+    with nullcontext() if believed else pytest.raises(MeasurementError, match="does not respond"):
         require_no_jump(walk)
 
 

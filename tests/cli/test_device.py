@@ -87,8 +87,9 @@ def test_the_history_as_csv_and_json(store: DeviceStore) -> None:
 @pytest.mark.parametrize("serial", [["G-1"], []])
 def test_two_formats_at_once_are_refused(serial: list[str], store: DeviceStore) -> None:
     refused = call(*serial, "--devices", str(store.root), "--csv", "--json")
-    assert (refused.exit_code, refused.stdout) == (2, "")
-    assert "--json and --csv: expected one of the two, got both" in refused.stderr
+    said = "--json and --csv: expected one of the two, got both"
+    assert (refused.exit_code, json.loads(refused.stdout)) == (2, {"error": said, "exit_code": 2})
+    assert said in refused.stderr
 
 
 def test_unknown_device_error_lists_known_devices(store: DeviceStore) -> None:

@@ -191,16 +191,14 @@ def _fault(random: Random, life: int) -> Happening:
     lasts = random.choice((None, random.uniform(0.05, 2.0), random.uniform(2.0, 20.0)))
     counted = kind in {"silent", "late", "garbled", "garbage", "truncated"} and random.random() < 0.5
     size_v = random.choice((20e-3, 0.1, 0.5)) * random.choice((1.0, -1.0))
-    fault = Fault(
-        role,
-        kind,
-        duration_s=lasts,
-        delay_s=random.choice((0.3, 1.5, 3.0, 8.0)),
-        count=random.randrange(1, 4) if counted else None,
-        number=random.choice((-222, -410, -113)),
-        offset=size_v if kind == "offset" else 0.0,
-        load_ohm=random.choice((1.0, 50.0)),
-    )
+    delay_s, count = random.choice((0.3, 1.5, 3.0, 8.0)), random.randrange(1, 4) if counted else None
+    own: dict[str, dict[str, Any]] = {
+        "late": {"delay_s": delay_s},
+        "error": {"number": random.choice((-222, -410, -113))},
+        "offset": {"offset": size_v},
+        "current_limit": {"load_ohm": random.choice((1.0, 50.0))},
+    }
+    fault = Fault(role, kind, duration_s=lasts, count=count, **own.get(kind, {}))
     return Happening(life, random.uniform(0.0, 1.05), "fault", fault=fault)
 
 
