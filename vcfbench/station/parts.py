@@ -188,7 +188,7 @@ class DriveWindow(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         """Yield the windows that no drive is in, or no oscilloscope tells: they are in another unit."""
         yield from turned_windows(self, "drive")
         for key, wrong, expected in (
-            ("frequency_hz", self.frequency_hz[0] < 1000.0, "from 1000 Hz on, in Hz and not kHz"),
+            ("frequency_hz", self.frequency_hz[0] < 100.0, "from 100 Hz on, in Hz and not kHz"),
             ("amplitude_v", self.amplitude_v[1] > MOST_V, f"up to {MOST_V:g} V, the largest supply, in V and not mV"),
             ("phase_deg", self.phase_deg[1] - self.phase_deg[0] < 2.0, "of 2 degrees and more, in degrees and not rad"),
         ):
