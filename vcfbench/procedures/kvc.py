@@ -382,7 +382,7 @@ def k_vc_report(settings: KVcSettings, _points: Sequence[Point], results: KVcRes
             Table(columns, rows, "V_Vc that gives the same output change as the table"),
             Text("\n".join(words)),
             budget_table("K_Vc", results.k_vc),
-            sensitivity_table(results.sensitivities),
+            sensitivity_table([e for e in results.sensitivities if settings.rails or e.quantity != "rails_v"]),
             Figure("Deviation from the curve", rate, Axis("rate - curve", "deg/s"), [left]),
             *lists_of_omissions(results.holds_not, UNSEEN),
         ]

@@ -311,7 +311,7 @@ def report(settings: RateLimitsSettings, measured: Measured, found: RateLimitsRe
     )
     words = [
         f"limit: the rate {of} above which the output is more than {100.0 * found.short_share:.3g} % short",
-        f"of the line through {settings.level_deg_s:g} deg/s of both signs; rails as set",
+        f"of the line through {settings.level_deg_s:g} deg/s of both signs{'; rails as set' * bool(settings.rails)}",
         rates_by(found.scale_factor_v_per_deg_s, found.scale_factor_from),
     ]
     for each in (found.positive, found.negative):
