@@ -46,6 +46,7 @@ FLOORS = [
         "files",
         "extras",
         "faces",
+        "arguments",
         "typed",
         "errors",
         "clock",
