@@ -88,7 +88,7 @@ def test_what_nobody_looked_at_widens(tmp_path: Path) -> None:
     found = vcfbench.run("online", LAB, settings=asked, runs=tmp_path).results
     parts = {part.source: part.u for part in found.scale_factor.parts}
     assert parts["not measured: Q (by 50 %, assumed)"] > 1e-4 * abs(SCALE_FACTOR)
-    assert parts["not measured: carrier over drive, amplitudes (by 0.5 %, assumed)"] > 2e-3 * abs(SCALE_FACTOR)
+    assert parts["not measured: ratio of carrier to drive amplitude (by 0.5 %, assumed)"] > 2e-3 * abs(SCALE_FACTOR)
     assert not found.scale_factor.missing
 
 

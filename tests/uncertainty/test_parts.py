@@ -162,14 +162,14 @@ def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp
     slope, root = abs(found.scale_factor.value), math.sqrt(3.0)
     by_hand = {
         "scale_factor": {
-            "gain of the multimeter": 35e-6 / 4.0 * slope,  # User's Guide p. 216: a year, four sigmas (p. 227)
-            "rate of the table": 1e-5 / root * slope if by == "table" else 0.0,
-            "angle to the table's axis": (1.0 - math.cos(math.radians(0.5))) / root * slope if by == "table" else 0.0,
-            "V_Vc: gain of the generator": 0.0 if by == "table" else 0.02 / root * slope,  # 2 %, maker's data sheet
+            "meter gain": 35e-6 / 4.0 * slope,  # User's Guide p. 216: a year, four sigmas (p. 227)
+            "table rate": 1e-5 / root * slope if by == "table" else 0.0,
+            "misalignment": (1.0 - math.cos(math.radians(0.5))) / root * slope if by == "table" else 0.0,
+            "V_Vc gain": 0.0 if by == "table" else 0.02 / root * slope,  # 2 %, maker's data sheet
             "temperature, the same at all": 0.4e-6 * abs(found.scale_factor_tc.value) * slope,
         },
         "bias": {
-            "offset of the multimeter": 50e-6 / 4.0 / (slope if by == "table" else abs(K)),
+            "meter offset": 50e-6 / 4.0 / (slope if by == "table" else abs(K)),
             "temperature, the same at all": 0.4 * abs(found.bias_tc.value),
             "wander (flicker)": math.sqrt(2.0 * math.log(2.0) / math.pi) * 5.57 / 3600.0,
         },
@@ -196,7 +196,7 @@ def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp
     assert 2.0 * level * first.u_slope == pytest.approx(math.sqrt(2.0) * volts_per_deg_s * first.u_bias_deg_s, rel=0.1)
     for name in ("scale_factor_tc", "bias_tc", "frequency_tc"):
         held = {each.source for each in getattr(found, name).parts}
-        assert not held & {"gain of the multimeter", "offset of the multimeter", "time base", "rate of the table"}
+        assert not held & {"meter gain", "meter offset", "time base", "table rate"}
 
 
 # --- power -------------------------------------------------------------------------------------------------------
