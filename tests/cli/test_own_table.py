@@ -109,7 +109,7 @@ def test_a_simulated_gyroscope_turns_on_the_stand_in(tmp_path: Path) -> None:
         text = re.sub(r"\[rate_table\]\n.*?\n\n", table, bench.read_text("utf-8"), flags=re.DOTALL)
         assert text.endswith(f'[served]\ncontrol = "127.0.0.1:{port}"\n')
         bench.write_text(f'{text}clock = "wall"\n', "utf-8")
-        found = re.search(r"`(vcfbench run turntable --bench served.toml .*?)`", PAGE)
+        found = re.search(r"`(vcfbench run turntable --bench served.toml .*?)`", " ".join(PAGE.split()))
         assert found is not None
         quickly = "--set settle_s=0.2 --set sample_interval_s=0.3 --set nplc=1 --set rate_tolerance_deg_s=3"
         run = done(f"{found[1]} --json --quiet {quickly} --runs {tmp_path.as_posix()}", served=bench)
