@@ -214,7 +214,7 @@ def test_same_meter_has_same_number_and_calibration(tmp_path: Path) -> None:
         "calibrated since": numbered(FIELD, calibrated=date(2026, 1, 5)),
     }.items():
         drift = run(tmp_path, bench, settings).drift
-        cancelled[name] = {each for each in drift.cancelled if "multimeter" in each}
+        cancelled[name] = {each for each in drift.cancelled if "meter gain" in each}
         u_ppm[name] = drift.change_ppm.u
     assert cancelled == {
         "same": {"meter gain (34401A inventory no. K-7)"},
