@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.stats import norm
 from simrack_tests.cells import few
 
 from tests.procedures.test_uncertainty import GENERATOR, K_VC, NOISE, RATES, READINGS, four_steps, settings
@@ -18,7 +19,7 @@ from vcfbench.procedures.virtual_coriolis.matching import Matching
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Match, Sources
 from vcfbench.uncertainty.line import Line
-from vcfbench.uncertainty.nonlinearity import CurvedLine, ResidualSpread
+from vcfbench.uncertainty.nonlinearity import CurvedLine, ResidualSpread, u95_beyond
 from vcfbench.uncertainty.windows import window_times
 
 if TYPE_CHECKING:
@@ -215,7 +216,7 @@ def test_virtual_non_linearity_scatters_as_stated_for_drawn_generators() -> None
     assert stated.value == pytest.approx(largest_ppm(driven(level)), rel=1e-9)
     assert "u by trials" in stated.of
     assert stated.coverage_factor == pytest.approx(stated.u95 / stated.u)
-    assert stated.u == pytest.approx(drawn.std(), rel=0.06)
+    assert stated.u == pytest.approx(np.sqrt(np.mean((drawn - stated.value) ** 2)), rel=0.06)
     assert 0.93 < np.mean(np.abs(drawn - stated.value) <= stated.u95) < 0.97
 
 
@@ -264,10 +265,10 @@ def held(true: ResidualSpread, count: int) -> tuple[float, float]:
 
 @pytest.mark.exhaustive
 def test_u95_covers_truth_for_drawn_generator_ranges() -> None:
-    """A share of 2000 scatters by 0.005, their standard deviation by 0.016."""
+    """A share of 2000 scatters by 0.005, their standard deviation by 0.016. Others may become the largest: u has it."""
     share, sd = held(of_generators(), 2000)
-    assert 0.93 <= share <= 0.97
-    assert 0.93 <= sd <= 1.07
+    assert 0.93 <= share <= 0.985
+    assert 0.85 <= sd <= 1.07
 
 
 @pytest.mark.parametrize(
@@ -337,3 +338,50 @@ def test_warm_up_enters_non_linearity(told: str, signs: tuple[float, float]) -> 
             assert abs(cold_ppm - warm_ppm) <= 1.1 * (found.u95 or 0.0), (seed, known)
         else:
             assert warm_ppm <= 1.1 * (found.high or 0.0), (seed, known)
+
+
+def of_drawn_runs(rates: list[float], odd: int, size: float, runs: int) -> tuple[float, float]:
+    """Return how often value or bound of drawn runs hold the truth, and how often stated values alone do.
+
+    The non-linearity is of the 2nd or 3rd order and `size` times the scatter of a mean of three readings.
+    """
+    rng, rate = np.random.default_rng(len(rates) + odd), np.array(rates)
+    order = (rate / np.abs(rate).max()) ** (3 if odd else 2)
+    u_ppm = 1e6 * NOISE / np.sqrt(3.0) / (abs(K) * np.ptp(rate))
+    true = K * rate + order * 1e-4 * size * u_ppm / largest_ppm(K * rate + 1e-4 * order, rate)
+    largest, within, among = float(largest_ppm(true, rate)), [], []
+    for _ in range(runs):
+        read = true[:, None] + NOISE * rng.standard_normal((rate.size, 3))
+        seen = zip(rates, read.mean(axis=1).tolist(), read.std(axis=1, ddof=1).tolist(), strict=True)
+        stated = turntable_statement(settings(Sources()), [Point(1, at, 0.0, *each, 3) for at, *each in seen])
+        value = next((each for each in stated.values if each.name == "nonlinearity"), None)
+        if value is not None:
+            among.append(abs(value.value - largest) <= value.u95)
+            within.append(among[-1])
+        else:
+            within.append(largest <= next(each.high for each in stated.bounds))
+    return float(np.mean(within)), float(np.mean(among or [True]))
+
+
+FIVE, SEVEN = [100.0, 10.0, 0.0, -10.0, -100.0], [200.0, 100.0, 20.0, 0.0, -20.0, -100.0, -200.0]
+
+
+@pytest.mark.parametrize(
+    ("rates", "odd", "size"),
+    few(
+        [(rates, odd, size) for rates in (FIVE, SEVEN, RATES) for odd in (0, 1) for size in (1, 2, 4, 10)], (FIVE, 0, 2)
+    ),
+)
+def test_values_and_bounds_of_noisy_lines_hold_the_truth(rates: list[float], odd: int, size: float) -> None:
+    """A share of 300 scatters by 0.013. A small one is stated by chance, in a run of twenty at most."""
+    share, of_values = of_drawn_runs(rates, odd, size, 300)
+    assert share >= 0.91
+    assert size < 4 or of_values >= 0.9
+
+
+def test_values_just_beyond_a_limit_have_wide_intervals() -> None:
+    """Q(a) = 0.025 Q(a - d), with SciPy's Q."""
+    for beyond in (0.5, 1.0, 2.0, 4.0, 30.0):
+        a = u95_beyond(10.0, 10.0 + beyond, 1.959964)
+        assert norm.sf(a) == pytest.approx(0.025 * norm.sf(a - beyond), rel=1e-5)
+    assert u95_beyond(10.0, 10.01, 1.96) == u95_beyond(10.0, 9.0, 1.96) == np.inf

@@ -2,12 +2,15 @@
 
 A residual is a linear functional of the outputs, the largest of several is not. Where more than one may be it, trials
 (JCGM 101) around what was found tell how far it moves. They lie higher than it, since errors make one residual or
-another the largest; what was found lies higher than the truth for the same reason, and by about as much. Both cancel:
-what is left is the scatter of the trials about their own mean.
+another the largest; what was found lies higher than the truth for the same reason, and u and U95 hold that as well.
+
+A value is stated only where it is larger than errors make it. Of runs whose errors happened to add to a small
+non-linearity more are stated than of others: :func:`u95_beyond` makes U95 hold the truth in those that are.
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from statistics import NormalDist
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -39,6 +42,9 @@ _ONE_RATE = 1e-5
 """Share of the span within which two levels are one: V_Vc that is measured differs by its noise."""
 _ROUNDING = 1e-12
 """Share of the largest variance up to which one is left by rounding."""
+_K95 = NormalDist().inv_cdf(0.975)
+_FAR = 10.0
+"""Standard deviations that no interval with a value in its middle has."""
 _MAY_BE_LARGEST = 3.0
 """Standard deviations of its distance from the largest within which a residual may truly be the largest."""
 
@@ -91,9 +97,23 @@ class ResidualSpread(Struct, frozen=True):
         flat = rng.uniform(-np.sqrt(3.0), np.sqrt(3.0), sizes.shape)
         errors = errors + np.where(self.rectangular, flat, sizes) @ self.common
         moved = np.abs(self.residuals - errors).max(axis=1) - np.abs(self.residuals).max()
-        off = np.abs(moved - moved.mean())
-        u95, by_errors = (float(np.quantile(each, 0.95)) for each in (off, np.abs(errors).max(axis=1)))
-        return LargestResidual(float(moved.std()), u95, by_errors)
+        u95, by_errors = (float(np.quantile(np.abs(each), 0.95)) for each in (moved, np.abs(errors).max(axis=1)))
+        return LargestResidual(float(np.sqrt(np.mean(moved**2))), u95, by_errors)
+
+
+def u95_beyond(limit: float, value: float, u95: float) -> float:
+    """Return U95 of a value that is stated because it lies above a limit; infinite where it does not.
+
+    With d and a, the distances of the value from the limit and from the lower end of its interval in standard
+    deviations, the chance of an error above a is that of 2.5 % of the errors above a - d, with which the lower end
+    would be stated at all: Q(a) = 0.025 Q(a - d).
+    """
+    beyond, a, before = (value - limit) / (u95 / _K95), _K95, 0.0
+    while a - before > 1e-9:
+        if beyond <= 0.0 or a > _FAR:
+            return math.inf
+        before, a = a, -NormalDist().inv_cdf(0.0125 * math.erfc((a - beyond) / math.sqrt(2.0)))
+    return u95 / _K95 * a
 
 
 def _normal(rng: np.random.Generator, covariance: Floats) -> Floats:
@@ -215,12 +235,13 @@ def line_statement(
         result = every.results[number]
         value = each.moved(stated_value(result, every, "ppm", _LARGEST, cannot_be.get(result.name, ())))
         by_errors = value.u95 if each.by_trials is None else each.by_trials.by_errors
-        why = each.only_bound or ("" if value.value > by_errors else "within the errors of the measurement")
+        u95 = u95_beyond(by_errors, value.value, value.u95) if value.u95 else 0.0
+        why = each.only_bound or ("" if value.value > u95 else "within the errors of the measurement")
         if why:  # no truth is further from what is found than the largest error of a residual
             most, of = value.value + by_errors, f"{value.of}; {why}"
             bounds.append(value.bound("below", most, of))
         else:
-            values.append(value)
+            values.append(structs.replace(value, u95=u95))
             kept.append(number)
     correlation = every.correlation[np.ix_(kept, kept)].tolist()
     for row, old in zip(correlation, stated.correlation, strict=False):
@@ -296,10 +317,10 @@ class WorstResidual(Struct, frozen=True):
         return self.size_ppm - noise_of(self.sum.name, q) - sum(size * q[name] for name, size in self.effects.items())
 
     def moved(self, value: StatedValue) -> StatedValue:
-        """Return the value with the u and U95 of trials where several residuals may be the largest."""
+        """Return the value with the u and U95 of trials where several residuals may be the largest, never with less."""
         if self.by_trials is None or not self.by_trials.u:
             return value
-        u, u95 = self.by_trials.u, self.by_trials.u95
+        u, u95 = max(value.u, self.by_trials.u), max(value.u95, self.by_trials.u95)
         at = ", ".join(f"{rate:+.4g}" for rate in self.rates_deg_s)
         of = f"{value.of}, at one of {at} deg/s; u by trials, contributions of the one found"
         return structs.replace(value, u=u, u95=u95, of=of)
