@@ -192,10 +192,14 @@ def test_output_bending_at_line_has_limits_beyond_line(second_order_per_v: float
     assert sum(limit is not None and abs(limit.value) < 51.0 for limit in limits) == 1
 
 
-@pytest.mark.parametrize("turned", [{"k_vc_guess_deg_s_per_v": -150.0}, {"scale_factor_v_per_deg_s": 0.0125}])
-def test_wrong_sign_of_the_output_is_refused_first(turned: dict[str, Any]) -> None:
-    with pytest.raises(
-        MeasurementError, match=r"the output changes by -1\.8\d* V a volt of V_Vc"
-    ) as ended:  # as it was measured
+@pytest.mark.parametrize(
+    ("turned", "by"),
+    [
+        ({"k_vc_guess_deg_s_per_v": -150.0}, r"-1\.8\d* V a volt of V_Vc"),
+        ({"scale_factor_v_per_deg_s": 0.0125}, r"-0\.0125\d* V/\(deg/s\)"),
+    ],
+)
+def test_wrong_sign_of_the_output_is_refused_first(turned: dict[str, Any], by: str) -> None:
+    with pytest.raises(MeasurementError, match=f"the output changes by {by}") as ended:  # as it was measured
         run("ideal", **turned)
     assert "polarity" in str(ended.value)

@@ -153,7 +153,17 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
             return reference.scale_factor_v_per_deg_s.value
         return None if expected is None else 0.5 * (expected[0] + expected[1])
 
-    def require_known(self, found: float) -> None:
+    @property
+    def early_look(self) -> tuple[str, ...]:
+        """V_Vc by its K_Vc, where the scale factor is known."""
+        return () if self.known_scale_factor is None else ("rate_source",)
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:  # noqa: ARG002  # no table turns
+        """See that the output answers to V_Vc as scale factor and K_Vc have it, as :meth:`require_known` does."""
+        per = self.k_vc_guess_deg_s_per_v / self.known.k_vc.coefficients[1]
+        self.require_known(per * slope, abs(per) * within)
+
+    def require_known(self, found: float, within: float = 0.0) -> None:
         """See that a scale factor has the sign that is known, and is within 10 % of what the bench file expects.
 
         How far it is from that of a certificate is a result. MeasurementError: it is another one.
@@ -166,7 +176,7 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
                 hint="check the leads of the meters and of V_Vc, and the sign of --k-vc (vcfbench run polarity)",
             )
         expected = self.expected.scale_factor_v_per_deg_s
-        if expected is not None and not min(far(expected)) <= found <= max(far(expected)):
+        if expected is not None and not min(far(expected)) - within <= found <= max(far(expected)) + within:
             raise MeasurementError(
                 f"the scale factor is {found:.4g} V/(deg/s), the bench file expects {expected[0]:g} to {expected[1]:g} "
                 f"V/(deg/s) (expected.scale_factor_v_per_deg_s): by {self.known.source}",

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable, Iterable
 from functools import wraps
 from statistics import fmean
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
@@ -21,6 +21,8 @@ T = TypeVar("T")
 SMALL_V = 1.0
 _LOOKS = 5
 """V_Vc and readings of a window by which an output at rest is asked whether it answers."""
+_NONE = 1e-6
+"""Scatter in the meter's last digits that no meter shows."""
 _ANSWERS = 10.0
 """Standard uncertainties by which it must move: a thousandth of what 10 deg/s make of the paper's gyroscope."""
 
@@ -54,30 +56,59 @@ def meter_set(settings: ProcedureSettings) -> Routine[None]:
         yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
 
 
-def rails_on(settings: ProcedureSettings, wait_s: float) -> Routine[None]:
+Look: TypeAlias = Callable[[ProcedureSettings], Routine[None]]
+
+
+def look_early(settings: ProcedureSettings, *, held: bool = False) -> Routine[None]:
+    """See that the output answers as was told, before a long wait or record by it; the table is at rest afterwards.
+
+    `held` tells that it is under servo already. Nothing is done where nothing was told, or nothing can move the output.
+    MeasurementError: it answers otherwise.
+    """
+    by = next((role for role in settings.early_look if _on_bench(settings, role)), None)
+    if by is None:
+        return
+    moving = _moved(settings, by_table=by == "rate_table")
+    if by == "rate_table" and not held:
+        moving = under_servo(settings, moving, "The table to rest")
+    slope, within = yield from moving
+    if by != "rate_table":
+        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
+    elif held:
+        yield from go_to_rate(settings, 0.0, previous_deg_s=settings.station.limits.slow_deg_s)
+    settings.require_known_answer(slope, within, by_v_vc=by != "rate_table")
+
+
+def rails_on(settings: ProcedureSettings, wait_s: float, look: Look | None = look_early) -> Routine[None]:
     """Set levels and limits, then switch on, wait, and read the rails back; say so where the device feeds itself."""
     rails = rails_of(settings)
     if not rails:
         yield steps.NotChecked("power and when it came on", "the bench has no supply: the device has its own")
-        yield from under_power(settings, wait_s, "the time since power-on of the device is unknown")
+        yield from under_power(settings, wait_s, "the time since power-on of the device is unknown", look)
         return
     for rail in rails:  # noqa: UP028  # a tuple cannot be sent results
         yield rail
     yield steps.EnableSupply()
-    yield from under_power(settings, wait_s, "rails up, drive loop starts")
+    yield from under_power(settings, wait_s, "rails up, drive loop starts", look)
 
 
-def under_power(settings: ProcedureSettings, wait_s: float, reason: str) -> Routine[None]:
-    """Wait, then read the rails back; before a long wait also look at rails and drive, lest it be in vain."""
+def under_power(
+    settings: ProcedureSettings, wait_s: float, reason: str, look: Look | None = look_early
+) -> Routine[None]:
+    """Wait, then read the rails back; before a long wait also look at rails, drive and output, lest it be in vain."""
     soon_s = settings.drive.start_up_s
     if wait_s > soon_s:
         yield steps.Settle(soon_s, reason)
         yield from check_rails(settings)
         if settings.station.oscilloscope is not None:
             yield from check_drive(settings)
-        wait_s, reason = wait_s - soon_s, "warm-up"
+        if look is not None:
+            yield from look(settings)
+        wait_s, reason, look = wait_s - soon_s, "warm-up", None
     yield steps.Settle(wait_s, reason)
     yield from check_rails(settings)
+    if look is not None and isinstance(settings, AtRestSettings):
+        yield from look(settings)
 
 
 def check_rails(settings: ProcedureSettings) -> Routine[None]:
@@ -233,8 +264,8 @@ def require_alive(settings: ProcedureSettings, point: Point) -> None:
     `expected.reading_noise_v` of the bench file takes the place of this. MeasurementError: its readings scatter by
     less.
     """
-    # None at all: nobody measured, or a bench without noise
-    if 0.0 < point.std_v < 0.1 * settings.meter_resolution_v and settings.expected.reading_noise_v is None:
+    # None at all, or what a lag leaves: nobody measured, or a bench without noise
+    if _NONE < point.std_v / settings.meter_resolution_v < 0.1 and settings.expected.reading_noise_v is None:
         raise MeasurementError(
             f"the output does not respond: it is {point.output_v:+.6g} V and scatters by {point.std_v:.1g} V, "
             f"less than a tenth of the meter's last digit of {settings.meter_resolution_v:g} V",
@@ -250,7 +281,7 @@ OTHER_SCALE_FACTOR = "values in deg/s, which are not those of this gyroscope"
 
 def can_answer(settings: ProcedureSettings) -> bool:
     """Return True if the bench has a table or a generator, by which the output may show its scale factor."""
-    return settings.station.limits.max_rate_deg_s is not None or _has_source(settings)
+    return any(_on_bench(settings, role) for role in ("rate_table", "rate_source"))
 
 
 def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[None]:
@@ -260,15 +291,29 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
     nothing else that tells its scale factor from another. MeasurementError: it stands where it stood at rest, or moves
     otherwise than its scale factor has it.
     """
-    limits = settings.station.limits
-    turns = turns and limits.max_rate_deg_s is not None
-    if not (turns or _has_source(settings)):
-        yield steps.NotChecked("whether the output responds", "the bench has neither table nor generator")
+    turns = turns and _on_bench(settings, "rate_table")
+    if not (turns or _on_bench(settings, "rate_source")):
+        yield steps.NotChecked(
+            "whether the output responds, and as was told", "the bench has neither table nor generator"
+        )
         return
+    slope, within = yield from _moved(settings, by_table=turns)
+    if tells_scale_factor(settings):
+        require_as_used(settings, slope, within, by_v_vc=not turns)
+    elif words := unlike_used(settings, slope, within, by_v_vc=not turns):  # nobody has said that it were so
+        yield steps.NotChecked(OTHER_SCALE_FACTOR, words)
+
+
+def _moved(settings: ProcedureSettings, *, by_table: bool) -> Routine[tuple[float, float]]:
+    """Move the output by a slow rate, or by V_Vc; return its slope, V/(deg/s), of V_Vc by the guess, and its limits.
+
+    MeasurementError: it stands where it stood at rest.
+    """
+    limits = settings.station.limits
     yield steps.Note("Does the output answer?")
     yield from meter_set(settings)
     at_rest = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
-    if turns:
+    if by_table:
         rate_deg_s = limits.slow_deg_s
         yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
         moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s, settings.rate_tolerance_deg_s)), steps.OutputSeen)
@@ -287,15 +332,11 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
             f"the output does not respond to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "
             f"{at_rest.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
             instrument="multimeter",
-            step="the end of the record",
+            step="the look whether the output answers",
             hint=f"check the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
     moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
-    slope, within = moved_v / rate_deg_s, abs(within_v / rate_deg_s)
-    if tells_scale_factor(settings):
-        require_as_used(settings, slope, within, by_v_vc=not turns)
-    elif words := unlike_used(settings, slope, within, by_v_vc=not turns):  # nobody has said that it were so
-        yield steps.NotChecked(OTHER_SCALE_FACTOR, words)
+    return moved_v / rate_deg_s, abs(within_v / rate_deg_s)
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:
@@ -340,13 +381,13 @@ def energised(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
         yield from power_down(settings)
 
 
-def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
+def under_servo(settings: ProcedureSettings, work: Routine[T], afterwards: str = "Shut down") -> Routine[T]:
     """Do `work` with the table under servo; whatever happens, bring it to rest and open the servo."""
     yield steps.EnableTable()
     try:
         return (yield from work)
     finally:
-        yield steps.Note("Shut down")
+        yield steps.Note(afterwards)
         yield steps.SetRate(0.0, settings.acceleration_deg_s2, 0.0)  # from whatever rate it has
         deadline_s = 2.0 * settings.fastest_deg_s / settings.acceleration_deg_s2 + settings.rate_deadline_s
         yield steps.AwaitRate(0.0, 0.0, settings.rate_tolerance_deg_s, deadline_s)
@@ -356,7 +397,7 @@ def under_servo(settings: ProcedureSettings, work: Routine[T]) -> Routine[T]:
 def power_down(settings: ProcedureSettings) -> Routine[None]:
     """Switch V_Vc off, where the bench has a generator, then the power, where it has a supply."""
     try:
-        if _has_source(settings):
+        if _on_bench(settings, "rate_source"):
             yield steps.DisableVvc()
     finally:
         if settings.rails:
@@ -365,13 +406,15 @@ def power_down(settings: ProcedureSettings) -> Routine[None]:
 
 def source_off(settings: ProcedureSettings) -> Routine[None]:
     """Switch V_Vc off and set it to 0 V, where the bench has a generator."""
-    if _has_source(settings):
+    if _on_bench(settings, "rate_source"):
         yield steps.DisableVvc()
         yield steps.ConfigureGenerator(0.0)
 
 
-def _has_source(settings: ProcedureSettings) -> bool:
-    return "rate_source" in settings.station.instruments
+def _on_bench(settings: ProcedureSettings, role: str) -> bool:
+    if role == "rate_table":
+        return settings.station.limits.max_rate_deg_s is not None
+    return role in settings.station.instruments
 
 
 def held_at_rest(settings: ProcedureSettings, work: steps.Plan) -> steps.Plan:

@@ -12,7 +12,7 @@ from vcfbench.instructions.kept import KeptSettings
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import MOST_V, InvalidValue, beyond_output
 from vcfbench.station.linear_gyro import LinearGyro
-from vcfbench.station.settings import DeviceSettings, Station
+from vcfbench.station.settings import DeviceSettings, ProcedureSettings, Station
 
 _MOST_OFF = 0.1
 """Part by which the output may answer otherwise than the scale factor used: warm-up, curvature, an axis askew."""
@@ -40,6 +40,13 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
         Annotated[float, ranged(0.0, 1e9)] | None,
         said("standard uncertainty of the scale factor; without it a bias in deg/s is incomplete"),
     ] = None
+
+    @property
+    def early_look(self) -> tuple[str, ...]:
+        return ("rate_table", "rate_source") if tells_scale_factor(self) else ()
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
+        require_as_used(self, slope, within, by_v_vc=by_v_vc)
 
     def expected_gyro(self) -> LinearGyro:
         gyro = super().expected_gyro()
@@ -98,15 +105,22 @@ class ScaleFactor(Struct, frozen=True):
     source: str
 
 
-def tells_scale_factor(settings: AtRestSettings) -> bool:
+def _given(settings: ProcedureSettings) -> tuple[float | None, float | None]:
+    if not isinstance(settings, AtRestSettings):
+        return None, None
+    return settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s
+
+
+def tells_scale_factor(settings: ProcedureSettings) -> bool:
     """Return True if settings or bench file have the scale factor of this gyroscope."""
-    return settings.scale_factor_v_per_deg_s is not None or settings.expected.scale_factor_v_per_deg_s is not None
+    return _given(settings)[0] is not None or settings.expected.scale_factor_v_per_deg_s is not None
 
 
-def scale_factor_used(settings: AtRestSettings) -> ScaleFactor:
+def scale_factor_used(settings: ProcedureSettings) -> ScaleFactor:
     """Return the scale factor that turns volts into rates, with its source."""
-    if settings.scale_factor_v_per_deg_s is not None:
-        return ScaleFactor(settings.scale_factor_v_per_deg_s, settings.scale_factor_u_v_per_deg_s, "settings")
+    given, u = _given(settings)
+    if given is not None:
+        return ScaleFactor(given, u, "settings")
     expected = settings.expected.scale_factor_v_per_deg_s is not None
     usual = "nominal value" if settings.station.stream else "value of the paper"
     source = "middle of the expected range" if expected else f"{usual}, not measured on this gyroscope"
@@ -118,7 +132,7 @@ def far(ends: tuple[float, float], part: float = 0.0) -> list[float]:
     return [each * (1.0 + sign * max(_MOST_OFF, part)) for each in ends for sign in (-1.0, 1.0)]
 
 
-def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> None:
+def require_as_used(settings: ProcedureSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> None:
     """See that the output answers as the scale factor that is used has it; MeasurementError: it does not."""
     if words := unlike_used(settings, found, within, by_v_vc=by_v_vc):
         raise MeasurementError(
@@ -129,7 +143,7 @@ def require_as_used(settings: AtRestSettings, found: float, within: float = 0.0,
         )
 
 
-def unlike_used(settings: AtRestSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> str:
+def unlike_used(settings: ProcedureSettings, found: float, within: float = 0.0, *, by_v_vc: bool) -> str:
     """Return how the output answers otherwise than the scale factor that is used has it; empty if it does not.
 
     `found` is its slope, V/(deg/s), known to `within`; of V_Vc by `k_vc_guess_deg_s_per_v`, which is a rough one.
@@ -137,7 +151,7 @@ def unlike_used(settings: AtRestSettings, found: float, within: float = 0.0, *, 
     used, expected, k_vc = scale_factor_used(settings), settings.expected, settings.k_vc_guess_deg_s_per_v
     factors, said = [1.0], f"{used.value:+.4g} V/(deg/s) ({used.source})"
     scale = used.value, used.value
-    if settings.scale_factor_v_per_deg_s is None and expected.scale_factor_v_per_deg_s is not None:
+    if _given(settings)[0] is None and expected.scale_factor_v_per_deg_s is not None:
         scale = expected.scale_factor_v_per_deg_s
     if by_v_vc:
         of_guess = [each / k_vc for each in expected.k_vc_deg_s_per_v or ()]

@@ -10,6 +10,7 @@ from enum import Enum
 from typing import Annotated, ClassVar
 
 from vcfbench.instructions.kept import KnownFlickerSettings
+from vcfbench.instructions.scale_factor import require_as_used, tells_scale_factor
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import InvalidValue
 from vcfbench.station.settings import ProcedureSettings
@@ -86,6 +87,15 @@ class SweepSettings(KnownFlickerSettings, frozen=True, kw_only=True):
 
     table_step: ClassVar[int] = 1
     """The number that the points on the table carry."""
+
+    @property
+    def early_look(self) -> tuple[str, ...]:
+        """The table, where the bench file expects a scale factor."""
+        return ("rate_table",) if tells_scale_factor(self) else ()
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
+        """See that the output answers as the bench file expects."""
+        require_as_used(self, slope, within, by_v_vc=by_v_vc)
 
     @property
     def as_in_the_paper(self) -> bool:

@@ -55,6 +55,10 @@ class GSensitivitySettings(AtRestSettings, frozen=True, kw_only=True):
     heading_deg: Annotated[float, ranged(0.0, 90.0, "largest angle of a level input axis from east")] = 5.0
 
     @property
+    def early_look(self) -> tuple[str, ...]:
+        return super().early_look[1:]  # It may lie anywhere
+
+    @property
     def positions(self) -> tuple[str, ...]:
         """The axes that point up in turn, there and back."""
         there = [sign + axis for axis in dict.fromkeys(self.axes) for sign in "+-"]

@@ -35,6 +35,7 @@ from vcfbench.instructions import v_vc
 from vcfbench.instructions.kept import conditions_of
 from vcfbench.instructions.procedure import Procedure, Provenance, Watched, roles
 from vcfbench.instructions.routines import framed, powered
+from vcfbench.instructions.scale_factor import require_as_used, tells_scale_factor
 from vcfbench.instructions.schedule import EARTH_DEG_S
 from vcfbench.instructions.v_vc import K_VC_UNIT, KnownVvcSettings, measured_levels
 from vcfbench.procedures.health.found import beside, health_of, with_output_curve
@@ -83,6 +84,15 @@ class KVcSettings(KnownVvcSettings, frozen=True, kw_only=True):
     health: Annotated[bool, said(HEALTH, option=True)] = True
     exchange: Annotated[bool, said(EXCHANGE)] = True
     axis_tilt_deg: Annotated[float, ranged(0.0, 90.0, "largest tilt of the table's axis")] = 0.5
+
+    @property
+    def early_look(self) -> tuple[str, ...]:
+        """The table, where the bench file expects a scale factor."""
+        return ("rate_table",) if tells_scale_factor(self) else ()
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
+        """See that the output answers as the bench file expects."""
+        require_as_used(self, slope, within, by_v_vc=by_v_vc)
 
     @property
     def fastest_deg_s(self) -> float:

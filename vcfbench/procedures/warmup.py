@@ -379,6 +379,7 @@ def warmup(settings: WarmupSettings) -> steps.Plan:
     yield steps.CheckRails(rails, settings.rail_tolerance_v)
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     seen = yield from routines.look_at_drive(settings)
+    yield from routines.look_early(settings, held=True)
     yield steps.Note(f"The output at rest, {settings.shortest_s:g} to {settings.longest_s:g} s")
     table_deg_s = None if settings.station.limits.max_rate_deg_s is None else 0.0
     of_all = {**routines.window_of(settings), "samples": settings.readings_a_window}

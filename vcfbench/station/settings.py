@@ -315,6 +315,17 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         return None
 
     @property
+    def early_look(self) -> tuple[str, ...]:
+        """Roles of which the first on the bench moves the output before a long wait; none where nothing was told."""
+        return ()
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
+        """See that the output answers as was told; MeasurementError: it does not.
+
+        `slope` is in V/(deg/s), known to `within`; of V_Vc by `k_vc_guess_deg_s_per_v`.
+        """
+
+    @property
     def warm_again_s(self) -> float:
         """Time under power with which a run begins that is resumed after something was measured, s."""
         return self.start_up_s

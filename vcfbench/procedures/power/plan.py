@@ -5,6 +5,7 @@ currents when it is warm; and each rail moved up and down within the limits of t
 against drift, with bias and scale factor taken each time (by V_Vc of both signs, or by the table).
 """
 
+from functools import partial
 from typing import Any
 
 from msgspec import Struct, structs
@@ -126,7 +127,7 @@ def plan(settings: PowerSettings) -> steps.Plan:
         yield SuppliedAndLogged(rails, settings.order_delay_s if second else settings.log_s)
         for rail in second:
             yield RailOnAndLog(rail.rail, rail.output, rail.voltage_v, rail.current_limit_a, rails, settings.log_s)
-    yield from routines.under_power(settings, settings.start_up_s, "warm-up")
+    yield from routines.under_power(settings, settings.start_up_s, "warm-up", partial(routines.look_early, held=True))
     seen = yield from routines.look_at_drive(settings)
     yield steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))
     yield steps.Note("Steady currents")
