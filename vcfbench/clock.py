@@ -16,10 +16,12 @@ from msgspec import Struct
 from simrack.clock import Clock, ScaledClock, VirtualClock, WallClock, sleep
 
 __all__ = [
+    "CLOCK_SET",
     "Clock",
     "Deadline",
     "PacedClock",
     "ScaledClock",
+    "TimeOfDay",
     "VirtualClock",
     "WallClock",
     "sleep",
@@ -45,6 +47,38 @@ def uptime_s() -> float:
     """Return the time since the computer started, s, with its time asleep if the system reports that."""
     clock = getattr(time, "CLOCK_BOOTTIME", None)
     return time.monotonic() if clock is None else time.clock_gettime(clock)
+
+
+CLOCK_SET = "dates: the computer's clock was set"
+"""How it begins what is said of such a clock."""
+_SET_S, _SLEWED = 1.0, 1e-3
+"""A clock that moves by less than so much, and this part of the time that passes, was not set, but goes wrong."""
+
+
+class TimeOfDay:
+    """The time of day beside the computer's uptime: whether somebody sets it while a run goes on."""
+
+    __slots__ = ("_seen",)
+
+    def __init__(self) -> None:
+        self._seen = _looked()
+
+    def was_set(self) -> str:
+        """Return how the time of day was set since the last look, in words; empty if it was not."""
+        (before, began_s, until_s), self._seen = self._seen, _looked()
+        now, first_s, last_s = self._seen
+        within_s = 0.5 * (until_s - began_s + last_s - first_s)  # a program may stand still within a look
+        took_s = 0.5 * (first_s + last_s - began_s - until_s)
+        by_s = (now - before).total_seconds() - took_s
+        if abs(by_s) <= _SET_S + _SLEWED * took_s + within_s:
+            return ""
+        way, stamps = "back" if by_s < 0.0 else "ahead", [f"{each:%Y-%m-%d %H:%M:%S}" for each in (before, now)]
+        return f"{CLOCK_SET} {way} by {abs(by_s):.0f} s: it went from {stamps[0]} to {stamps[1]} UTC"
+
+
+def _looked() -> tuple[datetime, float, float]:
+    began_s = uptime_s()
+    return utc_now(), began_s, uptime_s()
 
 
 def within(wall_s: float, act: Callable[[], object]) -> None:

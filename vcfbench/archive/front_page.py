@@ -13,6 +13,7 @@ import msgspec
 from vcfbench.archive.certificate import NOT_ADJUSTED, revised, stated_words
 from vcfbench.archive.days import days_of
 from vcfbench.archive.run import Run
+from vcfbench.clock import CLOCK_SET
 from vcfbench.files import read_file
 from vcfbench.records.amendments import check_of, lines_after
 from vcfbench.records.plain import plain
@@ -88,6 +89,7 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         return ", ".join(filter(None, map(words.get, keys))) or BLANK
 
     days, number = days_of(run), words.get("identifier")
+    clock_set = ", clock set meanwhile" if any(CLOCK_SET in each for each in run.not_checked) else ""
     revision = "" if not run.amendments else f", revision {run.revision}, amended since the run (see Record)"
     traced = [
         f"{each.model} ({each.title}) {each.certificate or BLANK}{f', {each.calibrated}' if each.calibrated else ''}"
@@ -107,7 +109,7 @@ def _persons_and_dates(run: Run, words: Mapping[str, str]) -> list[tuple[str, st
         ("deviations from it", said("deviations")),
         ("adjustment", words.get("adjustment", NOT_ADJUSTED)),
         ("place", said("place")),
-        ("measured on", BLANK if days is None else f"{' to '.join(dict.fromkeys(days))} (UTC)"),
+        ("measured on", BLANK if days is None else f"{' to '.join(dict.fromkeys(days))} (UTC{clock_set})"),
         ("operator", run.metadata.operator or BLANK),
         ("checked by", checked(run) or BLANK),
         ("traceable by", "; ".join(traced) or BLANK),

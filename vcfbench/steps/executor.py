@@ -15,6 +15,7 @@ from typing import Any, Protocol, TypeVar
 from msgspec import Struct, to_builtins
 
 from vcfbench.bench.bench import Bench
+from vcfbench.clock import TimeOfDay
 from vcfbench.errors import Aborted, BenchError, MeasurementError
 from vcfbench.interfaces import Operator, nobody
 from vcfbench.records.journal import Journal
@@ -123,6 +124,7 @@ class Executor:
         self._disturbed: set[str] = set()  # what was set beside the plan
         self._pauses: list[str] = []
         self._paused_s = 0.0
+        self._time_of_day = TimeOfDay()
 
     def execute(self, plan: Plan) -> Execution:
         """Perform `plan` to its end or to its first error, and return the outcome.
@@ -156,7 +158,7 @@ class Executor:
                 self._number = self._written = self._number + 1
                 self._physical_s += each.step.physical_s
                 self._performed.append(each.step)
-                self._count(each.step, each.result, each.line.get("asked_again", ()))
+                self._count(each.result, each.line.get("asked_again", ()), each.line.get("not_checked", ""))
                 if (point := each.result.recorded_point) is not None and point.moved_u_v:
                     self._moved = point.moved_v, point.moved_u_v
             for pause in each.pauses:
@@ -296,8 +298,9 @@ class Executor:
         if self._context.chunks:
             self._context.rest()
         line = self._done(step, result, start_s)
-        if step.not_checked:
-            line["not_checked"] = step.not_checked
+        not_checked = "; ".join(filter(None, (step.not_checked, self._time_of_day.was_set())))
+        if not_checked:
+            line["not_checked"] = not_checked
         point = result.recorded_point
         if point is not None:
             line["point"] = point.as_json()
@@ -307,7 +310,7 @@ class Executor:
             self._write_owed()
             self.journal.write("step", line)
             self._written = self._number
-            self._count(step, result, self._context.asked_again)
+            self._count(result, self._context.asked_again, not_checked)
         if self._pausing is not None:
             self._performed.append(step)
         self._tell(StepFinished(self._number, self._now(), step, result, tuple(self._context.asked_again)))
@@ -342,11 +345,11 @@ class Executor:
             **self._seen(),
         }
 
-    def _count(self, step: Step, result: StepResult, asked_again: Sequence[str]) -> None:
+    def _count(self, result: StepResult, asked_again: Sequence[str], not_checked: str) -> None:
         """Keep the point and the notes of a performed step for the end of the run."""
         self._asked_again += (f"step {self._number}: {said}" for said in asked_again)
-        if step.not_checked and step.not_checked not in self._not_checked:  # parts of one run may leave out the same
-            self._not_checked.append(step.not_checked)
+        if not_checked and not_checked not in self._not_checked:  # parts of one run may leave out the same
+            self._not_checked.append(not_checked)
         point = result.recorded_point
         if point is not None:
             self._points.append(point)
