@@ -16,6 +16,7 @@ from msgspec.structs import asdict
 from vcfbench.bench.ground import Builder, UnopenedBench, check_simulation, require_instruments_apart, station
 from vcfbench.bench.holding import Holding, SignalWatch
 from vcfbench.bench.opening import open_role
+from vcfbench.bench.simulated_instruments import simulated_roles
 from vcfbench.clock import Clock
 from vcfbench.drivers.calls import Calls, attended
 from vcfbench.drivers.hands import Hands
@@ -118,8 +119,13 @@ class Bench(Struct, frozen=True, eq=False):
 
     @property
     def simulated(self) -> bool:
-        """Return True if the bench is simulated."""
-        return self.description.simulated
+        """Return True if the bench is simulated, by its file or by its instruments."""
+        return self.description.simulated or bool(self.simulated_roles)
+
+    @property
+    def simulated_roles(self) -> tuple[str, ...]:
+        """Roles of instruments that are known to be simulated though the bench file says nothing of it."""
+        return () if self.description.simulated else simulated_roles(self.description, self.identities)
 
     @property
     def by_hand(self) -> tuple[str, ...]:

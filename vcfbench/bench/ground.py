@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from msgspec import Struct, field
 
+from vcfbench.bench.simulated_instruments import require_all_served
 from vcfbench.clock import Clock, PacedClock, VirtualClock, WallClock
 from vcfbench.drivers.hands import Hands
 from vcfbench.errors import ConfigError
@@ -126,6 +127,7 @@ def _served(description: BenchDescription, served: Served, roles: Collection[str
 
     streams = description.stream_resources
     with _locks(description, roles) as left_by, lockstep_bench(served, table_port(description), streams) as lockstep:
+        require_all_served(description, roles)
         yield UnopenedBench(
             lockstep.clock,
             description.visa_library,

@@ -9,10 +9,10 @@ import typer
 from rich.console import Console
 from rich.prompt import Prompt
 
+from vcfbench.bench.simulated_instruments import CONTROL_PORT, CONTROL_VARIABLE
 from vcfbench.cli import options
 from vcfbench.cli.new_file import require_free, written_anew
 from vcfbench.cli.options import flag, option
-from vcfbench.cli.serve import CONTROL_PORT, CONTROL_VARIABLE
 from vcfbench.cli.set_option import plain_value
 from vcfbench.clock import utc_now
 from vcfbench.drivers.wire import is_simulated

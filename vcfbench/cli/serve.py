@@ -15,6 +15,7 @@ from simrack.faults import FaultScript, fault_from
 from simrack.serve import MAX_SPEED, BenchServer, Control, ControlError, Offer, Rs232, ServedClock, ServerSettings
 
 from vcfbench.bench.ground import FASTEST, pace_of
+from vcfbench.bench.simulated_instruments import CONTROL_PORT, CONTROL_VARIABLE
 from vcfbench.cli.options import Bench_, argument, flag, option, seed_option
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.files import failing_as
@@ -23,9 +24,6 @@ from vcfbench.sim.fault_scripts import read_script
 from vcfbench.sim.served import build_served, on_wires
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.writing import bench_text
-
-CONTROL_PORT = 20220
-CONTROL_VARIABLE = "VCFBENCH_CONTROL_PORT"
 
 
 def serve(

@@ -107,6 +107,7 @@ class Prepared:
         self.name = getattr(request.procedure, "name", str(request.procedure))
         self.metadata = request.metadata
         self.seed: int | None = None
+        self.simulated: bool | None = None
         self.began_s: float | None = None
         self.directory: RunDirectory | None = None
         self.devices: tuple[OneDevice, ...] = ()
@@ -117,6 +118,7 @@ class Prepared:
         """Read the bench file and check the request against it, without opening the bench."""
         request = self.request
         self.description = description = bench_file.described(request.bench)
+        self.simulated = description.simulated
         self.procedure = chosen = catalogue.procedure(request.procedure)
         self.name = chosen.name
         self.seed = self._seed()
@@ -230,6 +232,8 @@ class Prepared:
         its instruments go by its seed.
         """
         self.seed = bench.seed
+        if roles := bench.simulated_roles:
+            self._believe_simulated(" and ".join(roles))
         self.settings = self._placed(self.settings, bench, bench.identities)
         outputs = bench.instruments.get("multimeter")
         own = outputs.identities if isinstance(outputs, Outputs) else {}
@@ -238,6 +242,15 @@ class Prepared:
             replace(each, settings=self._placed(each.settings, bench, identities.get(each.name, {})))
             for each in self.devices
         )
+
+    def _believe_simulated(self, roles: str) -> None:
+        """Have the run count as simulated; ConfigError where it is of a device, and has recalled real entries."""
+        words = f"the bench file is of a real bench, but {roles} are simulated: they have made-up serial numbers, or a "
+        words += "server on this computer knows them"
+        if any(each.named_device for each in (self.settings, *(own.settings for own in self.devices))):
+            raise ConfigError(words, hint="[served] control = HOST:PORT in the bench file, as `sim serve` writes it")
+        self.request.warn(f"{words}; the run counts as simulated")
+        self.simulated = True
 
     def _placed(self, of: ProcedureSettings, bench: Bench, identities: Mapping[str, Identity]) -> ProcedureSettings:
         """Return settings with the instruments of `bench` told apart."""

@@ -246,6 +246,7 @@ class Resumed(Prepared):
             raise ConfigError(f"{run} cannot be resumed: {chosen.in_one_piece}", hint="run it anew")
         self.settings = recorded_settings(chosen, header.get("settings"))
         self.description = description = self.earlier.bench(self.request.bench, self.settings)
+        self.simulated = description.simulated
         self.devices = tuple(
             OneDevice(
                 each["name"],

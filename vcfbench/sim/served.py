@@ -155,6 +155,16 @@ def served_places(control: str) -> tuple[str, dict[str, str]]:
     return f"127.0.0.1:{port}", {wires["tcp"]: role for role, wires in instruments.items() if wires["tcp"]}
 
 
+def served_wires(control: str) -> list[str]:
+    """Ask the control port as :func:`served_places` does; return all places of all instruments, on any wire."""
+    try:
+        with Control(int(control.rpartition(":")[2])) as session:
+            instruments = session.request("status")["instruments"]
+    except (ControlError, ValueError) as error:
+        raise ConnectFailed(f"no bench is served there: {error}", instrument=_CONTROL, resource=control) from error
+    return [str(where) for wires in instruments.values() for where in wires.values() if where]
+
+
 def on_wires(description: BenchDescription, resources: Mapping[str, str], control: str) -> BenchDescription:
     """Return the bench of `description` with the resources of its wires, for other processes.
 
