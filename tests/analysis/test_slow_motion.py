@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
 from vcfbench.analysis.allan import Sampling
 from vcfbench.procedures.zero.noise import record_noise
@@ -47,6 +46,8 @@ def test_slow_sine_is_neither_ramp_nor_walk(seed: int) -> None:
 @pytest.mark.exhaustive
 def test_noise_that_comes_back_is_seldom_a_walk() -> None:
     """K of Gauss-Markov noise of 10 s was stated in 22 of 24 records of 60000, at 0.7 of what it is."""
+    from scipy.signal import lfilter  # noqa: PLC0415  # it takes a second to load
+
     remembered, walks, interval_s = np.exp(-0.001), 0, 0.01
     for seed in range(24):
         draw = np.random.default_rng(1000 + seed)
@@ -57,6 +58,8 @@ def test_noise_that_comes_back_is_seldom_a_walk() -> None:
 
 
 def test_remark_says_why_a_walk_is_not_stated() -> None:
+    from scipy.signal import lfilter  # noqa: PLC0415  # it takes a second to load
+
     draw = np.random.default_rng(1000)
     remembered = np.exp(-0.2 / 30.0)
     slow = lfilter([np.sqrt(1.0 - remembered**2)], [1.0, -remembered], draw.standard_normal(T_S.size))

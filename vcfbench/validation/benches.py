@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 from msgspec import structs
-from scipy.stats import binom
 
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.verified import verify_run
@@ -92,6 +91,8 @@ class Calibrations:
 
     def covered(self, value: str) -> Found:
         """Compare how often U95 of a value held the truth, and how errors over u scatter, with what they should."""
+        from scipy.stats import binom  # noqa: PLC0415  # SciPy takes longer to import than all else
+
         rows = self.rows()
         low, high = map(int, binom.interval(1.0 - 2.0 * _CHANCE, self._runs, 0.95))
         z = [row[f"{value}.z"] for row in rows]

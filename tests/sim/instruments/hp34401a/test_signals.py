@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from scipy.signal import bilinear, lfilter
 from scipy.special import jv
 from simrack.adding import added
 from simrack.attendance import AttendedClock
@@ -304,6 +303,8 @@ def test_full_amplitude_modulation_loses_cycles_below_threshold() -> None:
 @pytest.mark.exhaustive
 def test_noise_is_counted_as_often_as_it_crosses_both_thresholds() -> None:
     """Against Gaussian numbers through a Butterworth filter, counted one by one."""
+    from scipy.signal import bilinear, lfilter  # noqa: PLC0415  # it takes a second to load
+
     rate_hz, rms_v = 64e6, 0.3
     made = meter(NoiseSource(0.0, rms_v, 5), "CONF:FREQ;:FREQ:VOLT:RANG 1")
     analog = ([(math.tau * HIGH_HZ) ** 2], [1.0, math.sqrt(2.0) * math.tau * HIGH_HZ, (math.tau * HIGH_HZ) ** 2])
