@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.characters import CHARACTERS
 from vcfbench.drivers import replies
 from vcfbench.errors import FramingError, MeasurementError
 
@@ -41,7 +42,7 @@ def test_a_load_alone_may_be_infinite(infinite: str) -> None:
         replies.ohms(f"-{infinite.removeprefix('+')}")
 
 
-@given(st.text())
+@given(st.text(CHARACTERS))
 def test_what_reads_as_a_number_is_one(text: str) -> None:
     try:
         value = replies.number(text)

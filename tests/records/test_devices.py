@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from tests.characters import CHARACTERS
 from vcfbench.errors import ConfigError
 from vcfbench.records.device_values import Characteristics, Conditions, Measured
 from vcfbench.records.devices import FORMAT, Certificate, DeviceStore, KvcCurve, SelfCalibration, together
@@ -239,7 +240,12 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @settings(max_examples=15)  # each writes two files through to the disk
-@given(FINITE, FINITE.map(abs), st.datetimes(timezones=st.just(UTC)), st.lists(st.text(min_size=1, max_size=20)))
+@given(
+    FINITE,
+    FINITE.map(abs),
+    st.datetimes(timezones=st.just(UTC)),
+    st.lists(st.text(CHARACTERS, min_size=1, max_size=20)),
+)
 def test_any_number_instant_and_words_come_back(
     tmp_path_factory: pytest.TempPathFactory, value: float, u: float, instant: datetime, words: list[str]
 ) -> None:

@@ -10,16 +10,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.characters import CHARACTERS
 from vcfbench.errors import ConfigError
 from vcfbench.interfaces import Identity
 from vcfbench.records.metadata import Equipment, RunMetadata, equipment_of, metadata_from, metadata_of
 
-KEYS = st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,20}\Z")
-LINES = st.text(min_size=1, max_size=50).filter(str.strip)
+KEYS = st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9_.-]{0,20}\Z", alphabet=CHARACTERS)
+LINES = st.text(CHARACTERS, min_size=1, max_size=50).filter(str.strip)
 TOLD = st.fixed_dictionaries(
     {},
     optional={
-        "dut": st.from_regex(r"\AG-[0-9]{1,6}\Z"),
+        "dut": st.from_regex(r"\AG-[0-9]{1,6}\Z", alphabet=CHARACTERS),
         "operator": LINES,
         "note": LINES,
         "tags": st.dictionaries(KEYS, LINES, min_size=1, max_size=5),

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.characters import CHARACTERS
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import ReadOnly, plain, read_only
 
@@ -91,7 +92,9 @@ NUMBERS = (
     st.none() | st.booleans() | st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(2**63), 2**63 - 1)
 )
 VALUES = st.recursive(
-    NUMBERS | st.text(), lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner), max_leaves=20
+    NUMBERS | st.text(CHARACTERS),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(CHARACTERS), inner),
+    max_leaves=20,
 )
 
 

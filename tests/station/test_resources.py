@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.characters import CHARACTERS
 from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.make_safe import safe_bench
@@ -60,7 +61,7 @@ def test_a_port_is_its_device_whatever_links_lead_there(tmp_path: Path) -> None:
     assert len({resource_key(name) for name in names}) == 1
 
 
-@given(st.text(max_size=40))
+@given(st.text(CHARACTERS, max_size=40))
 def test_every_text_has_a_key(text: str) -> None:
     assert resource_key(text.replace("TCPIP", "").replace("socket", "").replace("rfc", "")) is not None
 
