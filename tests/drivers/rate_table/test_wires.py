@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.cells import few
 from tests.drivers.rate_table import DIALECTS
 from tests.drivers.rate_table.test_dialects import Bench
 from vcfbench.clock import Deadline, VirtualClock
@@ -33,6 +35,7 @@ GREETINGS = {
     "words": b"Acme gateway 2.1\r\nport 3 ready\r\n",
     "telnet": b"\xff\xfd\x03\xff\xfb\x01\xff\xfb\x03",
 }
+WAYS = tuple(product(PACES, GREETINGS))
 
 
 class PacedWire:
@@ -108,9 +111,13 @@ REFUSED: dict[str, Callable[[Any, TableLine, Deadline], object]] = {
 }
 
 
-@pytest.mark.parametrize("name", DIALECTS)
 @pytest.mark.parametrize(
-    "paced", [(pace, greeting) for pace in PACES for greeting in GREETINGS], indirect=True, ids=" after ".join
+    ("paced", "name"),
+    few(
+        product(WAYS, DIALECTS), *((way, name) for each, way in enumerate(WAYS) for name in [*DIALECTS][each % 2 :: 2])
+    ),
+    indirect=["paced"],
+    ids=lambda each: each if isinstance(each, str) else " after ".join(each),
 )
 @pytest.mark.usefixtures("paced")
 def test_an_answer_belongs_to_its_question_however_its_bytes_come(name: str) -> None:
