@@ -28,7 +28,7 @@ class Held(NamedTuple):
     as_built: Callable[[BenchParameters], BenchParameters] = quiet
     file: str = "lab"
     slow: int = 0
-    """1: all gyroscopes but the first are for the exhaustive tests; 2: the first too."""
+    """1: figures are kept of the first gyroscope alone; 2: it too is for the exhaustive tests, as all others are."""
 
     def key(self, gyroscope: str) -> str:
         """Return the name of the run of a gyroscope."""

@@ -8,6 +8,8 @@ from tests.procedures.parts import values
 from tests.procedures.parts.procedures import PROCEDURES, Held
 
 LONG = (
+    "turntable, a loop between zeros",
+    "four steps, levels as they are set",
     "K_Vc, and a self-calibration by it",
     "temperature with the split",
     "four steps, by both signs",
