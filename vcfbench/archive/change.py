@@ -17,7 +17,7 @@ from msgspec import Struct, structs
 
 from vcfbench.analysis.shared_curve import Windows, slopes_over
 from vcfbench.archive.run import Run
-from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
+from vcfbench.devices.thermometer import rise_by_drive, thermometer
 from vcfbench.errors import ConfigError
 from vcfbench.instructions.schedule import SweepSettings
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -26,7 +26,7 @@ from vcfbench.records.device_values import Measured
 from vcfbench.records.devices import DeviceStore
 from vcfbench.station.settings import ProcedureSettings, Sources
 from vcfbench.uncertainty.of_range import windows_of
-from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition, Drive
+from vcfbench.values.definition import WITHIN, WITHIN_DEG_S, Conditions, Definition
 from vcfbench.values.quantile import t_quantile
 from vcfbench.values.sources import METER_GAIN, METER_OFFSET, TABLE_RATE, TEMPERATURE
 from vcfbench.values.value import UncertaintyPart, Value
@@ -262,8 +262,9 @@ def _by_temperature(
 ) -> _Moved | str:
     then_c, now_c = before.temperature_c, after.temperature_c
     u_k, by_drive = 0.0, False
-    if before.drive and after.drive and (known.drive_ppm_k or then_c is None or now_c is None):
-        away_k, u_k = _by_drives(before.drive, after.drive, known.drive_ppm_k or ASSUMED_DRIVE_PPM_K)
+    then, now, per_k = before.drive, after.drive, thermometer(known.drive_ppm_k)
+    if then and now and per_k and (known.drive_ppm_k or then_c is None or now_c is None):
+        away_k, u_k = rise_by_drive((then.frequency_hz, then.u_hz), (now.frequency_hz, now.u_hz), per_k)
         by_drive = abs(away_k) > 2.0 * u_k  # within its U95 the temperature is the same
         away_k *= by_drive
         words = f"{away_k:+.1f} K (U95 {2.0 * u_k:.1f} K) by the drive's frequency"
@@ -280,13 +281,6 @@ def _by_temperature(
     stated = [each.scale_factor_ppm_k for each in bands if "scale_factor_ppm_k" not in each.assumed]
     limit = 1e-6 * (abs(away_k) + 2.0 * u_k) * max((each for each in stated if each is not None), default=_CLASS_PPM_K)
     return _Moved(u=limit / math.sqrt(3.0), said=nobody, unknown=True) if slope else nobody
-
-
-def _by_drives(before: Drive, after: Drive, per_k: Measured) -> tuple[float, float]:
-    """Return how much warmer the device was, K, by the frequencies of its drive, and its u."""
-    away_k = 1e6 * (after.frequency_hz / before.frequency_hz - 1.0) / per_k.value
-    u_ppm = 1e6 * math.hypot(before.u_hz, after.u_hz) / before.frequency_hz
-    return away_k, math.hypot(u_ppm, away_k * per_k.u) / abs(per_k.value)
 
 
 def _by_rails(

@@ -3,7 +3,9 @@
 import math
 from collections.abc import Iterator
 
-from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
+from msgspec import structs
+
+from vcfbench.devices.thermometer import rise_by_drive, thermometer
 from vcfbench.records.device_values import Characteristics
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps import DriveFrequency, DriveReading
@@ -29,21 +31,20 @@ def drive_of(settings: ProcedureSettings, measured: Measured) -> Drive | None:
     middle_hz = sum(each.frequency_hz for each in seen) / len(seen)
     u_hz = math.hypot(*(each.u_hz for each in seen)) / len(seen)
     known = characteristics_of(settings)
-    per_k = known.drive_ppm_k or ASSUMED_DRIVE_PPM_K
-    moved_k = u_moved_k = at_c = u_k = None
-    if len(seen) > 1:
-        moved_k = 1e6 * (seen[1].frequency_hz / seen[0].frequency_hz - 1.0) / per_k.value
-        u_ppm = 1e6 * math.hypot(*(each.u_hz for each in seen)) / middle_hz
-        u_moved_k = math.hypot(u_ppm, moved_k * per_k.u) / abs(per_k.value)
     whole_u_hz = math.hypot(u_hz, TIME_BASE / math.sqrt(3.0) * middle_hz)
+    if (per_k := thermometer(known.drive_ppm_k)) is None:
+        return Drive(middle_hz, whole_u_hz)
+    found = Drive(middle_hz, whole_u_hz, assumed="" if known.drive_ppm_k else f"{per_k.value:g} ppm/K assumed")
+    if len(seen) > 1:
+        first, last = ((each.frequency_hz, each.u_hz) for each in seen)
+        moved_k, u_moved_k = rise_by_drive(first, last, per_k)
+        found = structs.replace(found, moved_k=moved_k, u_moved_k=u_moved_k)
     if known.drive_hz and known.drive_ppm_k and known.temperature_c:
-        then_hz = known.drive_hz
-        rise_k = 1e6 * (middle_hz / then_hz.value - 1.0) / per_k.value
-        u_ppm = 1e6 * math.hypot(whole_u_hz, then_hz.u) / then_hz.value
-        at_c = known.temperature_c.value + rise_k
-        u_k = math.hypot(known.temperature_c.u, math.hypot(u_ppm, rise_k * per_k.u) / per_k.value)
-    assumed = "" if known.drive_ppm_k else f"{per_k.value:g} ppm/K assumed"
-    return Drive(middle_hz, whole_u_hz, moved_k, u_moved_k, at_c, u_k, assumed)
+        then = known.drive_hz.value, known.drive_hz.u
+        rise_k, u_k = rise_by_drive(then, (middle_hz, whole_u_hz), per_k)
+        at_c, u_k = known.temperature_c.value + rise_k, math.hypot(known.temperature_c.u, u_k)
+        found = structs.replace(found, temperature_c=at_c, u_temperature_k=u_k)
+    return found
 
 
 def characteristics_of(settings: ProcedureSettings) -> Characteristics:

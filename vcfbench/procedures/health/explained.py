@@ -3,7 +3,7 @@
 import math
 from typing import NamedTuple
 
-from vcfbench.devices.k_vc_change import ASSUMED_DRIVE_PPM_K
+from vcfbench.devices.thermometer import rise_by_drive, thermometer
 from vcfbench.records.device_values import Characteristics, Measured
 from vcfbench.reports.document import Text
 from vcfbench.values.printing import grouped
@@ -20,12 +20,9 @@ class Rise(NamedTuple):
 
 def rise_since(then: Characteristics, now: Characteristics) -> Rise | None:
     """Return the rise of temperature, from the drive's frequency if measured, else as stated, or None."""
-    if then.drive_hz is not None and now.drive_hz is not None:
-        per_k = then.drive_ppm_k or ASSUMED_DRIVE_PPM_K
-        ppm = 1e6 * (now.drive_hz.value / then.drive_hz.value - 1.0)
-        u_ppm = 1e6 * math.hypot(now.drive_hz.u, then.drive_hz.u) / then.drive_hz.value
-        kelvin = ppm / per_k.value
-        return Rise(kelvin, math.hypot(u_ppm, kelvin * per_k.u) / abs(per_k.value), "the drive's frequency")
+    if then.drive_hz is not None and now.drive_hz is not None and (per_k := thermometer(then.drive_ppm_k)):
+        before, after = ((each.value, each.u) for each in (then.drive_hz, now.drive_hz))
+        return Rise(*rise_by_drive(before, after, per_k), "the drive's frequency")
     if then.temperature_c is not None and now.temperature_c is not None:
         kelvin = now.temperature_c.value - then.temperature_c.value
         return Rise(kelvin, math.hypot(now.temperature_c.u, then.temperature_c.u), "temperature_c")
