@@ -596,13 +596,13 @@ def _over_temperature(seed: int, where: str, by: str) -> Iterator[Stated]:
         biases.append(output(0.0, None) / true.scale_factor if by != "table" else output(0.0, None))
         drives.append(Modes.of(bench, each_c).drive_hz)
     if by == "table":
-        biases = [each / float(np.mean(slopes)) for each in biases]
+        biases = [each / slope for each, slope in zip(biases, slopes, strict=True)]
 
     def parabola(values: Sequence[float]) -> list[float]:
         return np.polynomial.polynomial.polyfit(np.array(levels) - 20.0, values, 2).tolist()  # type: ignore[no-any-return]
 
     factor, bias, drive = parabola(slopes), parabola(biases), parabola(drives)
-    ppm, ppm_hz = 1e6 / float(np.mean(slopes)), 1e6 / float(np.mean(drives))
+    ppm, ppm_hz = 1e6 / factor[0], 1e6 / drive[0]
     yield from stated("scale_factor", found.scale_factor, factor[0])
     yield from stated("scale_factor_tc", found.scale_factor_tc, ppm * factor[1])
     yield from stated("scale_factor_tc2", found.scale_factor_tc2, ppm * factor[2])

@@ -54,6 +54,22 @@ def test_coefficients_are_those_that_were_put_in(tmp_path: Path) -> None:
     assert seen <= 4
 
 
+@pytest.mark.parametrize("ppm_k", [-1000.0, -120.0, 500.0])
+def test_coefficient_of_one_sided_temperatures_holds_truth(tmp_path: Path, ppm_k: float) -> None:
+    """From 25 degC up: the mean of the scale factors is not the one that is stated."""
+    within = []
+    for seed in range(20):
+        draw, rows = np.random.default_rng(seed), ["temp_c,rate_deg_s,out_v"]
+        for at_c in (25.0, 40.0, 55.0, 70.0, 85.0, 70.0, 55.0, 40.0, 25.0):
+            factor = 8e-3 * (1.0 + 1e-6 * ppm_k * (at_c - 25.0))
+            noise = 1e-5 * draw.standard_normal(3)
+            rows += [f"{at_c},{rate},{factor * rate + noise[place]:.8f}" for place, rate in enumerate((-300, 0, 300))]
+        (tmp_path / "t.csv").write_text("\n".join(rows) + "\n")
+        tc = analyze_temperature(tmp_path / "t.csv", "temp_c").found[0].stated[1]
+        within.append(abs((tc.value or 0.0) - ppm_k) <= (tc.u95 or 0.0))
+    assert np.mean(within) >= 0.8
+
+
 def test_hysteresis_that_is_there_is_seen(tmp_path: Path) -> None:
     found = analyze_temperature(table(tmp_path / "t.csv", 1, 0.01), "temp_c").found[1].stated[-1]
     assert found.form == "plus-minus"

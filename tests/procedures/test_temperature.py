@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
 from msgspec import to_builtins
 from msgspec.structs import replace
+from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench.errors import ConfigError, LimitError, MeasurementError
 from vcfbench.instructions.scale_factor import ScaleFactorBy
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.temperature.plan import TEMPERATURE, directions, stands_still, temperature_characteristics
 from vcfbench.procedures.temperature.settings import TemperatureSettings
 from vcfbench.records.device_values import Characteristics
 from vcfbench.records.schema import Point
+from vcfbench.sim.gyro.data_sheet import DataSheet
 from vcfbench.sim.gyro.design import paper_bench
+from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.station.parts import Limits
 from vcfbench.station.settings import PlacedInstrument, Station
@@ -39,6 +45,7 @@ from vcfbench.uncertainty.over_temperature import Cause, Temperatures, over_temp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from vcfbench.sim.parameters import SenseMode
     from vcfbench.station.description import BenchDescription
@@ -137,6 +144,26 @@ def test_the_coefficients_are_those_of_the_closed_form(run: Any) -> None:
     assert found.scale_factor_tc.parts[0].source == "readings and flicker"
     true_hz = 3488.9 * (1.0 - 30e-6 * (REFERENCE_C + 0.3 - 20.0))
     assert abs(found.frequency.value - true_hz) < 3.0 * found.frequency.u < 1.0
+
+
+@pytest.mark.parametrize(
+    ("ppm_k", "drive_hz"), few(product((-30.0, 0.0, 45.0), (1200.0, 3488.9, 12_000.0)), (-30.0, 12_000.0))
+)
+def test_coefficients_by_table_are_those_of_the_gyroscope(ppm_k: float, drive_hz: float, tmp_path: Path) -> None:
+    """The records of a drive without noise are alike, and so are the errors of their digits."""
+    own = parse_bench(own_gyro_bench(DataSheet(drive_hz=drive_hz), "own", imperfections=False), "own")
+    assert own.simulation is not None
+    override = deepcopy(own.simulation.override)
+    for mode in ("drive_mode", "sense_in_phase", "sense_anti_phase"):
+        override.setdefault(mode, {})["frequency_coefficient_per_k"] = 1e-6 * ppm_k
+    bench = replace(own, simulation=replace(own.simulation, override=override))
+    settings = {"by": "table", "temperatures_c": (20.0, 35.0, 50.0, 65.0, 50.0, 35.0, 20.0), "reference_c": 20.0}
+    found = vcfbench.run("temperature", bench, seed=1, settings=settings, runs=tmp_path).results
+    assert abs(found.frequency_tc.value - ppm_k) <= found.frequency_tc.u95 < 3.0
+    at_c, slopes = (np.array([getattr(each, of) for each in found.points]) for of in ("temperature_c", "slope"))
+    tc2, tc, value = np.polyfit(at_c - 20.0, slopes, 2)
+    assert found.scale_factor_tc.value == pytest.approx(1e6 * tc / value, rel=1e-6, abs=1e-6)
+    assert found.scale_factor_tc2.value == pytest.approx(1e6 * tc2 / value, rel=1e-6, abs=1e-6)
 
 
 def test_what_is_kept_of_the_device_can_be_written(run: Any) -> None:
@@ -247,7 +274,7 @@ def test_coefficients_scatter_as_their_uncertainties_say() -> None:
     cause = Cause("noise", 1e-4 * np.eye(at.size))
     for _ in range(400):
         values = 5.0 + 0.1 * (at - 20.0) - 1e-3 * (at - 20.0) ** 2 + 1e-2 * rng.standard_normal(at.size)
-        made = over_temperature(temperatures, list(values), [cause], ("V", "V", 1.0))
+        made = over_temperature(temperatures, list(values), [cause], "V")
         z.append([(m.value - truth) / m.u for m, truth in ((made.value, 5.0), (made.tc, 0.1), (made.tc2, -1e-3))])
         assert made.hysteresis is not None
         claimed += abs(made.hysteresis.value) > made.hysteresis.u95
@@ -260,7 +287,7 @@ def test_coefficients_scatter_as_their_uncertainties_say() -> None:
 def test_a_hysteresis_that_is_there_is_seen_with_its_size() -> None:
     temperatures = Temperatures(np.array([0.0, 20.0, 40.0, 20.0, 0.0]), [True, True, True, False, False], 20.0)
     values, noise = [5.0, 5.0, 5.0, 5.1, 5.0], Cause("noise", 1e-4 * np.eye(5))
-    found = over_temperature(temperatures, values, [noise], ("V", "V", 1.0)).hysteresis
+    found = over_temperature(temperatures, values, [noise], "V").hysteresis
     assert found is not None
     assert found.value == pytest.approx(0.1)
     assert found.u == pytest.approx(0.01 * 2**0.5)

@@ -23,7 +23,7 @@ from vcfbench.records.device_values import Measured
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import Sources, Station
 from vcfbench.uncertainty.oscilloscope import TIME_BASE
-from vcfbench.uncertainty.over_temperature import Cause, Temperatures, over_temperature
+from vcfbench.uncertainty.over_temperature import Cause, Temperatures, relative_over_temperature
 from vcfbench.uncertainty.windows import window_times
 from vcfbench.values.value import Measurand, UncertaintyPart
 
@@ -105,7 +105,7 @@ VALUES = np.array([5.0, 5.2, 5.31, 5.36, 5.33, 5.18])
 def fitted(at_c: np.ndarray, values: np.ndarray, **known: float) -> Any:
     temperatures = Temperatures(at_c, [True] * at_c.size, 25.0, **known)
     cause = Cause("noise", np.diag(np.full(at_c.size, 1e-6)))
-    return over_temperature(temperatures, list(values), [cause], ("V", "ppm", 1e3))
+    return relative_over_temperature(temperatures, list(values), [cause], "V")
 
 
 def estimates(at_c: np.ndarray, values: np.ndarray = VALUES) -> np.ndarray:
@@ -125,20 +125,20 @@ def test_single_temperature_errors_move_a_parabola_by_its_slope() -> None:
     """An error of one temperature is, to first order, one of its value by the slope of the parabola there."""
     found = fitted(AT_C, VALUES, u_each_k=0.2)
     off = AT_C - 25.0
-    slopes = found.tc.value / 1e3 + 2.0 * found.tc2.value / 1e3 * off
+    slopes = 1e-6 * found.value.value * (found.tc.value + 2.0 * found.tc2.value * off)
     for number, each in enumerate((found.value, found.tc, found.tc2)):
         moves = [
-            estimates(AT_C, VALUES + 0.2 * slope * row)[number] - estimates(AT_C)[number]
+            1e4 * (estimates(AT_C, VALUES + 0.2e-4 * slope * row)[number] - estimates(AT_C)[number])
             for slope, row in zip(slopes, np.eye(AT_C.size), strict=True)
         ]
-        assert part(each, "temperatures, each by itself") == pytest.approx(float(np.linalg.norm(moves)), rel=1e-6)
+        assert part(each, "temperatures, each by itself") == pytest.approx(float(np.linalg.norm(moves)), rel=1e-5)
 
 
 def test_noise_of_the_values_goes_through_the_parabola() -> None:
     found = fitted(AT_C, VALUES)
     for number, each in enumerate((found.value, found.tc, found.tc2)):
-        moves = [estimates(AT_C, VALUES + 1e-3 * row)[number] - estimates(AT_C)[number] for row in np.eye(AT_C.size)]
-        assert part(each, "noise") == pytest.approx(float(np.linalg.norm(moves)), rel=1e-6)
+        moves = [estimates(AT_C, VALUES + 1e-6 * row)[number] - estimates(AT_C)[number] for row in np.eye(AT_C.size)]
+        assert part(each, "noise") == pytest.approx(1e3 * float(np.linalg.norm(moves)), rel=1e-5)
 
 
 AT_RUN_C = np.array([10.0, 30.0, 50.0, 30.0])
@@ -160,6 +160,7 @@ def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp
     }
     found = vcfbench.run("temperature", bench, seed=3, settings=settings, runs=tmp_path).results
     slope, root = abs(found.scale_factor.value), math.sqrt(3.0)
+    moves = 2.0 * found.scale_factor_tc2.value - 1e-6 * found.scale_factor_tc.value**2  # it is a ratio
     by_hand = {
         "scale_factor": {
             "meter gain": 35e-6 / 4.0 * slope,  # User's Guide p. 216: a year, four sigmas (p. 227)
@@ -177,7 +178,7 @@ def test_a_run_over_temperature_states_the_parts_of_its_instruments(by: str, tmp
             "time base": TIME_BASE / root * found.frequency.value,
             "temperature, the same at all": 0.4e-6 * abs(found.frequency_tc.value) * found.frequency.value,
         },
-        "scale_factor_tc": {"temperature, the same at all": 0.4 * 2.0 * abs(found.scale_factor_tc2.value)},
+        "scale_factor_tc": {"temperature, the same at all": 0.4 * abs(moves)},
     }
     for name, parts in by_hand.items():
         for source, u in parts.items():

@@ -1,6 +1,7 @@
 """Scale factor and bias over temperature, from a file that was taken elsewhere: a table, or a log at rest."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -22,7 +23,14 @@ from vcfbench.records.plain import plain
 from vcfbench.records.schema import POINT_COLUMNS
 from vcfbench.reports.document import Axis, Figure, Notice, Report, Series, Table, Text, heads
 from vcfbench.uncertainty.measurand import value_table
-from vcfbench.uncertainty.over_temperature import Cause, Temperatures, most, over_temperature
+from vcfbench.uncertainty.over_temperature import (
+    Cause,
+    Parabola,
+    Temperatures,
+    most,
+    over_temperature,
+    relative_over_temperature,
+)
 from vcfbench.values.value import Value
 
 _ROOM_C: Final = 25.0
@@ -153,9 +161,10 @@ def analyze_temperature(
         if each.rate_deg_s.size:
             slopes, zeros = _lines(head, groups, each)
             of = "1" if each.unit == "deg/s" else f"{each.unit}/(deg/s)"
-            per = (of, "ppm", 1e6 / float(np.mean(slopes)))
-            found.append(_found(f"scale factor of {name}", over, groups, slopes, per))
-        found.append(_found(f"bias of {name}", over, groups, zeros, ("deg/s", "deg/s", 1.0)))
+            fit = partial(relative_over_temperature, unit=of)
+            found.append(_found(f"scale factor of {name}", over, groups, slopes, unit=of, fit=fit))
+        fit = partial(over_temperature, unit="deg/s")
+        found.append(_found(f"bias of {name}", over, groups, zeros, unit="deg/s", fit=fit))
     return TemperatureAnalysis(reference_c, tuple(found), tuple(notes))
 
 
@@ -207,7 +216,13 @@ def _lines(head: Head, groups: Sequence[slice], column: TableColumn) -> tuple[li
 
 
 def _found(
-    name: str, over: Temperatures, groups: Sequence[slice], values: Sequence[float], units: tuple[str, str, float]
+    name: str,
+    over: Temperatures,
+    groups: Sequence[slice],
+    values: Sequence[float],
+    *,
+    unit: str,
+    fit: Callable[[Temperatures, Sequence[float], Sequence[Cause]], Parabola],
 ) -> OverTemperature:
     """Return a quantity over temperature.
 
@@ -222,8 +237,8 @@ def _found(
     slow = max(0.0, float(rest @ rest) / size * free - scatter)
     lasts = np.exp(-_LASTS / size * np.abs(np.subtract.outer(np.arange(size), np.arange(size))))
     noise = Cause("scatter", scatter * np.eye(size), max(1.0, (2.0 * like.sum() - 3.0) / 3.0))
-    fitted = over_temperature(over, values, [noise, Cause("deviation from the parabola", slow * lasts)], units)
-    turned = over_temperature(over, values, [noise], units).hysteresis
+    fitted = fit(over, values, [noise, Cause("deviation from the parabola", slow * lasts)])
+    turned = fit(over, values, [noise]).hysteresis
     stated: list[Value] = [
         fitted.value.called("value", "", "value"),
         fitted.tc.called("tc", "", "temperature coefficient"),
@@ -235,5 +250,5 @@ def _found(
         stated.append(called if seen else called.bound("size-below", most(turned)))
     rows = tuple(each.stop - each.start for each in groups)
     return OverTemperature(
-        name, units[0], tuple(stated), tuple(over.at_c.tolist()), tuple(over.rising), rows, tuple(map(float, values))
+        name, unit, tuple(stated), tuple(over.at_c.tolist()), tuple(over.rising), rows, tuple(map(float, values))
     )

@@ -269,8 +269,9 @@ def results(settings: BandwidthSettings, measured: Measured) -> Bandwidth:
     low_hz, high_hz = settings.drive.frequency_hz
     drive_hz, u_drive_hz = 0.5 * (low_hz + high_hz), (high_hz - low_hz) / math.sqrt(12.0)
     if of_drive := [found for _, found in measured.found(steps.SineRecords) if len(found.channels) == 1]:
-        seen = oscilloscope.frequency_of([each.frequency_hz for each in of_drive[-1].records])
-        drive_hz, u_drive_hz = seen.value, seen.u
+        seen = oscilloscope.DriveRecords.of(of_drive[-1].records)
+        drive_hz = seen.frequency_hz
+        u_drive_hz = math.hypot(seen.u_hz, oscilloscope.TIME_BASE / math.sqrt(3.0) * drive_hz)
     known = rate_band.Known(
         drive_hz,
         settings.in_phase_split_hz,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
@@ -10,6 +11,9 @@ from vcfbench.errors import ClippedRecord, ConfigError, MeasurementError
 from vcfbench.interfaces import AveragesWaveforms, Oscilloscope, Waveform
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does
+
+if TYPE_CHECKING:
+    from vcfbench.analysis.sine_fit import Sine
 
 _DIVISIONS = 3.0
 """Divisions of the oscilloscope's screen (eight high) that an amplitude shall fill."""
@@ -238,11 +242,8 @@ class MeasureDrive(Step, Struct, frozen=True):
 
 
 def drive_frequency(context: Context, channel: int, amplitude_v: float, near_hz: float) -> DriveFrequency:
-    """Return the frequency of a drive at about `near_hz` in the present record, on a screen for `amplitude_v`.
-
-    Of a sine that fills the digits without noise their errors go with it: a thousand of them count at most.
-    """
-    from vcfbench.analysis.sine_fit import fit_sine, u_of_frequency  # noqa: PLC0415  # NumPy, needed here alone
+    """Return the frequency of a drive at about `near_hz` in the present record, on a screen for `amplitude_v`."""
+    from vcfbench.analysis.sine_fit import fit_sine  # noqa: PLC0415  # NumPy, needed here alone
 
     try:
         taken = downloaded(context, channel, _FREQUENCY_POINTS)
@@ -251,24 +252,34 @@ def drive_frequency(context: Context, channel: int, amplitude_v: float, near_hz:
         if abs(found.frequency_hz - near_hz) > _NEAR * near_hz or found.amplitude < _LEAST_OF_DRIVE * amplitude_v:
             seen = f"a sine of {found.frequency_hz:.6g} Hz and {found.amplitude:.3g} V is not the drive's"
             return DriveFrequency(0.0, 0.0, seen)
-        by_digit = math.sqrt(6.0 / 1000.0 / 12.0) * _DIGIT * scale_v_per_div(amplitude_v)
-        by_digit /= math.pi * len(taken.voltage_v) * interval_s * found.amplitude
-        return DriveFrequency(
-            found.frequency_hz, math.hypot(u_of_frequency(taken.voltage_v, interval_s, found), by_digit)
-        )
+        return DriveFrequency(found.frequency_hz, _u_of_frequency(taken, interval_s, found, amplitude_v))
     except (ConfigError, MeasurementError) as error:
         return DriveFrequency(0.0, 0.0, error.what)
+
+
+def _u_of_frequency(taken: Waveform, interval_s: float, found: "Sine", amplitude_v: float) -> float:
+    """Return the standard uncertainty of the frequency of a record on a screen for `amplitude_v`, Hz.
+
+    Of a sine that fills the digits without noise their errors go with it: a thousand of them count at most.
+    """
+    from vcfbench.analysis.sine_fit import u_of_frequency  # noqa: PLC0415  # NumPy, needed here alone
+
+    by_digit = math.sqrt(6.0 / 1000.0 / 12.0) * _DIGIT * scale_v_per_div(amplitude_v)
+    by_digit /= math.pi * len(taken.voltage_v) * interval_s * found.amplitude
+    return math.hypot(u_of_frequency(taken.voltage_v, interval_s, found), by_digit)
 
 
 class SineRecord(Struct, frozen=True):
     """A sine fitted to one record of some channels, one frequency for all.
 
-    Amplitudes are in V, phases in deg against the first channel, whose own is 0.
+    Amplitudes are in V, phases in deg against the first channel, whose own is 0. `u_frequency_hz` is by what the fit
+    leaves of the first, its digits among it.
     """
 
     frequency_hz: float
     amplitudes_v: tuple[float, ...]
     phases_deg: tuple[float, ...]
+    u_frequency_hz: float = 0.0
 
 
 class SineRecords(StepResult, Struct, frozen=True):
@@ -331,6 +342,7 @@ class CaptureSines(Step, Struct, frozen=True):
             first.frequency_hz,
             (first.amplitude, *(each.gain * first.amplitude for each in others)),
             (0.0, *(each.phase_deg for each in others)),
+            _u_of_frequency(taken[0], interval_s, first, self.amplitudes_v[0]),
         )
 
     def acquire(self, scope: Oscilloscope) -> None:

@@ -3,7 +3,8 @@
 import cmath
 import math
 from collections.abc import Callable, Iterable, Sequence
-from statistics import fmean
+from statistics import fmean, stdev
+from typing import NamedTuple, Self
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
@@ -102,6 +103,31 @@ def frequency_of(values_hz: Sequence[float], owner: str = "oscilloscope") -> Mea
     """Return the mean frequency of records by the time base of `owner`."""
     u_hz = TIME_BASE / math.sqrt(3.0) * abs(fmean(values_hz))
     return mean_of_records(values_hz, "Hz", UncertaintyPart("time base", u_hz, of=owner))
+
+
+class DriveRecords(NamedTuple):
+    """The frequency of the drive by some records, Hz, without the error of the time base.
+
+    Noise makes records differ, and their mean better: `u_noise_hz`. What each fit leaves beyond that, and what digits
+    without noise add, is `u_digits_hz`: they err alike wherever the drive has that frequency.
+    """
+
+    frequency_hz: float
+    u_noise_hz: float
+    u_digits_hz: float
+
+    @classmethod
+    def of(cls, records: Sequence[steps.SineRecord]) -> Self:
+        """Return it of records of the drive alone."""
+        found_hz = [each.frequency_hz for each in records]
+        scatter_hz = stdev(found_hz)
+        digits = max(fmean(each.u_frequency_hz**2 for each in records) - 2.0 * scatter_hz**2, 0.0)
+        return cls(fmean(found_hz), scatter_hz / math.sqrt(len(found_hz)), math.sqrt(digits))
+
+    @property
+    def u_hz(self) -> float:
+        """Standard uncertainty, Hz."""
+        return math.hypot(self.u_noise_hz, self.u_digits_hz)
 
 
 def skew(drive_hz: float, owner: str | None = None) -> UncertaintyPart:

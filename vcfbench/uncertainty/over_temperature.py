@@ -41,7 +41,7 @@ class Cause(Struct, frozen=True):
     floor: float | None = None
 
 
-class OverTemperature(Struct, frozen=True):
+class Parabola(Struct, frozen=True):
     """A parabola: value, slope and curvature at the reference, the largest hysteresis, and the residuals."""
 
     value: Measurand
@@ -52,13 +52,22 @@ class OverTemperature(Struct, frozen=True):
 
 
 def over_temperature(
-    temperatures: Temperatures,
-    values: Sequence[float],
-    causes: Sequence[Cause],
-    units: tuple[str, str, float],
-) -> OverTemperature:
-    """Fit a parabola by least squares; `units` are those of value and coefficients, and the factor between them."""
-    unit, per, factor = units
+    temperatures: Temperatures, values: Sequence[float], causes: Sequence[Cause], unit: str
+) -> Parabola:
+    """Fit a parabola by least squares; the coefficients are in the unit of the values."""
+    return _parabola(temperatures, values, causes, unit)
+
+
+def relative_over_temperature(
+    temperatures: Temperatures, values: Sequence[float], causes: Sequence[Cause], unit: str
+) -> Parabola:
+    """Fit a parabola by least squares; the coefficients are in ppm of the value at the reference, as it is stated."""
+    return _parabola(temperatures, values, causes, unit, per="ppm")
+
+
+def _parabola(
+    temperatures: Temperatures, values: Sequence[float], causes: Sequence[Cause], unit: str, per: str = ""
+) -> Parabola:
     at = temperatures.at_c - temperatures.reference_c
     powers = np.vander(at, 3, increasing=True)
     if np.linalg.matrix_rank(powers) < 3:
@@ -68,21 +77,23 @@ def over_temperature(
     moves = np.vander(at, 2, increasing=True) @ (found[1:] * (1.0, 2.0))
     each_k = np.diag((moves * temperatures.u_each_k) ** 2)
     known = [*causes, *([Cause("temperatures, each by itself", each_k)] if temperatures.u_each_k else [])]
-    moved = (found[1], 2.0 * found[2], 0.0)
+    moved = np.array([found[1], 2.0 * found[2], 0.0])
+    factor, of = (1e6 / float(found[0]), found / found[0]) if per else (1.0, np.zeros(3))
 
-    def made(number: int, unit: str, factor: float) -> Measurand:
-        parts = [_part(cause, making[number], factor, mean=number == 0) for cause in known]
-        u_common = float(abs(factor * moved[number])) * temperatures.u_alike_k
-        parts.append(UncertaintyPart("temperature, the same at all", u_common))
+    def made(number: int, unit: str, factor: float, of: float) -> Measurand:
+        """Return a coefficient, or `of` what it is of the value: that moves with it."""
+        weights, alike = making[number] - of * making[0], float(moved[number] - of * moved[0])
+        parts = [_part(cause, weights, factor, mean=number == 0) for cause in known]
+        parts.append(UncertaintyPart("temperature, the same at all", abs(factor * alike) * temperatures.u_alike_k))
         held = [part for part in parts if part.u > 0.0]
         return measurand(float(factor * found[number]), unit, held)
 
-    rest, free = y - powers @ found, len(values) - 3
-    return OverTemperature(
-        made(0, unit, 1.0),
-        made(1, f"({per})/K" if "/" in per else f"{per}/K", factor),
-        made(2, f"({per})/K^2" if "/" in per else f"{per}/K^2", factor),
-        _hysteresis(temperatures, y, powers @ found, known, (per, factor)),
+    rest, free, units = y - powers @ found, len(values) - 3, f"({per or unit})" if "/" in (per or unit) else per or unit
+    return Parabola(
+        made(0, unit, 1.0, 0.0),
+        made(1, f"{units}/K", factor, float(of[1])),
+        made(2, f"{units}/K^2", factor, float(of[2])),
+        _hysteresis(temperatures, y, powers @ found, known, (per or unit, factor)),
         None if free <= 0 else float(abs(factor) * math.sqrt(float(rest @ rest) / free)),
     )
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from statistics import fmean, stdev
+from statistics import fmean
 
 import numpy as np
 from msgspec import Struct, structs
@@ -19,8 +19,15 @@ from vcfbench.steps import SineRecords, SineResponse, TemperatureReading
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step
 from vcfbench.uncertainty.measurand import divided, value_table
-from vcfbench.uncertainty.oscilloscope import TIME_BASE
-from vcfbench.uncertainty.over_temperature import Cause, OverTemperature, Temperatures, most, over_temperature
+from vcfbench.uncertainty.oscilloscope import TIME_BASE, DriveRecords
+from vcfbench.uncertainty.over_temperature import (
+    Cause,
+    Parabola,
+    Temperatures,
+    most,
+    over_temperature,
+    relative_over_temperature,
+)
 from vcfbench.values.sources import METER_GAIN, METER_OFFSET, MISALIGNMENT, TABLE_RATE, V_VC_GAIN
 from vcfbench.values.value import Measurand, Value
 
@@ -126,10 +133,7 @@ class TemperatureResult(Struct, frozen=True):
 
 
 class _Seen(Struct, frozen=True):
-    """Measured data at one temperature: blocks of outputs (V), their level, begin and end (bench time, s).
-
-    `frequency_hz` and `split_hz` are values with their standard uncertainties.
-    """
+    """Measured data at one temperature: blocks of outputs (V), their level, begin and end (bench time, s)."""
 
     temperature_c: float
     direction: str
@@ -137,7 +141,7 @@ class _Seen(Struct, frozen=True):
     level: float
     begin_s: float
     end_s: float
-    frequency_hz: tuple[float, float] | None
+    drive: DriveRecords | None
     split_hz: Measurand | None
 
     @property
@@ -170,24 +174,21 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
     (of_plus, both), (_, of_minus) = noise.covariance_v2
     u_slope = math.sqrt(0.25 * (of_plus + of_minus - 2.0 * both) / settings.cycles / fmean(e.level for e in seen) ** 2)
     of_slope = Cause("readings and flicker", u_slope**2 * np.eye(len(seen)), noise.dof)
-    mean, volts = fmean(slopes), fmean(slopes) if table else scale.value
-    units = "V/(deg/s)" if table else "V/V", "ppm", 1e6 / mean
-    factor = over_temperature(temperatures, slopes, [of_slope, *_of_instruments(settings, mean)], units)
-    biases = [(each.zero_v - settings.null_v) / volts for each in seen]
-    u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(volts)
-    of_bias = _of_bias(settings, seen, (u_bias, volts), noise)
-    bias = over_temperature(temperatures, biases, of_bias, ("deg/s", "deg/s", 1.0))
+    mean = fmean(slopes)
+    volts = slopes if table else [scale.value] * len(seen)
+    of_factor = [of_slope, *_of_instruments(settings, mean)]
+    factor = relative_over_temperature(temperatures, slopes, of_factor, "V/(deg/s)" if table else "V/V")
+    biases = [(each.zero_v - settings.null_v) / by for each, by in zip(seen, volts, strict=True)]
+    u_bias = noise.white_v / math.sqrt(2.0 * settings.cycles) / abs(fmean(volts))
+    of_bias = _of_bias(settings, seen, (u_bias, fmean(volts)), noise)
+    if table:
+        of_bias.append(Cause("scale factor", np.diag((u_slope / mean * np.array(biases)) ** 2), noise.dof))
+    bias = over_temperature(temperatures, biases, of_bias, "deg/s")
     bias = bias if table else _divided(bias, scale)
-    frequency, split = None, None
-    if len(found := [each.frequency_hz for each in seen if each.frequency_hz is not None]) == len(seen):
-        mean_hz = fmean(hz for hz, _ in found)
-        records = Cause("records", fmean(u**2 for _, u in found) * np.eye(len(found)), 7.0 * len(found))
-        time_base = _at_all(settings, "time base", TIME_BASE / math.sqrt(3.0) * mean_hz)
-        units = "Hz", "ppm", 1e6 / mean_hz
-        frequency = over_temperature(temperatures, [hz for hz, _ in found], [records, time_base], units)
+    frequency, split = _drive_over_temperature(settings, temperatures, [each.drive for each in seen]), None
     if len(splits := [each.split_hz for each in seen if each.split_hz is not None]) == len(seen):
         fits = Cause("fits of the response", np.diag([each.u**2 for each in splits]))
-        split = over_temperature(temperatures, [each.value for each in splits], [fits], ("Hz", "Hz", 1.0))
+        split = over_temperature(temperatures, [each.value for each in splits], [fits], "Hz")
     return TemperatureResult(
         reference_c=settings.reference_c,
         by=settings.by.value,
@@ -208,16 +209,17 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
         points=tuple(
             PointOfTemperature(
                 *(each.temperature_c, each.direction, each.slope, u_slope, bias_deg_s, u_bias),
-                *(hz, u_hz, each.split_hz),
+                None if each.drive is None else each.drive.frequency_hz,
+                None if each.drive is None else each.drive.u_hz,
+                each.split_hz,
             )
             for each, bias_deg_s in zip(seen, biases, strict=True)
-            for hz, u_hz in [each.frequency_hz or (None, None)]
         ),
         scale_factor_v_per_deg_s=scale,
     )
 
 
-def _divided(bias: OverTemperature, scale: ScaleFactor) -> OverTemperature:
+def _divided(bias: Parabola, scale: ScaleFactor) -> Parabola:
     """Return rates with the u of the scale factor that the outputs were divided by."""
     value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
     hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
@@ -237,8 +239,7 @@ def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _
         temperature_c = read[-1][1].air_c if device_c is None else device_c
     frequency = None
     if records := part.found(SineRecords):
-        each_hz = [each.frequency_hz for each in records[0][1].records]
-        frequency = fmean(each_hz), stdev(each_hz) / math.sqrt(len(each_hz))
+        frequency = DriveRecords.of(records[0][1].records)
     driven = points[CHOPPED.index(1)]
     times = [window.t_s for window in part.readings.windows[-len(points) :]]
     return _Seen(
@@ -251,6 +252,29 @@ def _seen(settings: TemperatureSettings, at: AtTemperature, part: Measured) -> _
         frequency,
         bandwidth.results(settings.sweep, part).split_hz if part.found(SineResponse) else None,
     )
+
+
+def _drive_over_temperature(
+    settings: TemperatureSettings, temperatures: Temperatures, seen: Sequence[DriveRecords | None]
+) -> Parabola | None:
+    """Return the drive's frequency over temperature; None without an oscilloscope."""
+    if len(drives := [each for each in seen if each is not None]) < len(seen):
+        return None
+    found_hz = [each.frequency_hz for each in drives]
+    time_base = _at_all(settings, "time base", TIME_BASE / math.sqrt(3.0) * fmean(found_hz))
+    return relative_over_temperature(temperatures, found_hz, [*_of_records(drives), time_base], "Hz")
+
+
+def _of_records(drives: Sequence[DriveRecords]) -> list[Cause]:
+    """Return the causes of drive frequencies: noise of their records, and digits.
+
+    Those err alike where the frequency is the same to their u, as after a way up and down: half of it counts as that.
+    """
+    noise = np.diag([each.u_noise_hz**2 for each in drives])
+    at_hz, digits = (np.array(each) for each in zip(*((d.frequency_hz, d.u_digits_hz) for d in drives), strict=True))
+    alike = np.abs(np.subtract.outer(at_hz, at_hz)) <= np.maximum.outer(digits, digits)
+    both = 0.5 * (alike + np.eye(len(drives))) * np.outer(digits, digits)
+    return [Cause("records", noise, 7.0 * len(drives)), Cause("digits", both)]
 
 
 def _of_instruments(settings: TemperatureSettings, slope: float) -> list[Cause]:
