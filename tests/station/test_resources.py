@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import socket
 import sys
+import tomllib
 from typing import TYPE_CHECKING
 
 import pytest
@@ -12,8 +14,9 @@ from vcfbench.bench.bench import open_bench
 from vcfbench.bench.check import check_bench
 from vcfbench.bench.make_safe import safe_bench
 from vcfbench.errors import ConfigError
-from vcfbench.procedures.bench_file import parse_bench
-from vcfbench.station.file import template
+from vcfbench.procedures.bench_file import checked_bench, parse_bench
+from vcfbench.station import file
+from vcfbench.station.file import embedded_text, template
 from vcfbench.station.resources import resource_key
 
 if TYPE_CHECKING:
@@ -66,9 +69,55 @@ def test_every_text_has_a_key(text: str) -> None:
     assert resource_key(text.replace("TCPIP", "").replace("socket", "").replace("rfc", "")) is not None
 
 
+_TWO_WRITINGS = st.one_of(
+    st.integers(1, 30).map(
+        lambda at: [f"GPIB0::{at}::INSTR", f"GPIB::{at}", f"gpib0::{at:02}", f"Gpib::{at}::instr", f" GPIB0::{at}"]
+    ),
+    st.integers(1, 99).map(lambda at: [f"COM{at}", f"com{at}", rf"\\.\COM{at}", f"ASRLCOM{at}::INSTR"]),
+    st.integers(1, 9).map(lambda at: [f"ASRL{at}::INSTR", f"asrl{at}::instr", f"ASRL{at}"]),
+    st.integers(1, 254).map(
+        lambda at: [f"TCPIP0::192.0.2.{at}::inst0::INSTR", f"TCPIP::192.0.2.{at}", f"tcpip0::192.0.2.{at}::instr"]
+    ),
+    st.integers(1024, 65535).map(
+        lambda at: [f"TCPIP0::127.0.0.1::{at}::SOCKET", f"tcpip::localhost::{at}::socket", f"socket://[::1]:{at}"]
+    ),
+    st.integers(1, 9999).map(
+        lambda at: [f"USB0::0x0957::0x0407::MY{at}::INSTR", f"USB::2391::1031::MY{at}", f"usb0::0x957::0x407::my{at}"]
+    ),
+).flatmap(lambda names: st.permutations(names).map(lambda drawn: drawn[:2]))
+
+
+@given(st.permutations(["power", "multimeter", "rate_source", "oscilloscope", "rate_table"]), _TWO_WRITINGS)
+@pytest.mark.parametrize("bench", ["lab", "paper", "ideal"])
+def test_bench_file_gives_no_instrument_two_roles(bench: str, roles: list[str], names: list[str]) -> None:
+    values = tomllib.loads(template() if bench == "lab" else embedded_text(bench))
+    for role, resource in zip(roles, names, strict=False):
+        values[role]["resource"] = resource
+    with pytest.raises(ConfigError, match=r"the same instrument|a resource of its own"):
+        checked_bench(values, "lab.toml")
+
+
+@given(_TWO_WRITINGS)
+def test_bench_file_gives_no_meter_two_gyroscopes(names: list[str]) -> None:
+    values = tomllib.loads(embedded_text("ideal"))
+    values["device"] = [{"name": f"S-{number}", "resource": each} for number, each in enumerate(names)]
+    with pytest.raises(ConfigError, match=r"the same instrument|a resource of its own"):
+        checked_bench(values, "lab.toml")
+
+
+def test_checking_a_bench_file_asks_no_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    def asked(host: str, *_: object, flags: int = 0) -> list[object]:
+        assert flags & socket.AI_NUMERICHOST
+        raise OSError(host)
+
+    monkeypatch.setattr(socket, "getaddrinfo", asked)
+    text = template().replace("GPIB0::22::INSTR", "TCPIP0::meter.lab::INSTR", 1)
+    assert parse_bench(text, "lab.toml").output_resource == "TCPIP0::meter.lab::INSTR"
+
+
 def _with_one_meter_twice() -> BenchDescription:
     second = '[v_vc_meter]\nmodel = "34401A"\nresource = "gpib::22"\n\n[wiring]'
-    return parse_bench(template().replace("[wiring]", second, 1), "lab.toml")
+    return file.parse_bench(template().replace("[wiring]", second, 1), "lab.toml")  # as `vcfbench safe` reads it
 
 
 @pytest.mark.parametrize("open_", [open_bench, check_bench])

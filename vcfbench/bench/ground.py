@@ -85,17 +85,28 @@ def check_simulation(description: BenchDescription, source: str) -> None:
         check(description, source)
 
 
+def check_instruments_apart(description: BenchDescription, source: str) -> None:
+    """Check a bench file, named `source` in errors, as `require_instruments_apart` does, without the network."""
+    try:
+        _require_apart(description, ask=False)
+    except ConfigError as error:
+        raise ConfigError(f"{source}: {error}") from None
+
+
 def require_instruments_apart(description: BenchDescription) -> None:
-    """Check that no instrument has two roles; those simulated in this process are described by the bench file.
+    """Check that no instrument has two roles.
 
     Making safe does without: whatever the bench file says, something may turn.
 
     Raises:
         ConfigError: one has, under two names.
     """
-    if description.simulation is None:
-        resources = {each.name: getattr(description, each.name).resource for each in filled_roles(description)}
-        require_apart(resources | outputs_of(description))
+    _require_apart(description, ask=description.simulation is None)
+
+
+def _require_apart(description: BenchDescription, *, ask: bool) -> None:
+    resources = {each.name: getattr(description, each.name).resource for each in filled_roles(description)}
+    require_apart(resources | outputs_of(description), ask=ask)
 
 
 def outputs_of(description: BenchDescription) -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec import to_builtins
 
-from vcfbench.bench.ground import check_simulation
+from vcfbench.bench.ground import check_instruments_apart, check_simulation
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.layers import check_tables, layers_of, plain_settings
 from vcfbench.station import file
@@ -16,7 +16,7 @@ from vcfbench.station.parts import absent_rail_keys
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.station.writing import table_text
 
-_CHECKS = (check_simulation, check_tables)
+_CHECKS = (check_instruments_apart, check_simulation, check_tables)
 
 
 def load_bench(path: Path | str | None = None) -> BenchDescription:

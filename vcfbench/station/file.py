@@ -127,6 +127,8 @@ def _with_devices(
     description = next(iter(found.values())).with_devices([*found], [*found.values()])
     for invalid_value in shared_wires(description):
         raise refusal(f"{source}: {invalid_value.path}", invalid_value.expected, words(invalid_value.came))
+    for check in checks:
+        check(description, source)
     return description
 
 

@@ -16,15 +16,15 @@ from urllib.parse import urlsplit
 from vcfbench.errors import ConfigError
 
 
-def require_apart(resources: Mapping[str, str]) -> None:
-    """Check that each role has its own instrument under any name; `resources` are names by role.
+def require_apart(resources: Mapping[str, str], *, ask: bool = True) -> None:
+    """Check that each role has its own instrument under any name; `resources` are names by role, `ask` as below.
 
     Raises:
         ConfigError: two have.
     """
     found: dict[str, str] = {}
     for role, resource in resources.items():
-        other = found.setdefault(resource_key(resource), role)
+        other = found.setdefault(resource_key(resource, ask=ask), role)
         if other != role:
             raise ConfigError(
                 f"the same instrument as {other} at {resources[other]}, written otherwise",
@@ -34,23 +34,26 @@ def require_apart(resources: Mapping[str, str]) -> None:
             )
 
 
-def resource_key(resource: str) -> str:
-    """Return a name that is the same for all names of one resource: VISA names, serial ports, URLs of pyserial."""
+def resource_key(resource: str, *, ask: bool = True) -> str:
+    """Return a name that is the same for all names of one resource: VISA names, serial ports, URLs of pyserial.
+
+    Without `ask` nobody is asked for the address of a host: its names are told apart.
+    """
     text = resource.strip()
     try:
         if "://" in text:
             url = urlsplit(text)
             if url.scheme in {"socket", "rfc2217"} and url.hostname and url.port:
-                return _of_socket(url.hostname, url.port)
+                return _of_socket(url.hostname, url.port, ask=ask)
             if url.scheme in {"spy", "alt"}:  # a port, looked at or opened otherwise
                 return _of_port(url.netloc + url.path)
             return text.casefold()
-        return _of_visa(text) if "::" in text else _of_port(text)
+        return _of_visa(text, ask=ask) if "::" in text or text.upper().startswith("ASRL") else _of_port(text)
     except (ValueError, IndexError):  # no name that anything could be opened by
         return text.casefold()
 
 
-def _of_visa(text: str) -> str:
+def _of_visa(text: str, *, ask: bool) -> str:
     head, *rest = text.split("::")
     if head.upper().startswith(("ASRL", "PRLGX-ASRL")):
         return _of_port(rest[0] if head[0] in "Pp" else head[len("ASRL") :])
@@ -61,10 +64,10 @@ def _of_visa(text: str) -> str:
         case "GPIB":
             return " ".join(["gpib", board, *(str(int(address)) for address in rest), *([kind] * (kind == "INTFC"))])
         case "TCPIP" | "PRLGX-TCPIP" if kind in {"SOCKET", "INTFC"}:
-            return _of_socket(rest[0], int(rest[1] if len(rest) > 1 else "1234"))
+            return _of_socket(rest[0], int(rest[1] if len(rest) > 1 else "1234"), ask=ask)
         case "TCPIP":
             device = rest[1].casefold() if len(rest) > 1 else "inst0"
-            return f"lan {_of_host(rest[0])} {device.removesuffix(',4880')}"
+            return f"lan {_of_host(rest[0], ask=ask)} {device.removesuffix(',4880')}"
         case "USB":
             return f"usb {int(rest[0], 0):04x} {int(rest[1], 0):04x} {rest[2].casefold()}"
     return text.casefold()
@@ -77,15 +80,16 @@ def _of_port(port: str) -> str:
     return f"serial {port}" if port.isdigit() else f"serial {os.path.realpath(port)}"
 
 
-def _of_socket(host: str, port: int) -> str:
-    return f"socket {_of_host(host)}:{port}"
+def _of_socket(host: str, port: int, *, ask: bool) -> str:
+    return f"socket {_of_host(host, ask=ask)}:{port}"
 
 
-def _of_host(host: str) -> str:
+def _of_host(host: str, *, ask: bool) -> str:
     """Return the address of `host`, ``localhost`` for every name of this computer; the name if nobody knows it."""
     name = host.strip("[]").casefold()
     try:
-        found = sorted({str(entry[4][0]) for entry in socket.getaddrinfo(name, None)})
+        flags = 0 if ask or name == "localhost" else socket.AI_NUMERICHOST
+        found = sorted({str(entry[4][0]) for entry in socket.getaddrinfo(name, None, flags=flags)})
     except (OSError, UnicodeError):
         return name
     addresses = [ipaddress.ip_address(address.partition("%")[0]) for address in found]
