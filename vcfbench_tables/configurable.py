@@ -444,14 +444,9 @@ class ConfigurableDialect(TableDialect):
 
     def motion(self, line: TableLine, rate_deg_s: float, acceleration_deg_s2: float) -> dict[str, messages.Value]:
         """Return the values that templates of a motion command can name; raises LimitError before anything is sent."""
-        units = self.profile.units
-        bound = min(self.profile.safety.max_rate_deg_s, units.rate_max / units.rate_per_deg)
-        if not abs(rate_deg_s) <= bound:
-            raise _unsent(line, f"a rate of {rate_deg_s:g} deg/s is beyond the {bound:g} deg/s of its profile")
-        rate = units.sign * round(rate_deg_s * units.rate_per_deg / units.rate_quantum) * units.rate_quantum
-        if rate_deg_s and abs(rate) < max(units.rate_min, units.rate_quantum * 0.5):
-            least = max(units.rate_min, units.rate_quantum) / units.rate_per_deg
-            raise _unsent(line, f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least:g} deg/s")
+        if why := self.refusal(rate_deg_s, acceleration_deg_s2):
+            raise _unsent(line, why)
+        units, rate = self.profile.units, self._table_rate(rate_deg_s)
         values: dict[str, messages.Value] = {"rate": rate, "abs_rate": abs(rate)}
         values["dir"] = units.positive if rate >= 0.0 else units.negative
         values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
@@ -459,12 +454,36 @@ class ConfigurableDialect(TableDialect):
             commanded = self._table_acceleration(acceleration_deg_s2)
             if commanded is not None:
                 values["acc"] = commanded
-            elif rate_deg_s:  # without one that it can be told it stops as it is: stopping is never refused
-                what = f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
-                raise _unsent(line, what)
         if units.travel is not None:
             values["travel_end"] = units.travel[1 if rate >= 0.0 else 0]
         return values
+
+    def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
+        """Return which bound of the profile a motion leaves, in deg/s and as the profile has it."""
+        units, safety = self.profile.units, self.profile.safety
+        if not abs(rate_deg_s) <= safety.max_rate_deg_s:
+            most = f"the {safety.max_rate_deg_s:g} deg/s of its profile (safety.max_rate_deg_s)"
+            return f"a rate of {rate_deg_s:g} deg/s is beyond {most}"
+        counts = "" if units.rate_per_deg == 1.0 else f", where {units.rate_per_deg:g} are 1 deg/s"
+        bound = units.rate_max / units.rate_per_deg
+        if not abs(rate_deg_s) <= bound:
+            most = f"the {bound:g} deg/s of its profile (units.rate_max = {units.rate_max:g}{counts})"
+            return f"a rate of {rate_deg_s:g} deg/s is beyond {most}"
+        if rate_deg_s and abs(self._table_rate(rate_deg_s)) < max(units.rate_min, units.rate_quantum * 0.5):
+            key = "rate_min" if units.rate_min >= units.rate_quantum else "rate_quantum"
+            least = (
+                f"{getattr(units, key) / units.rate_per_deg:g} deg/s (units.{key} = {getattr(units, key):g}{counts})"
+            )
+            return f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least}"
+        # Without an acceleration that it can be told it stops as it is: stopping is never refused
+        sayable = acceleration_deg_s2 == math.inf or self._table_acceleration(acceleration_deg_s2) is not None
+        if rate_deg_s and not sayable:
+            return f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
+        return None
+
+    def _table_rate(self, rate_deg_s: float) -> float:
+        units = self.profile.units
+        return units.sign * round(rate_deg_s * units.rate_per_deg / units.rate_quantum) * units.rate_quantum
 
     def _table_acceleration(self, acceleration_deg_s2: float) -> float | None:
         """Return the acceleration in the table's units, not above that demanded; None if it cannot be told that."""

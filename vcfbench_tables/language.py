@@ -56,12 +56,12 @@ class Units(_Part, frozen=True, kw_only=True):
     velocity_factor: _Positive = 1.0  # own factor of rates
     acceleration_factor: _Positive = 1.0  # own factor of accelerations
     sign: Literal[1, -1] = 1  # -1 if clockwise, seen from above, is positive
-    rate_quantum: _Positive  # step of rates; they are rounded to it
-    rate_min: _NotNegative = 0.0  # smallest rate
-    rate_max: _Positive  # largest rate
-    acceleration_quantum: _Positive | None = None  # step of accelerations; they are rounded down
-    acceleration_min: _NotNegative = 0.0  # smallest acceleration
-    acceleration_max: _Positive = math.inf  # largest acceleration
+    rate_quantum: _Positive  # step of rates, as sent: times the factors; they are rounded to it
+    rate_min: _NotNegative = 0.0  # smallest rate, as sent
+    rate_max: _Positive  # largest rate, as sent: 100000 is 100 deg/s where `velocity_factor` is 1000
+    acceleration_quantum: _Positive | None = None  # step of accelerations, as sent; they are rounded down
+    acceleration_min: _NotNegative = 0.0  # smallest acceleration, as sent
+    acceleration_max: _Positive = math.inf  # largest acceleration, as sent
     positive: str = "0"  # `{dir}` of a positive rate
     negative: str = "1"  # `{dir}` of a negative rate
     travel: tuple[_Number, _Number] | None = None  # ends of travel, deg; `goto` turns it back from one

@@ -166,18 +166,24 @@ class ZaberDialect(TableDialect):
         """Set the acceleration, then run at a velocity; rate 0 is ``stop``."""
         speed = round(self._speed(rate_deg_s))
         if math.isfinite(acceleration_deg_s2):
-            # The whole number that is not above the demand; 0 would mean infinite
-            units = math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
-            if units < 1:
-                least = 1.0 / (self.steps_per_deg * _ACCELERATION)
-                raise LimitError(
-                    f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage "
-                    "accepts, nothing was sent",
-                    **line.where,
-                )
-            self._ask(line, f"set accel {units}", deadline)
+            if why := self.refusal(rate_deg_s, acceleration_deg_s2):
+                raise LimitError(f"{why}, nothing was sent", **line.where)
+            self._ask(line, f"set accel {self._table_acceleration(acceleration_deg_s2)}", deadline)
         self._steady.demand(speed * self.rate_quantum_deg_s)
         self._ask(line, f"move vel {speed}" if speed else "stop", deadline)
+
+    def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
+        """Return that an acceleration is below one of the stage's steps."""
+        if not math.isfinite(acceleration_deg_s2) or self._table_acceleration(acceleration_deg_s2) >= 1:
+            return None
+        least = 1.0 / (self.steps_per_deg * _ACCELERATION)
+        return (
+            f"an acceleration of {acceleration_deg_s2:g} deg/s2 is below the {least:.3g} deg/s2 that the stage accepts"
+        )
+
+    def _table_acceleration(self, acceleration_deg_s2: float) -> int:
+        """Return the whole number that is not above the demand; 0 would mean infinite."""
+        return math.floor(acceleration_deg_s2 * self.steps_per_deg * _ACCELERATION)
 
     def _speed(self, rate_deg_s: float) -> float:
         return rate_deg_s * self.steps_per_deg * _VELOCITY

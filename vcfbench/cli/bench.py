@@ -17,7 +17,8 @@ from vcfbench.cli.person import agreed, at_the_terminal
 from vcfbench.errors import BenchError, PlanError
 from vcfbench.procedures.bench_file import as_resolved, load_bench, resolved_text
 from vcfbench.reports.text import left_table
-from vcfbench.runs.needs import AS_SET, what_can_run
+from vcfbench.runs.able import what_would_run
+from vcfbench.runs.needs import AS_SET
 from vcfbench.station import discovery, file
 from vcfbench.station.discovery import DiscoveredInstrument
 from vcfbench.station.equipment import calibration_words
@@ -122,7 +123,7 @@ def check(bench: Bench_ = None, trace: Trace_ = None, *, json: Json_ = False) ->
             "wiring": description.rails_at,
             "limits": to_builtins(description.limits),
             "acceptance": to_builtins(description.acceptance),
-            "procedures": what_can_run(description, done.not_ready()),
+            "procedures": what_would_run(description, done.not_ready()),
         }
         if json:
             safe = {report.instrument: report.safe for report in done.safe_reports}

@@ -3,6 +3,7 @@
 Each instrument wraps a driver and has the members of its protocol; those that no limit is about go straight through.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from operator import attrgetter
@@ -10,6 +11,8 @@ from typing import Any
 
 from msgspec import Struct
 
+from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, spoken
+from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import LimitError
 from vcfbench.interfaces import FunctionGenerator, PowerSupply, RateTable, TemperatureChamber
 from vcfbench.station.description import BenchDescription
@@ -28,11 +31,41 @@ class LimitChecks(Struct, frozen=True):
 
     limits: Limits
     rails: RailWiring
+    table: TableDialect | None = None
+    """The language of the table, which has bounds of its own, None where it is not known."""
+    sines: tuple[float, float] = (0.0, math.inf)
+    """The generator's least amplitude, V peak, and its largest frequency, Hz."""
 
     @classmethod
     def of(cls, description: BenchDescription) -> "LimitChecks":
-        """Return those of a bench file."""
-        return cls(description.limits, description.wiring.rails)
+        """Return those of a bench file, with those of the instruments' drivers."""
+        table, source, by_hand = description.rate_table, description.rate_source, description.by_hand
+        spoken_to = source is not None and "rate_source" not in by_hand
+        generator = find_driver(source.model, source.like).driver_class if source and spoken_to else None
+        return cls(
+            description.limits,
+            description.wiring.rails,
+            None
+            if table is None or "rate_table" in by_hand
+            else spoken(table.dialect, TableSettings(axis=table.axis, steps_per_deg=table.steps_per_deg))[0],
+            (getattr(generator, "least_vpp", 0.0) / 2.0, getattr(generator, "sine_hz", math.inf)),
+        )
+
+    def motion(self, rate_deg_s: float, acceleration_deg_s2: float) -> None:
+        """Check a ramp of the table to a rate, also by the bounds of its language."""
+        self.rate(rate_deg_s)
+        self.acceleration(acceleration_deg_s2)
+        if self.table is not None and (why := self.table.refusal(rate_deg_s, acceleration_deg_s2)):
+            raise LimitError(why)
+
+    def sine(self, frequency_hz: float, peak_v: float) -> None:
+        """Check a sine of the generator about 0 V, into an open circuit."""
+        self.v_vc(peak_v, "peak voltage")
+        least_v, most_hz = self.sines
+        if not peak_v >= least_v:
+            raise LimitError(f"peak voltage {peak_v:g} V is below the generator's least of {least_v:g} V")
+        if not frequency_hz <= most_hz:
+            raise LimitError(f"frequency {frequency_hz:g} Hz is beyond the generator's {most_hz:g} Hz")
 
     def rate(self, rate_deg_s: float) -> None:
         """Check a rate of the table, either way."""

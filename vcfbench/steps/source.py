@@ -68,7 +68,7 @@ class SetSine(Step, Struct, frozen=True):
         return f"{self.subject} = sine of {self.frequency_hz:.6g} Hz, {self.amplitude_v:g} V peak"
 
     def within(self, limits: LimitChecks) -> None:
-        limits.v_vc(self.amplitude_v, "peak voltage")
+        limits.sine(self.frequency_hz, self.amplitude_v)
 
     def command(self, bench: Bench) -> None:
         bench.rate_source.configure_sine(self.frequency_hz, 2.0 * self.amplitude_v)

@@ -71,8 +71,7 @@ class SetRate(Step, Struct, frozen=True):
         return (from_rest, Settle(from_rest.ramp_s, "the table ramps from rest")) if self.rate_deg_s else (from_rest,)
 
     def within(self, limits: LimitChecks) -> None:
-        limits.rate(self.rate_deg_s)
-        limits.acceleration(self.acceleration_deg_s2)
+        limits.motion(self.rate_deg_s, self.acceleration_deg_s2)
 
     def command(self, bench: Bench) -> None:
         bench.rate_table.set_rate(self.rate_deg_s, self.acceleration_deg_s2)

@@ -82,6 +82,11 @@ class TableDialect(Protocol):
         """Return the rate that is sent for `rate_deg_s`: the nearest multiple of the table's step."""
         return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
 
+    def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
+        """Return why a motion cannot be demanded in this language, None where it can be: known before it is sent."""
+        del rate_deg_s, acceleration_deg_s2
+        return None
+
     def identify(self, line: TableLine, deadline: Deadline) -> Identity:
         """Ask for the identity; also learns the framing where it is not configured."""
 
