@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import tracemalloc
 from typing import TYPE_CHECKING, Any
 
@@ -147,3 +148,15 @@ def test_command_prints_the_coefficients_and_writes_the_report(tmp_path: Path) -
     assert "Allan deviation of the output at rest" in (tmp_path / "zero.html").read_text()
     plain = CliRunner().invoke(app, ["analyze", str(file), "--rate", "100", "--json"])
     assert json.loads(plain.stdout)["interval_s"] == 0.01
+
+
+@pytest.mark.parametrize("starts", [(0,), (0, 0), (0, -40, 7), (500, 0), (0, 0, 900)])
+def test_clock_that_is_set_hides_no_time(tmp_path: Path, starts: tuple[int, ...]) -> None:
+    size = NOISE.size // len(starts)
+    times = np.concatenate([start + 0.01 * np.arange(size) for start in starts])
+    found = analyze_record(written(tmp_path / "a.csv", "t_s,rate_deg_s", times, NOISE[: times.size]))
+    if len(starts) > 1:
+        gaps = 900.0 - 0.01 * size if 900 in starts else 7.0 + 40.0 - 0.01 * size if 7 in starts else 0.0
+        whole = 0.01 * times.size + max(0.0, gaps)
+        assert any(f"{0.01 * size:.4g} of {whole:.4g} s" in each for each in found.notices), found.notices
+    assert not any(re.search(r" -\d", each) for each in found.notices)  # so many are missing

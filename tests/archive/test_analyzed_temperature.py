@@ -172,3 +172,24 @@ def test_command_prints_the_coefficients(tmp_path: Path) -> None:
     assert "ppm/K" in report.read_text("utf-8")
     both = CliRunner().invoke(app, ["analyze", str(file), "--temperature", "temp_c", "--compare", "a,b"])
     assert both.exit_code != 0
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("head", ["Temperature (F)", "temp_c", "T [K]"])
+def test_log_at_rest_over_temperature_needs_no_columns(tmp_path: Path, head: str, *, first: bool) -> None:
+    temp = np.repeat([-20.0, 0.0, 25.0, 50.0, 70.0, 50.0, 25.0, 0.0, -20.0], 40) + 273.15 * (head == "T [K]")
+    rest = 0.01 * temp + 0.001 * np.random.default_rng(3).standard_normal(temp.size)
+
+    def file(column: str) -> Path:
+        names, columns = (head, column), (temp, rest)
+        order = slice(None) if first else slice(None, None, -1)
+        rows = np.column_stack(columns[order])
+        np.savetxt(tmp_path / "t.csv", rows, "%.9g", ",", header=",".join(names[order]), comments="")
+        return tmp_path / "t.csv"
+
+    for column in ("gyro (deg/s)", "rate / (deg/s)", "wz_rad_s"):
+        assert [each.name for each in analyze_temperature(file(column), head).found] == [f"bias of {column}"]
+    for column in ("bias_mV", "gyro [LSB]"):
+        with pytest.raises(ConfigError, match="give the scale factor") as error:
+            analyze_temperature(file(column), head)
+        assert "--scale-factor" in (error.value.hint or "")

@@ -87,7 +87,7 @@ def test_figure_of_very_many_points_has_their_extremes(tmp_path: Path) -> None:
     rates = np.linspace(-100.0, 100.0, 20_001)
     outputs = 0.01 * rates + 1e-5 * np.random.default_rng(1).standard_normal(rates.size)
     outputs[777] += 1e-3
-    np.savetxt(tmp_path / "t.csv", np.column_stack([rates, outputs]), "%.9g", ",", header="rate_dps,a_v", comments="")
+    np.savetxt(tmp_path / "t.csv", np.column_stack([rates, outputs]), "%.9g", ",", header="table_dps,a_v", comments="")
     (figure,) = [each for each in vcfbench.analyze(tmp_path / "t.csv").report().parts if isinstance(each, Figure)]
     (series,) = figure.series
     assert len(series.y) == 2000

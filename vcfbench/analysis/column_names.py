@@ -11,6 +11,7 @@ from enum import Enum
 from math import degrees
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.errors import ConfigError
 
@@ -134,6 +135,10 @@ _TIME_WORDS = {
         "uptime",
         "clock",
         "epoch",
+        "ts",
+        "tick",
+        "ticks",
+        "utc",
     ),
     *("zeit", "uhrzeit", "zeitstempel", "temps", "tiempo", "tempo", "seconds", "secs", "millis", "micros"),
 }
@@ -189,10 +194,15 @@ def known_unit(written: str, where: str) -> Unit:
     return unit
 
 
-def column_name(written: str) -> ColumnName:
-    """Take the name of a column apart."""
+def column_name(written: str, *, spreads: bool = True) -> ColumnName:
+    """Take the name of a column apart; without `spreads` it is none of an uncertainty."""
+    found = _taken_apart(written, spreads=spreads)
+    return found if spreads or not found.spread else replace(found, spread="")
+
+
+def _taken_apart(written: str, *, spreads: bool) -> ColumnName:
     text, spread = written.strip(), ""
-    if found := _SPREAD.search(text):
+    if spreads and (found := _SPREAD.search(text)):
         spread, text = _SPREADS[found[1].lower()], text[found.end() :]
         if found[0].rstrip().endswith("("):  # u(output) [V]
             text = text.replace(")", "", 1)

@@ -41,6 +41,7 @@ _TWO_NUMBERS = re.compile(r"[\d.+-]+\s*([^\w\s.,+-])\s*[\d.+-]+")
 _LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
 """Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
 _LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
+_U_ALONE = re.compile(r"u[_ ]", re.IGNORECASE)
 _CUT_OFF = re.compile(rb"[.eE+-]\s*$")
 
 
@@ -86,6 +87,8 @@ class Head(Struct, frozen=True):
     decimal_comma: bool
     thousands: bool
     """Whether the other sign is known to separate thousands."""
+    given: bool = False
+    """Whether a person gave the names, of which the file has none."""
 
     def place(self, name: str) -> int:
         """Return which column has a name; raises ConfigError where none has it, or several."""
@@ -101,6 +104,10 @@ class Head(Struct, frozen=True):
     def asked(self, layout: Layout) -> tuple[str, ...]:
         """Return the columns that were asked for by name; none where the names are those of all."""
         return () if layout.columns == tuple(each.written for each in self.names) else layout.columns
+
+    def selects(self, layout: Layout) -> bool:
+        """Return True if a person said which columns a table has."""
+        return len(layout.columns) > 1 and not self.given
 
     def is_text(self, place: int) -> bool:
         """Return True if none of the first cells of a column begins as a number does."""
@@ -142,8 +149,10 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     if "\r" in texts[at].rstrip("\r"):
         raise ConfigError(f"{name}: its lines end with a carriage return alone; save it with line feeds")
     separator = separator or _separator(texts[at], "".join(texts[at + 1 : at + 2]))
+    first = _cells(texts[at], separator)
     header, at = _header(texts, at, separator, comment, layout, f"{name}, line {at + 1}")
-    names = [column_name(cell) for cell in header]
+    given = bool(layout.columns) and list(layout.columns) == list(header) != first
+    names = _spreads_beside([column_name(cell) for cell in header], layout)
     if at < len(texts) and (units := _unit_row(_cells(texts[at], separator), names)):
         names = [_with_unit(each, unit, f"{name}, line {at + 1}") for each, unit in zip(names, units, strict=True)]
         at += 1
@@ -159,7 +168,22 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     stated = None if layout.decimal is None else _DECIMALS[layout.decimal]
     comma, thousands = decimals(full, separator, stated, f"{name}, line {at + 1}")
     before = sum(len(each) + 1 for each in lines[:at])
-    return Head(name, tuple(names), full, at + 1, before, separator, comma, thousands)
+    return Head(name, tuple(names), full, at + 1, before, separator, comma, thousands, given)
+
+
+def _spreads_beside(names: Sequence[ColumnName], layout: Layout) -> list[ColumnName]:
+    """Return the names in which a u stands for an uncertainty only beside its column: alone it is a voltage.
+
+    So is one that a person asks for.
+    """
+    asked = () if layout.columns == tuple(each.written for each in names) else layout.columns
+    bases = {each.base for each in names if not each.spread}
+    taken = [
+        each.written
+        for each in names
+        if each.spread and (each.written in asked or (_U_ALONE.match(each.written) and each.base not in bases))
+    ]
+    return [column_name(each.written, spreads=each.written not in taken) for each in names]
 
 
 def with_unit(name: ColumnName, written: str) -> ColumnName:

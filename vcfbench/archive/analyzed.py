@@ -1,6 +1,6 @@
 """The whole analysis of a calibration table that was measured elsewhere, from its file."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -8,7 +8,8 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
+from vcfbench.analysis.column_names import KNOWN, Kind, cure_of
+from vcfbench.analysis.column_roles import may_be_applied, may_be_output, says_applied, says_measured
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
@@ -21,19 +22,16 @@ from vcfbench.reports.document import Axis, Cell, Column, Figure, Notice, Report
 
 _SERIES_OF_STEP = {3: "turntable", 4: "virtual"}
 _FEWEST_POINTS = 3
+_FEWEST_OF_RECORD = 64
+"""Rows from which on a file may be a record at rest."""
+_LEVELS = 0.25
+"""Most levels of an applied rate, per row of such a file."""
+_FOLLOWS = 0.95
+"""Least correlation of an output with the applied rate: those of tables have 0.999."""
 _MOST_V = 40.0
 """Analogue outputs, and the multimeters on them, end below: rates are larger."""
 _DRAWN = 2000
 """Most points of a series in a figure: a page of 2e5 had 25 MB."""
-_APPLIED = {
-    *("rate", "applied", "reference", "ref", "table", "turntable", "stage", "commanded", "command", "setpoint"),
-    *("input", "true", "stimulus"),
-}
-"""Words in the name of the rate that was applied, where several columns are rates."""
-_NO_OUTPUT = {"n", "no", "nr", "index", "step", "sample", "line", "row", "id", "flag", "status", "point", "#"}
-"""Names without a unit that are no output."""
-_SUPPLIES = {"supply", "vdd", "vcc", "vbat", "battery", "vref", "rail", "usb"}
-"""Words of what feeds a gyroscope, and is no output of it."""
 _OUTPUTS = {Kind.RATE, Kind.VOLTAGE, Kind.COUNT}
 _COUNTED = {"n", "count", "counts", "readings", "samples"}
 """Names of how many readings a point has."""
@@ -195,7 +193,9 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
     return TableAnalysis(results, pair, comparison, units, tuple(notes), tuple(notices))
 
 
-def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> dict[str, TableColumn]:
+def read_table(
+    raw: IO[bytes], file: str, layout: Layout, notes: list[str], *, follow: bool = True
+) -> dict[str, TableColumn]:
     """Return the outputs of a table by the names of their columns, or those of a record's points by their steps.
 
     Args:
@@ -203,6 +203,7 @@ def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> d
         file: its name, for messages.
         layout: how it is to be read.
         notes: what columns were taken for is added to it.
+        follow: whether the outputs go with the rate alone, and not with a temperature too.
 
     Raises:
         ConfigError: one sentence with file, line and column, for anything that is no complete table.
@@ -226,6 +227,8 @@ def read_table(raw: IO[bytes], file: str, layout: Layout, notes: list[str]) -> d
     if np.ptp(of(rate)) == 0.0:
         column = head.names[rate].written
         raise ConfigError(f"{file}, column {column}: every rate is {of(rate)[0]:g}, so there is no scale factor")
+    if not head.selects(layout):
+        _require_applied(head, rate, of(rate), {place: of(place) for place in outputs if follow})
     found = {}
     for place in outputs:
         name, u_output = head.names[place], None
@@ -246,7 +249,7 @@ def _rate_place(head: Head, layout: Layout) -> int:
         if head.names[place].kind is not Kind.RATE:
             raise ConfigError(f"--columns: the rate comes first, {asked[0]} has no unit of one")
         kinds = {head.names[head.place(each)].kind for each in asked}
-        if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not _is_applied(head.names[place]):
+        if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not may_be_applied(head.names[place]):
             raise ConfigError(
                 f"{head.file}: of a record at rest one column is analysed at a time, got {', '.join(asked)}",
                 hint="of a table the column of the applied rate is called so: rate, applied, table",
@@ -254,19 +257,58 @@ def _rate_place(head: Head, layout: Layout) -> int:
         return place
     every = rates = [place for place, each in enumerate(head.names) if each.kind is Kind.RATE]
     if len(every) > 1:
-        rates = [place for place in every if _is_applied(head.names[place])]
+        rates = [place for place in every if may_be_applied(head.names[place])]
     if len(rates) != 1:
         several = ", ".join(head.names[place].written for place in every)
         got = f"column 1: the header must begin with rate_deg_s, or another rate, got {head.names[0].written!r}"
         raise ConfigError(
             f"{head.file}, line {max(1, head.line - 1)}, {several + ' may each be the applied rate' if every else got}",
-            hint="--columns RATE,OUTPUT says which columns are meant",
+            hint="--columns RATE,OUTPUT says which columns are meant" + ("" if every else _of_volts(head)),
+        )
+    name = head.names[rates[0]]
+    if says_measured(name) and not head.selects(layout):
+        raise ConfigError(
+            f"{head.file}, column {name.written}: by its name a gyroscope's output, no applied rate",
+            hint=_either(head, rates[0]),
         )
     return rates[0]
 
 
-def _is_applied(name: ColumnName) -> bool:
-    return bool(_APPLIED & set(name.base.replace("_", " ").split()))
+def _either(head: Head, rate: int) -> str:
+    """Return what to type for a file that may be a record at rest or a table."""
+    alone = f"--columns '{head.names[rate].written}'"
+    pace = "" if any(each.is_time for each in head.names) else " --rate HZ"
+    return f"of a record at rest: {alone}{pace}; of a table: --columns RATE,OUTPUT"
+
+
+def _of_volts(head: Head) -> str:
+    volts = any(each.kind in {Kind.VOLTAGE, Kind.COUNT} for each in head.names)
+    return "; a record at rest in volts or counts needs --scale-factor" if volts else ""
+
+
+def _require_applied(head: Head, rate: int, rates: Floats, outputs: Mapping[int, Floats]) -> None:
+    """Raise ConfigError where neither names nor numbers say that the rate was applied, and that an output follows it.
+
+    A rate that is not called so has few levels, or the file fewer rows than a record; some output follows it, and so
+    does each output without a unit.
+    """
+    named, name = says_applied(head.names[rate]), head.names[rate].written
+    where = f"{head.file}, column {name}"
+    if not named and rates.size >= _FEWEST_OF_RECORD and np.unique(rates).size > _LEVELS * rates.size:
+        raise ConfigError(
+            f"{where}: its {np.unique(rates).size} different rates in {rates.size} rows may be applied or measured",
+            hint=_either(head, rate),
+        )
+    lost = [place for place, output in outputs.items() if not _follows(rates, output)]
+    bare = [place for place in lost if head.names[place].unit is None]
+    if bare or (lost and not named and len(lost) == len(outputs)):
+        others = ", ".join(head.names[place].written for place in bare or lost)
+        raise ConfigError(f"{where}: {others} does not follow it: is it the output?", hint=_either(head, rate))
+
+
+def _follows(rates: Floats, output: Floats) -> bool:
+    """Return True if most of an output goes with the rate; for a constant too, of which the fit tells."""
+    return not np.ptp(output) or abs(float(np.corrcoef(rates, output)[0, 1])) >= _FOLLOWS
 
 
 def _output_places(
@@ -278,7 +320,10 @@ def _output_places(
     if not outputs:
         others = ", ".join(each.written for place, each in enumerate(names) if place != rate)
         beside = f"{names[rate].written}{', of ' + others if others else ''}"
-        raise ConfigError(f"{head.file}, line {max(1, head.line - 1)}: expected an output column besides {beside}")
+        raise ConfigError(
+            f"{head.file}, line {max(1, head.line - 1)}: expected an output column besides {beside}",
+            hint=_either(head, rate),
+        )
     doubled = [names[place].written for place in outputs]
     if twice := next((place for place in outputs if doubled.count(names[place].written) > 1), None):
         raise ConfigError(
@@ -322,12 +367,11 @@ def _outputs_beside(head: Head, rates: Sequence[int]) -> list[int]:
     left = [
         place
         for place, each in enumerate(head.names)
-        if place not in rates and each.written and not each.spread and not each.is_time and not head.is_text(place)
+        if place not in rates and each.written and not each.spread and not head.is_text(place) and may_be_output(each)
     ]
-    left = [place for place in left if not _SUPPLIES & set(head.names[place].base.replace("_", " ").split())] or left
     in_units = [place for place in left if head.names[place].unit is not None or head.names[place].unknown]
     analysed = [place for place in in_units if head.names[place].unknown or head.names[place].kind in _OUTPUTS]
-    bare = [place for place in left if place not in in_units and head.names[place].base not in _NO_OUTPUT]
+    bare = [place for place in left if place not in in_units]
     return analysed or bare
 
 

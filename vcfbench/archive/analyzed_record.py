@@ -12,6 +12,7 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.cells import clock_period_s, fraction_digits, is_day
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
+from vcfbench.analysis.column_roles import may_be_output
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.digit import COARSE, FINE, digit_of
 from vcfbench.analysis.pace import pace_of
@@ -245,10 +246,29 @@ def factor_to_rate(name: ColumnName, scale: float | None, where: str) -> tuple[f
     return unit.factor / scale, f"an output in {unit.written}, {each}"
 
 
-def is_record(head: Head, layout: Layout) -> bool:
-    """Return True for a record at rest: its first named column has times, and no columns are selected."""
+def is_record(head: Head, layout: Layout, temperature: str | None = None) -> bool:
+    """Return True for a record at rest: one column is selected, or none and there are times, and no table.
+
+    Times in the first column are enough, or a column of times that is named; beside others, and beside temperatures,
+    one column alone can be analysed.
+    """
     named = [each for each in head.names if each.written]
-    return len(layout.columns) == 1 or (bool(named) and named[0].is_time and not head.asked(layout))
+    if len(layout.columns) == 1 or not named or head.asked(layout):
+        return len(layout.columns) == 1
+    if named[0].is_time or layout.time not in {None, "none"}:
+        return True
+    values = [place for place, each in enumerate(head.names) if each.kind in _ANALYSED and may_be_output(each)]
+    timed = temperature is not None or any(each.is_time for each in named)
+    return timed and len(values) == 1 and not _bare_outputs(head, {values[0], temperature})
+
+
+def _bare_outputs(head: Head, but: set[int | str | None]) -> bool:
+    """Return True if a column without a unit may be an output."""
+    return any(
+        place not in but and each.written and each.written not in but and each.unit is None and not each.spread
+        and not head.is_text(place) and may_be_output(each)
+        for place, each in enumerate(head.names)
+    )  # fmt: skip
 
 
 def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | None:
@@ -339,14 +359,17 @@ def _piece(
             notices.append(f"{words}: {len(rows)}, the first in line {numbers.line(rows[0])}")
     if pace.jitter_s > _UNEVEN * pace.interval_s:
         notices.append(f"the times scatter by {pace.jitter_s:.2g} s about steps of {pace.interval_s:.4g} s")
-    span_s = float(times_s[-1] - times_s[0])
-    missing = span_s / pace.interval_s + 1.0 - times_s.size
+    gone = np.diff(times_s)[np.array(pace.breaks, dtype=int) - 1]
+    set_back = gone[gone <= 0.0]  # of which the times tell no gap: as long as a step
+    span_s = float(times_s[-1] - times_s[0] - set_back.sum()) + (1 + set_back.size) * pace.interval_s
+    missing = span_s / pace.interval_s - times_s.size
     few = abs(missing) < _FEW_MISSING * times_s.size  # which move no noise by its u
     whole = f"--time none --rate {1.0 / pace.interval_s:.6g} takes all lines as even" if few else None
     if pace.breaks:
         first, last = numbers.line(pace.begin), numbers.line(pace.end - 1)
         of = f"{(pace.end - pace.begin) * pace.interval_s:.4g} of {span_s:.4g} s"
-        cure = f" ({missing:.0f} are missing: {whole})" if whole else ""
+        lost = "the clock was set back" if set_back.size else f"{missing:.0f} are missing"
+        cure = f" ({lost}: {whole})" if whole else ""
         notices.append(f"analysed is the longest piece without a break, lines {first} to {last}, {of}{cure}")
     piece = record[pace.begin : pace.end]
     if piece.size < _FEWEST:

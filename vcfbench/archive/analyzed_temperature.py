@@ -135,7 +135,7 @@ def analyze_temperature(
         if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS and not layout.columns:
             layout = replace(layout, columns=("rate_deg_s", "output_v"))
         at, unit = _temperature_place(head, temperature)
-        if scale_factor_per_deg_s is not None or is_record(head, layout):
+        if scale_factor_per_deg_s is not None or is_record(head, layout, temperature):
             place = record_place(head, layout)
             factor, taken_as = factor_to_rate(head.names[place], scale_factor_per_deg_s, head.file)
             notes.append(f"{head.names[place].written}: taken as {taken_as}")
@@ -144,7 +144,7 @@ def analyze_temperature(
         else:
             at_c = read_numbers(raw, head, [at]).values[:, 0]
             raw.seek(0)
-            columns = read_table(raw, head.file, layout, notes)
+            columns = read_table(raw, head.file, layout, notes, follow=False)
             notes = [each for each in notes if not each.startswith("not analysed")]  # the temperature among them
     at_c = unit.factor * at_c + unit.added
     groups = _groups(at_c, f"{head.file}, column {temperature}")

@@ -1,0 +1,116 @@
+"""Which column of a table is the applied rate, which the output: by their names and numbers, else a question."""
+
+from __future__ import annotations
+
+from itertools import permutations
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from vcfbench.analysis.csv_table import Layout
+from vcfbench.archive.analyzed import analyze
+from vcfbench.cli.main import app
+from vcfbench.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SIZE = 1000
+OTHERS = (
+    *(
+        "temp",
+        "temp [degC]",
+        "temperature",
+        "temp_raw",
+        "T_die [mV]",
+        "ptat [mV]",
+        "acc_x",
+        "acc_z [m/s2]",
+        "accel [LSB]",
+    ),
+    *("supply_v", "vbat [V]", "battery", "idx", "sample", "tick", "ts", "pressure", "mag_x", "foo", "x1", "humidity"),
+)
+"""Columns beside the output of a gyroscope, which is no applied rate for any of them."""
+TIMES = ("Timestamp_us", "time_ms", "ts_ms", "t_s", "ms", "hour", "elapsed [s]", "sys_time_us")
+RATES = ("gyro_z [mdps]", "GyroX (deg/s)", "rate / (deg/s)", "wz_rad_s", "z [dps]")
+
+
+def written(path: Path, columns: dict[str, object]) -> Path:
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.9g", ",", header=",".join(columns), comments="")  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize("rate", RATES)
+@pytest.mark.parametrize("drift", [0.0, 1.0])
+def test_output_of_a_gyroscope_is_no_applied_rate(tmp_path: Path, rate: str, drift: float) -> None:
+    random = np.random.default_rng(5)
+    for other in OTHERS:
+        warm = 25.0 + 20.0 * np.linspace(0.0, 1.0, SIZE) ** random.uniform(0.5, 2.0)
+        columns = {rate: 0.3 + 0.01 * drift * warm + 1e-4 * random.standard_normal(SIZE), other: 0.1 * warm}
+        for order in permutations(columns):
+            file = written(tmp_path / "log.csv", {name: columns[name] for name in order})
+            done = CliRunner().invoke(app, ["analyze", str(file)])
+            assert done.exit_code == 2, (order, done.output)
+            assert "scale factor, mV" not in done.output, order
+            assert "--" in done.stderr, order
+
+
+@pytest.mark.parametrize("time", TIMES)
+def test_log_with_times_is_a_record_in_any_order(tmp_path: Path, time: str) -> None:
+    random = np.random.default_rng(6)
+    for rate in RATES:
+        columns = {time: 20.0 * np.arange(SIZE), rate: 0.3 + 0.01 * random.standard_normal(SIZE), "temp": np.ones(SIZE)}
+        for order in permutations(columns):
+            file = written(tmp_path / "log.csv", {name: columns[name] for name in order})
+            done = CliRunner().invoke(app, ["analyze", str(file)])
+            assert done.exit_code == 0, (order, done.output)
+            assert f"{SIZE}, one every" in done.output, order
+
+
+@pytest.mark.parametrize("output", ["out", "out [mV]", "gyro [deg/s]", "adc [LSB]", "U_aus [V]", "u_mV", "u [mV]"])
+@pytest.mark.parametrize(
+    "rate", ["rate_deg_s", "omega_rad_s", "Drehrate [\u00b0/s]", "stage [dps]", "table_rate [rpm]"]
+)
+def test_applied_rate_of_few_levels_is_a_table(tmp_path: Path, rate: str, output: str) -> None:
+    random = np.random.default_rng(7)
+    for repeats, temp in ((1, "temp"), (40, "T [K]")):
+        rates = np.tile(np.linspace(-100.0, 100.0, 11), repeats)
+        y = -2.0 * rates + 0.01 * random.standard_normal(rates.size)
+        columns = {rate: rates, output: y, temp: 300.0 + random.standard_normal(rates.size)}
+        if output == "gyro [deg/s]" and rate in {"omega_rad_s", "Drehrate [\u00b0/s]"}:
+            continue  # of two rates either may be the applied one
+        for order in permutations(columns):
+            file = written(tmp_path / "table.csv", {name: columns[name] for name in order})
+            assert list(analyze(file).series) == [output], order
+
+
+def test_rate_and_outputs_that_a_person_names_are_taken(tmp_path: Path) -> None:
+    random = np.random.default_rng(8)
+    rates = random.uniform(-100.0, 100.0, SIZE)
+    file = written(tmp_path / "t.csv", {"gyro [dps]": rates, "u_x": 0.02 * rates, "x": 1.0 + 0.0 * rates})
+    with pytest.raises(ConfigError, match="no applied rate") as error:
+        analyze(file)
+    assert "--columns RATE,OUTPUT" in (error.value.hint or "")
+    found = analyze(file, layout=Layout(columns=("gyro [dps]", "u_x")))
+    assert found.series["u_x"].line.scale_factor == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("marked", ["u_{}", "U_{}", "u {}", "std_{}", "{}_std"])
+def test_uncertainty_stands_beside_its_column(tmp_path: Path, marked: str) -> None:
+    rates, name = np.linspace(-100.0, 100.0, 11), marked.format("out [mV]") if marked[:2] != "{}" else "out_std [mV]"
+    columns = {"rate [dps]": rates, "out [mV]": 2.0 * rates, name: 0.1 + 0.0 * rates, "n": 4.0 + 0.0 * rates}
+    found = analyze(written(tmp_path / "t.csv", columns)).series
+    assert list(found) == ["out [mV]"]
+    assert found["out [mV]"].type_a is not None
+
+
+def test_output_that_does_not_follow_is_asked_for(tmp_path: Path) -> None:
+    random = np.random.default_rng(9)
+    rates = np.linspace(-100.0, 100.0, 11)
+    for rate, output in (("table [dps]", "foo"), ("x [dps]", "foo [V]"), ("x [dps]", "foo")):
+        file = written(tmp_path / "t.csv", {rate: rates, output: random.standard_normal(rates.size)})
+        with pytest.raises(ConfigError, match="does not follow") as error:
+            analyze(file)
+        assert f"--columns '{rate}'" in (error.value.hint or "")

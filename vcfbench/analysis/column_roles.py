@@ -1,0 +1,55 @@
+"""What the name of a column says of it: an applied rate, a gyroscope's output, or neither of both."""
+
+import re
+from typing import Final
+
+from vcfbench.analysis.column_names import ColumnName
+
+_APPLIED: Final = {
+    *("applied", "reference", "ref", "table", "turntable", "stage", "commanded", "command", "cmd", "setpoint"),
+    *("input", "true", "stimulus", "nominal", "target"),
+}
+"""Words of a rate that somebody applied; a rate of which nothing more is said may be either."""
+_MEASURED: Final = {"imu", "sensor", "dut", "output", "out", "measured", "meas", "reading", "raw"}
+_OTHERS: Final = {
+    *("supply", "vdd", "vcc", "vbat", "battery", "bat", "batt", "vin", "vref", "rail", "usb", "power"),
+    *("ptat", "ntc", "pt", "tcase", "tdie", "tamb", "tchip", "ambient", "oven", "chamber"),
+    *("ax", "ay", "az", "mag", "magx", "magy", "magz", "mx", "my", "mz", "baro", "pressure", "press", "humidity", "rh"),
+    *("current", "angle", "heading", "position", "pos", "altitude", "tick", "ticks", "idx", "index"),
+    *("counter", "seq", "sequence", "crc", "checksum", "flag", "flags", "status"),
+}
+"""Words of supplies, temperatures, accelerations, other sensors and counters."""
+_COUNTERS: Final = {
+    *("n", "no", "nr", "i", "k", "step", "sample", "samples", "line", "row", "id", "point", "frame", "packet", "cycle"),
+    *("count", "counts", "num", "number", "#", ""),
+}
+"""Whole names of counters."""
+_BEGINS: Final = ("temp", "therm", "acc", "beschl", "versorg")
+_WORD: Final = re.compile(r"[^\W\d_]+")
+
+
+def says_applied(name: ColumnName) -> bool:
+    """Return True for the name of a rate that was applied."""
+    return bool(_APPLIED & _words(name))
+
+
+def says_measured(name: ColumnName) -> bool:
+    """Return True for the name of a gyroscope's own output."""
+    words = _words(name)
+    return not words & _APPLIED and (bool(words & _MEASURED) or any(each.startswith("gyr") for each in words))
+
+
+def may_be_applied(name: ColumnName) -> bool:
+    """Return True for the name of an applied rate, and for one that is called rate alone."""
+    return says_applied(name) or ("rate" in _words(name) and not says_measured(name))
+
+
+def may_be_output(name: ColumnName) -> bool:
+    """Return False for times, temperatures, supplies, accelerations and counters."""
+    words = _words(name)
+    counts = name.unit is None and name.base.rstrip("0123456789") in _COUNTERS
+    return not (name.is_time or counts or words & _OTHERS or any(each.startswith(_BEGINS) for each in words))
+
+
+def _words(name: ColumnName) -> set[str]:
+    return set(_WORD.findall(name.base))
