@@ -6,12 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.instructions.routines import OTHER_SCALE_FACTOR
 from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used
+from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.records.devices import DeviceStore
+from vcfbench.sim.gyro.data_sheet import DataSheet
+from vcfbench.sim.own_gyro import own_gyro_bench
 from vcfbench.station.parts import Expected
 from vcfbench.station.settings import Station
 
@@ -78,7 +82,7 @@ def ended(name: str, tmp_path: Path, settings: dict[str, Any], window: list[floa
     return found.error
 
 
-@pytest.mark.parametrize("name", ["zero", "warmup", "repeatability", "power", "rate-limits"])
+@pytest.mark.parametrize("name", ["repeatability", "power", "rate-limits"])
 def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_path: Path) -> None:
     """Its rates are by the paper's scale factor and incomplete; nothing of them is kept of the device."""
     bench = vcfbench.load_bench("paper")
@@ -94,6 +98,28 @@ def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_
     rates = [each for each in found.values.values() if each.unit.removeprefix("(").startswith("deg/s")]
     assert [each.name for each in rates if "scale factor" not in each.missing and each.value is not None] == []
     assert name == "power" or not [*(tmp_path / "devices").glob("Z/*")]  # which keeps what does not go by it
+
+
+@pytest.mark.parametrize("expected", ["none", "wide", "as it is"])
+@pytest.mark.parametrize("name", ["zero", "warmup"])
+@pytest.mark.parametrize(("factor", "bias_deg_s"), few([(8e-3, 2.5), (-2e-3, -12.0)], (-2e-3, -12.0)))
+def test_rates_at_rest_are_by_the_look_on_the_table(
+    name: str, expected: str, factor: float, bias_deg_s: float, tmp_path: Path
+) -> None:
+    """Nobody gives the scale factor; the window of the bench file is a window and no value."""
+    sizes = {"range_deg_s": 900.0, "angle_random_walk_deg_sqrt_h": 0.1, "bias_instability_deg_h": 5.0}
+    own = DataSheet(scale_factor_v_per_deg_s=factor, bias_deg_s=bias_deg_s, **sizes)
+    bench = parse_bench(own_gyro_bench(own, "own", imperfections=False), "own")
+    window = {"none": None, "wide": (0.9 * factor, 1.4 * factor), "as it is": (0.99 * factor, 1.01 * factor)}[expected]
+    ends = window and (min(window), max(window))
+    bench = structs.replace(bench, expected=structs.replace(bench.expected, scale_factor_v_per_deg_s=ends))
+    run = vcfbench.run(name, bench, seed=3, settings=SHORT[name], runs=tmp_path)
+    bias = next(each for name, each in run.values.items() if name.startswith("bias") and each.unit == "deg/s")
+    assert bias.value is not None
+    assert bias.u95 is not None
+    assert abs(bias.value - bias_deg_s) <= bias.u95 < 0.2
+    assert not bias.missing
+    assert "not those of this gyroscope" not in vcfbench.text_of(run.report())
 
 
 def test_nothing_is_kept_by_a_scale_factor_of_the_wrong_sign(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import vcfbench
 from tests.procedures.test_kvc import warm
 from tests.sim.gyro.plain import output_v, steady_output_v
 from vcfbench.errors import ConfigError
+from vcfbench.instructions.scale_factor import scale_factor_used
 from vcfbench.procedures import warmup
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.procedures.warmup import (
@@ -143,7 +144,7 @@ def synthetic(rng: np.random.Generator, tau_s: float, amplitude: float, noise: f
     settings = WarmupSettings(
         scale_factor_v_per_deg_s=0.0125, bias_instability_deg_h=3.6e-3, station=Station(meter_resolution_v=1e-9)
     )
-    return warmup_results(settings, log, windows, steady=True)
+    return warmup_results(settings, scale_factor_used(settings), log, windows, steady=True)
 
 
 @pytest.mark.exhaustive

@@ -8,10 +8,19 @@ from typing import Any, TypeAlias, TypeVar
 
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
-from vcfbench.instructions.scale_factor import AtRestSettings, require_as_used, tells_scale_factor, unlike_used
+from vcfbench.instructions.scale_factor import (
+    LOOKED,
+    AtRestSettings,
+    ScaleFactor,
+    require_as_used,
+    scale_factor_used,
+    tells_scale_factor,
+    unlike_used,
+)
 from vcfbench.records.schema import Point
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.steps.drive_check import check_drive, one_two_five
+from vcfbench.steps.measured import Measured
 from vcfbench.steps.scope import AIMED
 from vcfbench.steps.step import LOOK_AT_SIGNALS, Plan, Routine, answer
 
@@ -300,8 +309,29 @@ def require_answer(settings: AtRestSettings, *, turns: bool = True) -> Routine[N
     slope, within = yield from _moved(settings, by_table=turns)
     if tells_scale_factor(settings):
         require_as_used(settings, slope, within, by_v_vc=not turns)
+    elif settings.looks_on_table and turns:
+        return
     elif words := unlike_used(settings, slope, within, by_v_vc=not turns):  # nobody has said that it were so
         yield steps.NotChecked(OTHER_SCALE_FACTOR, words)
+
+
+def scale_factor_seen(settings: AtRestSettings, measured: Measured) -> ScaleFactor:
+    """Return the scale factor that turns volts into rates: where nobody gives it, that of the look on the table."""
+    looks = measured.found(steps.OutputSeen)[-2:] if settings.looks_on_table else []
+    if len(looks) < 2:
+        return scale_factor_used(settings)
+    (_, at_rest), (turning, moved) = looks
+    rate_deg_s = turning.rate_deg_s if isinstance(turning, steps.LookAtOutput) else 0.0
+    if not rate_deg_s:
+        return scale_factor_used(settings)
+    slope = (moved.mean_v - at_rest.mean_v) / rate_deg_s
+    of_rate = (settings.station.sources.table_rate or 0.0) / math.sqrt(3.0)
+    return ScaleFactor(slope, math.hypot(_u_of_looks(settings, at_rest, moved) / rate_deg_s, of_rate * slope), LOOKED)
+
+
+def _u_of_looks(settings: ProcedureSettings, at_rest: steps.OutputSeen, moved: steps.OutputSeen) -> float:
+    """Return the standard uncertainty of the difference of two looks, V."""
+    return math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
 
 
 def _moved(settings: ProcedureSettings, *, by_table: bool) -> Routine[tuple[float, float]]:
@@ -326,7 +356,7 @@ def _moved(settings: ProcedureSettings, *, by_table: bool) -> Routine[tuple[floa
         yield steps.DisableVvc()
         rate_deg_s = v_vc_v * settings.k_vc_guess_deg_s_per_v
         what, aside = f"V_Vc of {v_vc_v:g} V", "the generator's lead to V_Vc, the carrier, "
-    u_v = math.sqrt((at_rest.variance_v2 + moved.variance_v2 + settings.meter_resolution_v**2) / _LOOKS)
+    u_v = _u_of_looks(settings, at_rest, moved)
     if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
         raise MeasurementError(
             f"the output does not respond to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "

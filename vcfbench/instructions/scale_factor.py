@@ -42,6 +42,11 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
     ] = None
 
     @property
+    def looks_on_table(self) -> bool:
+        """True where nobody gives the scale factor, and the look whether the output answers tells it, on the table."""
+        return False
+
+    @property
     def early_look(self) -> tuple[str, ...]:
         return ("rate_table", "rate_source") if tells_scale_factor(self) else ()
 
@@ -95,6 +100,17 @@ class LevelSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
         yield from not_on_bench(self.by, self.station)
         if self.by is ScaleFactorBy.TABLE:
             yield from self.beyond_table("level_deg_s", self.level_deg_s)
+
+
+class LookedAtSettings(AtRestSettings, frozen=True, kw_only=True):
+    """Settings of procedures whose rates are by their own look on the table, where nobody gives the scale factor."""
+
+    @property
+    def looks_on_table(self) -> bool:
+        return self.scale_factor_v_per_deg_s is None and self.station.limits.max_rate_deg_s is not None
+
+
+LOOKED = "by this run's look at a slow rate of the table"
 
 
 class ScaleFactor(Struct, frozen=True):

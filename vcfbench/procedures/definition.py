@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from msgspec.structs import replace
 
-from vcfbench.instructions.scale_factor import AtRestSettings, scale_factor_used
+from vcfbench.instructions.scale_factor import LOOKED, AtRestSettings, scale_factor_used
 from vcfbench.instructions.schedule import KvcBy, SweepSettings
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.station.settings import DeviceSettings, ProcedureSettings
@@ -128,7 +128,8 @@ def _definition(settings: ProcedureSettings, value: Value) -> Definition:
         and not (key in _IDLE and _IDLE[key](settings))
     }
     if isinstance(settings, AtRestSettings) and "deg" in value.unit:
-        choices["divided_by"] = f"scale factor: {scale_factor_used(settings).source}"
+        source = LOOKED if settings.looks_on_table else scale_factor_used(settings).source
+        choices["divided_by"] = f"scale factor: {source}"
     if names & {*_OFFSETS, *_AT_REST}:
         choices["horizon_h"] = f"{settings.station.sources.horizon_h:g}"
     if not type(settings).__module__.startswith("vcfbench."):

@@ -23,7 +23,7 @@ from vcfbench.belief.jumps import watched
 from vcfbench.clock import sleep
 from vcfbench.instructions import routines
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.scale_factor import AtRestSettings, ScaleFactor, rates_by, scale_factor_used
+from vcfbench.instructions.scale_factor import LookedAtSettings, ScaleFactor, rates_by, scale_factor_used
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.station.bounds import ranged
@@ -58,7 +58,7 @@ _QUICK_INTERVAL_S = 0.1
 """While the drive loop starts: ten readings a second of one power-line cycle."""
 
 
-class WarmupSettings(AtRestSettings, frozen=True, kw_only=True):
+class WarmupSettings(LookedAtSettings, frozen=True, kw_only=True):
     """Settings of the warm-up, in addition to those of all procedures."""
 
     creeps: ClassVar[bool] = True
@@ -144,6 +144,7 @@ def is_steady(settings: WarmupSettings, points: Sequence[Point]) -> bool:
 
 def warmup_results(
     settings: WarmupSettings,
+    scale: ScaleFactor,
     log: Sequence[tuple[float, float]],
     windows: Sequence[tuple[Floats, Floats]],
     *,
@@ -154,12 +155,13 @@ def warmup_results(
 
     Args:
         settings: of the run.
+        scale: by which outputs are rates.
         log: time from power-on (s) and output (V) of each quick reading.
         windows: the same of the windows, an array each.
         steady: whether the last means agreed.
         creeps: whether there may be an exponential to be found; none is foreseen.
     """
-    scale, instability_deg_s, known = scale_factor_used(settings), _b_deg_s(settings), settings.station.sources
+    instability_deg_s, known = _b_deg_s(settings), settings.station.sources
     log = [(t_s, volts / scale.value) for t_s, volts in log]
     windows = [(t_s, volts / scale.value) for t_s, volts in windows]
     begin_s, end_s, means, u_scatter = _means(windows, settings.sample_interval_s)
@@ -412,7 +414,8 @@ def results(settings: WarmupSettings, measured: Measured) -> WarmupResult:
     log = [(each.t_s - switched.t_s, each.voltage_v) for each in switched.log]
     windows = [(each.t_s - switched.t_s, each.voltage_v) for each in measured.readings.windows]
     creeps = not isinstance(measured, Foreseen)
-    return warmup_results(settings, log, windows, steady=is_steady(settings, measured), creeps=creeps)
+    scale = routines.scale_factor_seen(settings, measured)
+    return warmup_results(settings, scale, log, windows, steady=is_steady(settings, measured), creeps=creeps)
 
 
 WARMUP = Procedure(

@@ -15,7 +15,7 @@ from vcfbench import steps
 from vcfbench.instructions import routines
 from vcfbench.instructions.kept import conditions_of
 from vcfbench.instructions.procedure import Procedure, Provenance, roles
-from vcfbench.instructions.scale_factor import rates_by, tells_scale_factor, unlike_used
+from vcfbench.instructions.scale_factor import rates_by
 from vcfbench.procedures.zero.results import (
     Mode,
     ZeroResult,
@@ -34,8 +34,6 @@ MOST_LOST = 1e-3
 
 1 % of 50 frames each makes N of the paper's gyroscope 5 % too large.
 """
-
-_OF_ANOTHER = "the scale factor of rates is not that of this gyroscope: its flicker is not kept"
 
 
 @routines.framed(routines.energised, routines.drive_seen, routines.held_at_rest)
@@ -59,24 +57,16 @@ def results(settings: ZeroSettings, measured: Measured) -> Any:
     """Return the results of the record, or the expectation of a dry run."""
     if isinstance(measured, Foreseen):
         return foreseen_zero(settings, measured[0].output_v, measured.white_v_sqrt_s)
-    found = _of_record(settings, measured)
-    looks = measured.found(steps.OutputSeen)[-2:]
-    if len(looks) < 2 or tells_scale_factor(settings):
-        return found
-    (_, at_rest), (turning, moved) = looks
-    rate_deg_s = turning.rate_deg_s if isinstance(turning, steps.LookAtOutput) else 0.0
-    if not rate_deg_s or not unlike_used(settings, (moved.mean_v - at_rest.mean_v) / rate_deg_s, by_v_vc=False):
-        return found
-    return replace(found, remarks=(*found.remarks, _OF_ANOTHER))
+    return _of_record(settings, measured)
 
 
 def _of_record(settings: ZeroSettings, measured: Measured) -> ZeroResult:
-    (window,) = measured.readings.windows
+    (window,), scale = measured.readings.windows, routines.scale_factor_seen(settings, measured)
     seen = [each for _, each in measured.found(StreamSeen)]
     lost = max(((each.dropped + 2.0 * each.u_dropped + each.bad) / max(1, each.frames) for each in seen), default=0.0)
     if lost <= MOST_LOST or settings.passed_hz is None:
-        return zero_results(settings, window.voltage_v, window.t_s)
-    found = zero_results(replace(settings, noise_bandwidth_hz=0.0), window.voltage_v, window.t_s)
+        return zero_results(settings, scale, window.voltage_v, window.t_s)
+    found = zero_results(replace(settings, noise_bandwidth_hz=0.0), scale, window.voltage_v, window.t_s)
     most = "up to " if any(each.u_dropped for each in seen) else ""
     said = (
         f"{most}{100.0 * lost:.2g} % of the frames are missing: what noise passes the gaps is not known, "
@@ -90,12 +80,7 @@ def entry(settings: ZeroSettings, found: ZeroResult, made: Provenance) -> device
 
     The degrees of freedom of B squared are those that its u stands for: 2 / dof is the relative variance of the square.
     """
-    if (
-        settings.dut is None
-        or found.flicker is None
-        or not routines.can_answer(settings)
-        or _OF_ANOTHER in found.remarks
-    ):
+    if settings.dut is None or found.flicker is None or not routines.can_answer(settings):
         return None
     value, u = found.flicker
     scale_factor = found.scale_factor_v_per_deg_s

@@ -17,7 +17,7 @@ from vcfbench.analysis.plausibility import doubts_of_record
 from vcfbench.instructions.kept import KeptSettings
 from vcfbench.instructions.routines import can_answer
 from vcfbench.instructions.scale_factor import (
-    AtRestSettings,
+    LookedAtSettings,
     ScaleFactor,
     rates_by,
     scale_factor_used,
@@ -55,7 +55,7 @@ class Mode(Enum):
     GAPLESS = "gapless"
 
 
-class ZeroSettings(KeptSettings, AtRestSettings, frozen=True, kw_only=True):
+class ZeroSettings(KeptSettings, LookedAtSettings, frozen=True, kw_only=True):
     """Settings of the static record, in addition to those of all procedures."""
 
     waits: ClassVar[str] = "powered_s"
@@ -235,9 +235,9 @@ def foreseen_zero(settings: ZeroSettings, output_v: float, white_v_sqrt_s: float
     return ForeseenZero(*_stated(volts, sampling, scale, settings, fit))
 
 
-def zero_results(settings: ZeroSettings, readings_v: Floats, times_s: Floats) -> ZeroResult:
+def zero_results(settings: ZeroSettings, scale: ScaleFactor, readings_v: Floats, times_s: Floats) -> ZeroResult:
     """Return the results of a record: its readings, V, and when each was asked for, s, both of shape (n,)."""
-    scale, sampling, gapless = scale_factor_used(settings), settings.sampling, settings.mode is Mode.GAPLESS
+    sampling, gapless = settings.sampling, settings.mode is Mode.GAPLESS
     volts = block_means(readings_v, settings.readings_a_mean) if gapless else readings_v
     rates, corrected = volts / scale.value, settings.mode is not Mode.DEAD_TIME
     fitted = sampling if corrected else Sampling.without_gaps(sampling.interval_s)
