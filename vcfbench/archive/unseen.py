@@ -29,20 +29,23 @@ from vcfbench.belief.unseen import (
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
+from vcfbench.instructions.scale_factor import ROUGHLY, AtRestSettings, scale_factor_used, seen_from, tells_scale_factor
 from vcfbench.instructions.v_vc import SHOWN_SHARE
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import BeginPart
 from vcfbench.procedures.layers import recorded_settings
+from vcfbench.procedures.threshold import ThresholdSettings
 from vcfbench.records.plain import plain
 from vcfbench.records.stated import values_of
 from vcfbench.reports.document import Part, Table, Text, texts
-from vcfbench.steps import ModulatedRecord, SineResponse
+from vcfbench.steps import ModulatedRecord, OutputSeen, SineResponse
 from vcfbench.steps.measured import Measured
 from vcfbench.steps.step import Step, StepResult
 from vcfbench.values.printing import grouped
 from vcfbench.values.value import Value
 
 K_VC: Final = "of K_Vc"  # Unit of a fault: the share by which K_Vc is another
+SCALE_FACTOR: Final = "of the scale factor"  # The same of the scale factor that turns volts into rates
 V_VC_SET: Final = "of V_Vc as it was set"  # The same of what arrives
 _WORDS: Final[dict[tuple[str, str], str]] = {
     ("step", OFFSET): "a step of the output",
@@ -56,6 +59,7 @@ _WORDS: Final[dict[tuple[str, str], str]] = {
     ("ramp", V_VC_OFFSET): "a ramp of the reading of the meter on V_Vc to the end",
     ("change", V_VC_GAIN): "a change of the gain of the meter on V_Vc",
     ("change", K_VC): "a change of K_Vc that only a rate table shows",
+    ("change", SCALE_FACTOR): "a scale factor that is not as it was told",
     ("change", V_VC_SET): "V_Vc that differs from its setting, as with a terminator of 50 ohm",
     ("pulse", V_VC_GAIN): "a different gain of the meter on V_Vc for one record",
     ("creep", V_VC_GAIN): "a creeping gain of the meter on V_Vc",
@@ -66,9 +70,10 @@ _OF_STREAM: Final[dict[tuple[str, str], str]] = {  # No instrument reads the out
     ("pulse", GAIN): "a different gain of the gyroscope for one record",
     ("creep", GAIN): "a creeping gain of the gyroscope",
 }
+_OFF: Final = 0.1  # Share by which a told number may be off what is seen
 _HALF: Final = 0.5  # Of a record: where its step is
 _LATE: Final = 0.85  # Of a run: where a change of a gain begins that shows little
-_SIZES: Final = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)  # Of a fault in records, V or shares
+_SIZES: Final = (5e-2, 2e-2, 1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4)  # Of a fault in records, V or shares
 _LADDER: Final = tuple((UNIT * np.geomspace(1e-3, 1e3, 31)).tolist())  # Of a fault within a record, V
 _PLACES: Final = (0.15, 0.4, 0.65, 0.85)
 _IN_RECORDS: Final = (
@@ -202,7 +207,7 @@ def _in_records(found: Refusable) -> Iterator[Unseen]:
     }
     for kind, unit in (each for each in _IN_RECORDS if each[1] in looked_at):
         ends = list[tuple[float | None, Mapping[str, float]]]()
-        for course in courses[kind]:
+        for course in (sign * each for each in courses[kind] for sign in (1.0, -1.0)):
             refused = None
             for size in _SIZES:
                 spoilt = found.measured.changed(in_records(unit, (size * course).tolist()))
@@ -248,14 +253,41 @@ def _of_knowledge(found: Refusable) -> Iterator[Unseen]:
         known = found.settings.known
         curve = replace(known.k_vc, coefficients=tuple((1.0 + UNIT) * each for each in known.k_vc.coefficients))
         station = replace(found.settings.station, known=replace(known, k_vc=curve))
-        faults.append((None, K_VC, replace(found.settings, station=station), found.measured))
+        size = _k_vc_seen_from(found.settings, found.measured)
+        faults.append((size, K_VC, replace(found.settings, station=station), found.measured))
+    faults += _otherwise(found.settings, found.measured)
     if any(each.v_vc_measured_v is None and each.v_vc_v for each in found.measured):
         wiring = found.settings.station.oscilloscope
         size = None if wiring is None or wiring.channel_of("v_vc") is None else SHOWN_SHARE
-        faults.append((size, V_VC_SET, found.settings, found.measured.set_otherwise(size or UNIT)))
+        faults.append((size, V_VC_SET, found.settings, found.measured.set_otherwise(UNIT)))
     for size, unit, settings, measured in faults:
-        if moved := _beyond(found, before, found.evaluated(settings, measured)):
+        after, times = found.evaluated(settings, measured), 1.0 if size is None else size / UNIT
+        most = {name: before[name] + times * (each - before[name]) for name, each in after.items()}
+        if moved := _beyond(found, before, most):
             yield Unseen("change", size, unit, moved)
+
+
+def _otherwise(settings: Any, measured: Measured) -> Iterator[tuple[float | None, str, Any, Measured]]:
+    """Yield a told K_Vc or scale factor that is another by `UNIT`, with the share from which it is refused."""
+    looks = [step for step, _ in measured.found(OutputSeen)]
+    turned = any(getattr(step, "rate_deg_s", 0.0) for step in looks)
+    if isinstance(settings, ThresholdSettings) and settings.k_vc_deg_s_per_v is not None:
+        k_vc = (1.0 + UNIT) * settings.k_vc_deg_s_per_v
+        yield _OFF if turned else ROUGHLY - 1.0, K_VC, replace(settings, k_vc_deg_s_per_v=k_vc), measured
+    if isinstance(settings, AtRestSettings) and tells_scale_factor(settings):
+        other = replace(settings, scale_factor_v_per_deg_s=(1.0 + UNIT) * scale_factor_used(settings).value)
+        yield seen_from(settings, by_v_vc=not turned) if looks else None, SCALE_FACTOR, other, measured
+
+
+def _k_vc_seen_from(settings: KnownDeviceSettings, measured: Measured) -> float | None:
+    """Return the share from which another K_Vc of the device is refused; by a certificate alone its change is none."""
+    known, turned = settings.known, any(getattr(step, "rate_deg_s", 0.0) for step, _ in measured.found(OutputSeen))
+    if settings.expected.scale_factor_v_per_deg_s is not None:
+        low, high = sorted(map(abs, settings.expected.scale_factor_v_per_deg_s))
+        return (1.0 + _OFF) * high / low - 1.0
+    if known.issued is not None:
+        return None
+    return _OFF if turned or known.reference is not None else ROUGHLY - 1.0
 
 
 def _beyond(

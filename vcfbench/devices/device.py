@@ -37,10 +37,8 @@ changed in 1 of 100 years of mornings, 365 looks, and in 1 of 1000 again at the 
 with certificates 0.3, 1 and 2 times as uncertain as a morning). With 1.5 and 5 it were 9 of 10.
 """
 
-_AS_STATED = (
-    "the modulator's curve and the validity of K_Vc, which only a certificate has",
-    "the u of K_Vc, if k_vc_u_deg_s_per_v is not given: it counts as 0",
-)
+_AS_STATED = "the modulator's curve and the validity of K_Vc, which only a certificate has"
+_NO_U = "the u of K_Vc, if k_vc_u_deg_s_per_v is not given: values by it are incomplete"
 
 
 class Reference(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -166,20 +164,24 @@ class KnownDeviceSettings(KnownVvcSettings, frozen=True, kw_only=True):
     def require_known(self, found: float, within: float = 0.0) -> None:
         """See that a scale factor has the sign that is known, and is within 10 % of what the bench file expects.
 
-        How far it is from that of a certificate is a result. MeasurementError: it is another one.
+        How far it is from an earlier one is a result by the device's certificate. By a K_Vc that was told it is within
+        10 % as well. MeasurementError: it is another one.
         """
-        known = self.known_scale_factor
+        known, reference = self.known_scale_factor, self.known.reference
         if known is not None and found * known < 0.0:
             raise MeasurementError(
                 f"the sign of the scale factor is wrong: expected {known:.4g} V/(deg/s)",
                 instrument="multimeter",
                 hint="check the leads of the meters and of V_Vc, and the sign of --k-vc (vcfbench run polarity)",
             )
-        expected = self.expected.scale_factor_v_per_deg_s
+        expected, whose = self.expected.scale_factor_v_per_deg_s, "expected.scale_factor_v_per_deg_s"
+        if expected is None and self.known.issued is None and reference is not None:
+            expected = (reference.scale_factor_v_per_deg_s.value,) * 2
+            whose = f"{reference.kind} {reference.name} of the device"
         if expected is not None and not min(far(expected)) - within <= found <= max(far(expected)) + within:
             raise MeasurementError(
-                f"the scale factor is {found:.4g} V/(deg/s), the bench file expects {expected[0]:g} to {expected[1]:g} "
-                f"V/(deg/s) (expected.scale_factor_v_per_deg_s): by {self.known.source}",
+                f"the scale factor is {found:.4g} V/(deg/s), expected {expected[0]:g} to {expected[1]:g} V/(deg/s) "
+                f"({whose}): by {self.known.source}",
                 instrument="multimeter",
                 hint="one of the two is wrong: K_Vc (--k-vc, the certificate), or what is expected; or the leads are",
             )
@@ -263,11 +265,16 @@ def _given(settings: KnownDeviceSettings, given: str, entries: tuple[devices.Ent
     require_like_known(settings, number, f"--k-vc {given}", entries)
     most_v = 1.1 * settings.magnitudes_deg_s[-1] / abs(number)
     variance = settings.k_vc_u_deg_s_per_v**2
+    missing = () if variance else ("K_Vc",)
     curve = devices.KvcCurve(
-        coefficients=(0.0, number), covariance=((0.0, 0.0), (0.0, variance)), v_vc_min_v=-most_v, v_vc_max_v=most_v
+        missing=missing,
+        coefficients=(0.0, number),
+        covariance=((0.0, 0.0), (0.0, variance)),
+        v_vc_min_v=-most_v,
+        v_vc_max_v=most_v,
     )
-    source = f"K_Vc = {given} (deg/s)/V, as given"
-    return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=_AS_STATED), entries)
+    source, holds_not = f"K_Vc = {given} (deg/s)/V, as given", (_AS_STATED, *([] if variance else [_NO_U]))
+    return _with_history(KnownDevice(k_vc=curve, source=source, certificate=None, holds_not=holds_not), entries)
 
 
 def require_like_known(settings: ProcedureSettings, k_vc: float, named: str, entries: Sequence[devices.Entry]) -> None:

@@ -25,7 +25,7 @@ class KeptSettings(DeviceSettings, frozen=True, kw_only=True):
         """Return these settings with the characteristics of the device; ConfigError: it has no room for more."""
         if self.dut is not None:
             devices.DeviceStore(Path(self.devices)).require_room(self.dut)
-        return with_characteristics(self)
+        return with_characteristics(super().recalled())
 
 
 def conditions_of(

@@ -12,6 +12,7 @@ from vcfbench.instructions.scale_factor import (
     LOOKED,
     AtRestSettings,
     ScaleFactor,
+    far,
     require_as_used,
     scale_factor_used,
     tells_scale_factor,
@@ -74,6 +75,7 @@ def look_early(settings: ProcedureSettings, *, held: bool = False) -> Routine[No
     `held` tells that it is under servo already. Nothing is done where nothing was told, or nothing can move the output.
     MeasurementError: it answers otherwise.
     """
+    yield from _look_at_k_vc(settings)
     by = next((role for role in settings.early_look if _on_bench(settings, role)), None)
     if by is None:
         return
@@ -86,6 +88,23 @@ def look_early(settings: ProcedureSettings, *, held: bool = False) -> Routine[No
     elif held:
         yield from go_to_rate(settings, 0.0, previous_deg_s=settings.station.limits.slow_deg_s)
     settings.require_known_answer(slope, within, by_v_vc=by != "rate_table")
+
+
+def _look_at_k_vc(settings: ProcedureSettings) -> Routine[None]:
+    """See that V_Vc moves the output as the table does by the K_Vc that was told, where the bench has both."""
+    given = settings.k_vc_looked_at
+    if given is None or not all(_on_bench(settings, role) for role in ("rate_table", "rate_source")):
+        return
+    by_v_vc, within = yield from _moved(settings, by_table=False)
+    by_table, more = yield from under_servo(settings, _moved(settings, by_table=True), "The table to rest")
+    k_vc = settings.k_vc_guess_deg_s_per_v * by_v_vc / by_table
+    part = abs(within / by_v_vc) + abs(more / by_table)
+    if not min(far((given, given), part)) <= k_vc <= max(far((given, given), part)):
+        raise MeasurementError(
+            f"by the table K_Vc is some {k_vc:.3g} (deg/s)/V, told is {given:g}",
+            instrument="multimeter",
+            hint="correct K_Vc (vcfbench run kvc measures it), or look at the leads: vcfbench run polarity",
+        )
 
 
 def rails_on(settings: ProcedureSettings, wait_s: float, look: Look | None = look_early) -> Routine[None]:

@@ -3,12 +3,14 @@
 import itertools
 from collections.abc import Iterator
 from enum import Enum
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Self, cast
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
-from vcfbench.errors import MeasurementError
+from vcfbench.errors import ConfigError, MeasurementError
 from vcfbench.instructions.kept import KeptSettings
+from vcfbench.records import devices
 from vcfbench.station.bounds import ranged, said
 from vcfbench.station.invalid_value import MOST_V, InvalidValue, beyond_output
 from vcfbench.station.linear_gyro import LinearGyro
@@ -40,6 +42,34 @@ class AtRestSettings(DeviceSettings, frozen=True, kw_only=True):
         Annotated[float, ranged(0.0, 1e9)] | None,
         said("standard uncertainty of the scale factor; without it a bias in deg/s is incomplete"),
     ] = None
+
+    def recalled(self) -> Self:
+        """Return these settings with the K_Vc of the device's certificate, where the bench file expects none.
+
+        ConfigError: the scale factor is not about that of the certificate.
+        """
+        settings, given = super().recalled(), self.scale_factor_v_per_deg_s
+        entry = None
+        if self.dut is not None:
+            entry = devices.last_certificate(
+                devices.DeviceStore(Path(self.devices), self.station.simulated).standing(self.dut)
+            )
+        if entry is None:
+            return settings
+        record, expected = cast("devices.Certificate", entry.record), self.station.expected
+        known = record.scale_factor_v_per_deg_s
+        may = [] if known is None else far((known.value, known.value))
+        if given is not None and may and not min(may) <= given <= max(may):
+            raise ConfigError(
+                f"scale_factor_v_per_deg_s = {given:g}: expected {min(may):.4g} to {max(may):.4g} V/(deg/s), about "
+                f"that of certificate {entry.name}",
+                hint="correct it, or leave it out; vcfbench run turntable measures it",
+            )
+        if expected.k_vc_deg_s_per_v is not None:
+            return settings
+        low, high = sorted(factor * record.k_vc.coefficients[1] for factor in (0.999, 1.001))
+        expected = structs.replace(expected, k_vc_deg_s_per_v=(low, high))
+        return structs.replace(settings, station=structs.replace(settings.station, expected=expected))
 
     @property
     def looks_on_table(self) -> bool:
@@ -179,6 +209,14 @@ def unlike_used(settings: ProcedureSettings, found: float, within: float = 0.0, 
         return ""
     moves = f"{found * k_vc:+.4g} V a volt of V_Vc" if by_v_vc else f"{found:+.4g} V/(deg/s)"
     return f"the output changes by {moves}, which cannot be {said}"
+
+
+def seen_from(settings: ProcedureSettings, *, by_v_vc: bool) -> float:
+    """Return the share from which a scale factor that is not as told is refused, by V_Vc with what K_Vc may be."""
+    used, window = scale_factor_used(settings), settings.expected.k_vc_deg_s_per_v
+    part = max(_MOST_OFF, 2.0 * (used.u or 0.0) / abs(used.value))
+    spread = ROUGHLY if window is None else max(map(abs, window)) / min(map(abs, window))
+    return (1.0 + part) * (spread if by_v_vc else 1.0) - 1.0
 
 
 def rates_by(value: float, source: str) -> str:

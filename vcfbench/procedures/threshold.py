@@ -25,7 +25,7 @@ from vcfbench.files import shown
 from vcfbench.instructions import routines, v_vc
 from vcfbench.instructions.kept import require_valid
 from vcfbench.instructions.procedure import Procedure, Watched, roles
-from vcfbench.instructions.scale_factor import ScaleFactorBy, not_on_bench
+from vcfbench.instructions.scale_factor import ScaleFactorBy, not_on_bench, require_as_used, tells_scale_factor
 from vcfbench.procedures.null_comparison.blocks import blocks_of, noise_of
 from vcfbench.records.devices import Certificate, last_certificate
 from vcfbench.records.schema import Point
@@ -82,6 +82,21 @@ class ThresholdSettings(v_vc.KnownVvcSettings, frozen=True, kw_only=True):
         require_valid(record, shown(entry.path), utc_now(), outdated=self.outdated)
         u = math.sqrt(record.k_vc.covariance[1][1])
         return replace(settings, k_vc_deg_s_per_v=record.k_vc.coefficients[1], k_vc_u_deg_s_per_v=u)
+
+    @property
+    def early_look(self) -> tuple[str, ...]:
+        """V_Vc by its K_Vc, where the bench file expects a scale factor."""
+        return ("rate_source",) if tells_scale_factor(self) and self.by is ScaleFactorBy.V_VC else ()
+
+    @property
+    def k_vc_looked_at(self) -> float | None:
+        """K_Vc of the settings, by which V_Vc makes the steps."""
+        return self.k_vc_deg_s_per_v if self.by is ScaleFactorBy.V_VC else None
+
+    def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
+        """See that the output answers to V_Vc as K_Vc and the expected scale factor have it."""
+        per = self.k_vc_guess_deg_s_per_v / self.k_vc if by_v_vc else 1.0
+        require_as_used(self, per * slope, abs(per) * within, by_v_vc=False)
 
     @property
     def k_vc(self) -> float:

@@ -319,6 +319,11 @@ class ProcedureSettings(Struct, frozen=True, forbid_unknown_fields=True, kw_only
         """Roles of which the first on the bench moves the output before a long wait; none where nothing was told."""
         return ()
 
+    @property
+    def k_vc_looked_at(self) -> float | None:
+        """A told K_Vc, (deg/s)/V, that is held against table and V_Vc where the bench has both; None: none is."""
+        return None
+
     def require_known_answer(self, slope: float, within: float, *, by_v_vc: bool) -> None:
         """See that the output answers as was told; MeasurementError: it does not.
 

@@ -41,6 +41,10 @@ class OnlineSettings(KnownDeviceSettings, frozen=True, kw_only=True):
     ] = 0.147
 
     @property
+    def k_vc_looked_at(self) -> float | None:
+        return None if self.known.issued else self.known.k_vc.coefficients[1]
+
+    @property
     def magnitudes_deg_s(self) -> tuple[float, ...]:
         """The peak of the virtual rate."""
         return (self.virtual_rate_deg_s,)
