@@ -82,7 +82,7 @@ def ended(name: str, tmp_path: Path, settings: dict[str, Any], window: list[floa
     return found.error
 
 
-@pytest.mark.parametrize("name", ["repeatability", "power", "rate-limits"])
+@pytest.mark.parametrize("name", ["repeatability", "rate-limits"])
 def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_path: Path) -> None:
     """Its rates are by the paper's scale factor and incomplete; nothing of them is kept of the device."""
     bench = vcfbench.load_bench("paper")
@@ -97,7 +97,7 @@ def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_
     assert "which cannot be -0.0125 V/(deg/s) (value of the paper" in said
     rates = [each for each in found.values.values() if each.unit.removeprefix("(").startswith("deg/s")]
     assert [each.name for each in rates if "scale factor" not in each.missing and each.value is not None] == []
-    assert name == "power" or not [*(tmp_path / "devices").glob("Z/*")]  # which keeps what does not go by it
+    assert not [*(tmp_path / "devices").glob("Z/*")]
 
 
 @pytest.mark.parametrize("expected", ["none", "wide", "as it is"])
@@ -120,6 +120,18 @@ def test_rates_at_rest_are_by_the_look_on_the_table(
     assert abs(bias.value - bias_deg_s) <= bias.u95 < 0.2
     assert not bias.missing
     assert "not those of this gyroscope" not in vcfbench.text_of(run.report())
+
+
+@pytest.mark.parametrize(("gain", "slope"), few([(10.0, -0.0131169), (5.0, -0.0065629)], (5.0, -0.0065629)))
+def test_power_states_biases_by_the_look_on_the_table(gain: float, slope: float, tmp_path: Path) -> None:
+    """`slope` is that of `turntable` on the same bench."""
+    bench = vcfbench.load_bench("paper")
+    simulation = structs.replace(bench.simulation, override={"output_stage": {"gain": gain}})
+    other = structs.replace(bench, simulation=simulation)
+    run = vcfbench.run("power", other, seed=1, settings=SHORT["power"], runs=tmp_path)
+    found = run.results.scale_factor_v_per_deg_s
+    assert abs(found.value - slope) <= 3.0 * found.u < 0.01 * abs(slope)
+    assert [name for name, each in run.values.items() if "scale factor" in each.missing] == []
 
 
 def test_nothing_is_kept_by_a_scale_factor_of_the_wrong_sign(tmp_path: Path) -> None:

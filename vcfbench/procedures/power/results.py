@@ -11,7 +11,8 @@ from msgspec.structs import replace
 
 from vcfbench.analysis.chopped import CHOPPED, Block, BlockNoise, block_noise
 from vcfbench.errors import ConfigError
-from vcfbench.instructions.scale_factor import LevelSettings, ScaleFactor, rates_by, scale_factor_used
+from vcfbench.instructions import routines
+from vcfbench.instructions.scale_factor import LevelSettings, LookedAtSettings, ScaleFactor, rates_by
 from vcfbench.reports.document import Axis, Figure, Report, Series, Table, Text, heads
 from vcfbench.specifications import SupplySpecification
 from vcfbench.station.bounds import ranged, several
@@ -27,7 +28,7 @@ Order = Literal["together", "positive", "negative"]
 Varied = Literal["positive", "negative", "both"]
 
 
-class PowerSettings(LevelSettings, frozen=True, kw_only=True):
+class PowerSettings(LookedAtSettings, LevelSettings, frozen=True, kw_only=True):
     """Settings of the test of the supply, in addition to those of all procedures."""
 
     warm_up_s: Annotated[float, ranged(0.0, 86_400.0, "wait after power-on")] = 1800.0
@@ -196,7 +197,7 @@ class PowerResult(Struct, frozen=True):
 
 def power_results(settings: PowerSettings, measured: Measured) -> PowerResult:
     """Return the result of the test."""
-    scale = scale_factor_used(settings)
+    scale = routines.scale_factor_seen(settings, measured)
     logged = measured.found(RailsLogged)
     ((_, steady),) = measured.found(RailsDrawn)
     rails = []
