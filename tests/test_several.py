@@ -459,7 +459,8 @@ def test_each_devices_meter_is_told_by_the_serial_number_that_it_answered() -> N
     prepared = prepare(Request("turntable", msgspec.structs.replace(meters(), simulation=None)))
     answered = {name: Identity("KEYSIGHT", "34465A", serial, "1.0") for name, serial in zip("AB", "12", strict=True)}
     outputs = Outputs(dict.fromkeys("AB", Mock(resource="GPIB")), answered, {})
-    bench = SimpleNamespace(seed=None, identities={"multimeter": answered["A"]}, instruments={"multimeter": outputs})
+    meter = {"identities": {"multimeter": answered["A"]}, "instruments": {"multimeter": outputs}}
+    bench = SimpleNamespace(seed=None, simulated_roles=(), **meter)
     prepared.take_bench(bench)  # type: ignore[arg-type]
     owners = [each.settings.station.instruments["multimeter"].owner for each in prepared.devices]
     assert ["no. 1" in owners[0], "no. 2" in owners[1]] == [True, True]

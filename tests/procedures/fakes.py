@@ -281,6 +281,8 @@ class FakeTable(FakeInstrument):
 class FakeBench:
     """What steps ask :class:`vcfbench.Bench` for; `calls` holds (bench time, instrument, call)."""
 
+    simulated_roles: tuple[str, ...] = ()
+
     def __init__(self, gyro: Gyro | None = None) -> None:
         self.clock = VirtualClock()
         self.calls: list[tuple[float, str, str]] = []
