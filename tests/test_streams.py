@@ -13,6 +13,7 @@ from simrack_tests.cells import few
 
 import vcfbench
 from tests.test_resume import cut
+from vcfbench.archive.batch_sheet import device_rows
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.bench import open_bench
@@ -143,6 +144,22 @@ def test_study_has_truth_in_unit_of_stream(unit: str) -> None:
     bench = stream_bench({**FRAME, **NUMBERS[unit]}, lsb_per_deg_s=5000.0)
     run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=None)
     assert run.values["scale_factor"].value == pytest.approx(truth_of(run, bench)["scale_factor"], rel=1e-4)
+
+
+@pytest.mark.exhaustive
+def test_history_of_a_device_mixes_no_units(tmp_path: Path) -> None:
+    benches = {"LSB": stream_bench({**FRAME, **NUMBERS["LSB"]}), "V": PAPER}
+    for seed, unit in enumerate(("LSB", "V", "LSB", "V")):
+        asked = {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}
+        vcfbench.run("turntable", benches[unit], seed=seed, settings=asked, metadata={"dut": "S"}, runs=tmp_path)
+    counts, volts, counts_again, volts_again = device_rows("S", tmp_path, tmp_path)
+    assert (counts.drift_ppm, counts.since_first_ppm, volts.drift_ppm, volts.since_first_ppm) == (None, 0.0, None, 0.0)
+    assert volts.drift_note == "in LSB/(deg/s), now in mV/(deg/s)"
+    for first, again in ((counts, counts_again), (volts, volts_again)):
+        assert first.scale_factor is not None
+        assert again.scale_factor is not None
+        ppm = 1e6 * ((again.scale_factor.value or 0.0) / (first.scale_factor.value or 1.0) - 1.0)
+        assert again.drift_ppm == again.since_first_ppm == pytest.approx(ppm)
 
 
 @pytest.mark.exhaustive

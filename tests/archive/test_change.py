@@ -12,6 +12,7 @@ import vcfbench
 from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
 from vcfbench.records.device_values import Measured
 from vcfbench.values.definition import Drive
+from vcfbench.values.kinds import slope_unit
 from vcfbench.values.sources import TEMPERATURE
 from vcfbench.values.value import UncertaintyPart
 
@@ -174,3 +175,26 @@ def test_other_rails_are_corrected_or_refused(wide: Run) -> None:
     unknown = changed(wide, wider)
     assert unknown.value is None
     assert "what rails change of the device is not known (vcfbench run power)" in unknown.reason
+
+
+def in_unit(run: Run, unit: str) -> Run:
+    """The same run, its output in another unit."""
+    units = {"V": unit, "V/(deg/s)": slope_unit(unit)}
+    values = tuple(structs.replace(each, unit=units.get(each.unit, each.unit)) for each in run.values.values())
+    return structs.replace(run, _values=values)
+
+
+@pytest.mark.parametrize("unit", ["LSB", "deg/s", "LSB/s"])
+def test_values_in_other_units_are_never_subtracted(unit: str, wide: Run, narrow: Run) -> None:
+    for first, other in ((in_unit(wide, unit), narrow), (wide, in_unit(narrow, unit)), (wide, in_unit(wide, unit))):
+        pair = Pair(Compared(first), Compared(other))
+        compared = vcfbench.compare_runs(first, other)
+        for name, then in first.values.items():
+            if name in other.values and then.unit != (now := other.values[name]).unit:
+                found = pair.change(then, now)
+                assert (found.value, found.u95, found.e_n) == (None, None, None)
+                assert found.reason == f"in {then.named.unit}, now in {now.named.unit}"
+                assert name not in {each.name for each in compared.results}
+                said = f"{then.named.words}: in {then.named.unit}, {now.named.unit}"
+                assert said in compared.of_others
+    assert any(each.unit == slope_unit(unit) for each in in_unit(wide, unit).values.values())

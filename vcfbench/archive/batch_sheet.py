@@ -174,14 +174,16 @@ class _History(Struct, frozen=True):
             value = None if change.value is None else ppm * change.value
             return structs.replace(change, value=value, u=sized[0], u95=sized[1])
 
-        same = (self.compared(each) for each in reversed(earlier) if each.procedure == summary.procedure)
-        if (
-            last := since(next((each for each in same if _slope(each.run.values.values()) is not None), None))
-        ) is not None:
+        same = [self.compared(each) for each in reversed(earlier) if each.procedure == summary.procedure]
+        slopes = [(each, slope) for each in same if (slope := _slope(each.run.values.values())) is not None]
+        alike = [each for each, slope in slopes if slope.unit == scale.unit] or [each for each, _ in slopes]
+        if (last := since(next(iter(alike), None))) is not None:
             found |= {"drift_ppm": last.value, "u_drift_ppm": last.u, "u95_drift_ppm": last.u95, "e_n": last.e_n}
             found["drift_note"] = last.reason or last.note
+        of_first = (self.compared(each) for each in earlier)
         first = next(
-            (run for each in earlier if _slope((run := self.compared(each)).run.values.values(), scale.kind)), None
+            (run for run in of_first if (of := _slope(run.run.values.values(), scale.kind)) and of.unit == scale.unit),
+            None,
         )
         change = since(first)
         return found | {"since_first_ppm": 0.0 if first is None else None if change is None else change.value}

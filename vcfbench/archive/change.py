@@ -164,17 +164,18 @@ class Pair(Struct, frozen=True):
     def change(self, then: Value, now: Value) -> Difference:
         """Return the amount by which the value `now` of the other run differs from `then` of the first."""
         plain = (now.value or 0.0) - (then.value or 0.0)
-        if not then.kind and then.u is None and now.u is None:
+        if then.unit == now.unit and not then.kind and then.u is None and now.u is None:
             return Difference(plain)
         definitions = then.definition, now.definition
         unlike = definitions[0].unlike(definitions[1])
-        if (then.kind, then.unit, then.form) != (now.kind, now.unit, now.form):
+        if (then.kind, then.form) != (now.kind, now.form):
             unlike = f"{then.named.words} and {now.named.words}"
-        elif not unlike and None in {then.value, now.value, then.u, now.u, then.u95, now.u95}:
+        elif then.unit == now.unit and not unlike and None in {then.value, now.value, then.u, now.u, then.u95, now.u95}:
             return Difference(plain)
         lines = then.kind == now.kind == "scale_factor" and definitions[0].choices == definitions[1].choices
-        if unlike and not (lines and then.value and now.value):
-            return Difference(None, reason=f"of another measurand: {unlike}")
+        other_unit = f"in {then.named.unit}, now in {now.named.unit}" if then.unit != now.unit else ""
+        if other_unit or (unlike and not (lines and then.value and now.value)):
+            return Difference(None, reason=other_unit or f"of another measurand: {unlike}")
         moved = self._moved(then, now)
         if isinstance(moved, str):
             return Difference(None, reason=moved)

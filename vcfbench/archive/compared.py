@@ -122,8 +122,11 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
     known = cache(partial(Coefficients.kept, runs, devices))
     results, others, cancelled = [], [], list[str]()
     for name, first in of_each[0].items():
-        found = [each[name] for each in of_each if name in each and each[name].unit == first.unit]
-        if len(found) < len(runs):  # V is not deg/s
+        found = [each[name] for each in of_each if name in each]
+        if len(found) < len(runs):
+            continue
+        if len(units := dict.fromkeys(each.named.unit for each in found)) > 1:  # V is not deg/s
+            others.append(f"{first.named.words}: in {', '.join(units)}")
             continue
         pairs = zip(found[1:], seen[1:], strict=True)
         unlike = tuple(Pair(seen[0], run, known, seen).change(first, value) for value, run in pairs)

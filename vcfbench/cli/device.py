@@ -24,6 +24,7 @@ from vcfbench.records.schema import Status
 from vcfbench.reports.document import Axis, Column, Figure, Report, Series, Table
 from vcfbench.reports.plot import save_figure
 from vcfbench.reports.text import printable, table_text, text_of
+from vcfbench.values.kinds import KINDS
 
 _COLUMNS = {
     "entry": Column("entry"),
@@ -205,10 +206,16 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
             last_e_n[_ENTRIES] = getattr(entry.record, "e_n", None)
             kept.add(entry.run)
     left_out, first_line = 0, None
+    unit_of_all = (
+        "V/(deg/s)" if found else next((slope.unit for each in calibrations if (slope := each.scale_factor)), "")
+    )
     for each in calibrations:
         slope = each.scale_factor
         if each.run not in kept and slope is not None and slope.value:
             value = slope.value
+            if slope.unit != unit_of_all:
+                left_out += 1
+                continue
             if slope.kind == "scale_factor":
                 first_line = value if first_line is None else first_line
                 if each.since_first_ppm is None:
@@ -236,7 +243,7 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
         for name, points in found.items()
     ]
     of = f" ({series[0].label})" if len(series) == 1 else ""  # several have a legend
-    said = f"Left out, as their rates or conditions are not comparable: {left_out}." if left_out else ""
+    said = f"Left out, as their units, rates or conditions are not comparable: {left_out}." if left_out else ""
     title = f"Scale factor of {serial}{of}; bars: 2 u"
     save_figure(Figure(title, since, Axis("change", "ppm"), series, caption=said), path)
 
@@ -298,6 +305,6 @@ def _row_of_run(run: SheetRow) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(run, name, None) for name in ("drift_ppm", "u_drift_ppm", "e_n", "verdict")}
     row |= {"entry": run.run, "kind": run.procedure, "done": run.started.isoformat(timespec="seconds")}
     for key, (kind, u) in _OF_RUNS.items():
-        found = next((each for each in run.values if each.kind == kind), None)
+        found = next((each for each in run.values if each.kind == kind and each.unit == KINDS[kind].si), None)
         row |= {} if found is None else {key: found.value} | ({} if u is None else {u: found.u})
     return row
