@@ -116,3 +116,30 @@ def test_part_is_found_at_frequency_shifted_by_time_bases(drive_hz: float, ppm: 
     moved_hz = 13.0 + 2e-6 * ppm * drive_hz
     found = fit_rotation(*records(moved_hz, 40.0, thin=0.2, drive_hz=drive_hz), 0.2 * INTERVAL_S, 13.0)
     assert found.difference_hz == pytest.approx(moved_hz, abs=1e-6)
+
+
+def lag_deg(at_hz: float, cut_off_hz: float, order: int) -> float:
+    """Return by how much a Butterworth filter lags, without jumps: each of its poles by itself."""
+    poles = np.exp(0.5j * np.pi * (1.0 + (2.0 * np.arange(order) + 1.0) / order))
+    lags = np.angle(1j * at_hz / cut_off_hz - poles) - np.angle(-poles)
+    return float(np.degrees(lags.sum()))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_reference_and_delay_are_right_of_narrow_filters(seed: int) -> None:
+    """Drawn filters that lag by up to nearly half a turn, references and signs of the output."""
+    random = np.random.default_rng(seed)
+    order, reference_deg = int(random.integers(1, 7)), random.uniform(-180.0, 180.0)
+    difference_hz = math.exp(random.uniform(math.log(0.5), math.log(20.0)))
+    share = random.uniform(0.05, 1.0) * (1.0 if order < 5 else 0.75)
+    of_hz = difference_hz / share * 1.03
+    found = []
+    for off in random.uniform(-5e-4, 5e-4, 4):
+        for sign in (1.0, -1.0):
+            at_hz = difference_hz * (sign + off)
+            late_deg = reference_deg + lag_deg(at_hz, of_hz, order) + 0.001 * random.standard_normal()
+            found.append((at_hz, math.remainder(late_deg, 360.0)))
+    phase = reference_phase(found)
+    assert math.remainder(phase.phase_deg - reference_deg, 180.0) == pytest.approx(0.0, abs=0.06)
+    expected_s = lag_deg(difference_hz, of_hz, order) / 360.0 / difference_hz
+    assert phase.delay_s == pytest.approx(expected_s, rel=1e-2, abs=1e-6)

@@ -24,6 +24,8 @@ _TIME_BASES = 6e-5
 
 _IN_STEP = 0.05
 """Turns over a record by which a line is lost to 0.4 % of its amplitude."""
+_LEAST_LAG_DEG = -5.0
+"""Of a filter: it never leads, but noise may have it so. Up to half a turn more the records tell how much it lags."""
 
 
 class Rotation(Struct, frozen=True):
@@ -151,15 +153,19 @@ def _line_hz(samples: Floats, times: Floats, drive_hz: float, expected_hz: float
 def reference_phase(rotations: Sequence[tuple[float, float]]) -> ReferencePhase:
     """Return the phase of the reference without the filter's delay, from `difference_hz` and `reference_deg` of some.
 
+    All records share the half turn that is not seen, so that the lag at either difference is known apart from one.
+
     Raises:
         ConfigError: fewer than two in either direction.
     """
     difference = np.array([difference_hz for difference_hz, _ in rotations])
     if min(int((difference > 0.0).sum()), int((difference < 0.0).sum())) < 2:
         raise ConfigError("the phase of the reference needs two records at least of either direction")
-    doubled = np.array([2.0 * math.radians(reference_deg) for _, reference_deg in rotations])
-    middle = float(np.angle(np.mean(np.exp(1j * doubled))))
-    phase_deg = np.degrees(0.5 * (middle + np.angle(np.exp(1j * (doubled - middle)))))
+    seen = np.exp(1j * np.radians([reference_deg for _, reference_deg in rotations]))
+    above, below = (np.angle(seen[sign * difference > 0.0].mean(), deg=True) for sign in (1.0, -1.0))
+    late_deg = _LEAST_LAG_DEG + (0.5 * (above - below) - _LEAST_LAG_DEG) % 180.0
+    foreseen_deg = above - late_deg + np.sign(difference) * late_deg
+    phase_deg = foreseen_deg + np.angle(seen * np.exp(-1j * np.radians(foreseen_deg)), deg=True)
     design = np.column_stack([np.ones_like(difference), difference])
     found, *_ = np.linalg.lstsq(design, phase_deg, rcond=None)
     dof = difference.size - 2

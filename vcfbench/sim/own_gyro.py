@@ -291,7 +291,7 @@ def _of_modes(sheet: DataSheet) -> dict[str, dict[str, Any]]:
             "rate_deg_s": _round(0.5 * sheet.range_deg_s),
             "v_vc_v": _round(0.7 * usual_v),
             "sine_amplitude_v": _round(1.4 * usual_v),
-            "difference_hz": _round(8.0 * finer),
+            "difference_hz": _round(max(0.5, min(8.0 * finer, 0.5 * sheet.low_pass_hz))),
         },
         "vibration": {
             "vibration_hz": [

@@ -408,8 +408,8 @@ class FindAmplitudes(Step, Struct, frozen=True, omit_defaults=True):
         return Amplitudes(self.channels, (self.expected_v,) * len(self.channels))
 
 
-AIMED = 0.05
-"""Of a difference to the drive: sines so close to it both ways lose what the filter's lag is curved by, to 1e-3 deg."""
+AIMED = 1e-3
+"""Of a difference to the drive: sines so close to it both ways lose what the lag of a narrow filter is curved by."""
 
 
 class RotationRecord(Struct, frozen=True):
