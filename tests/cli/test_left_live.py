@@ -13,10 +13,12 @@ import pytest
 import vcfbench
 from vcfbench.bench.make_safe import MadeSafe, Safed
 from vcfbench.cli import left_live
+from vcfbench.errors import Aborted, ConnectFailed, NotSafe
 from vcfbench.interfaces import SafeReport
 from vcfbench.records.journal import Journal, read_journal
 from vcfbench.safety.lock import InUse, Owner
 from vcfbench.safety.processes import KILL
+from vcfbench.safety.signals import StopSignals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -216,3 +218,44 @@ def test_the_program_that_hangs_is_ended_and_no_other(monkeypatch: pytest.Monkey
     monkeypatch.setattr(left_live, "end", end)
     left_live.end_owner({b"bench": json.dumps(CHARGE).encode()})
     assert ended == [(4711, "mark", KILL)]
+
+
+FATES = {
+    "not safe": LIVE,
+    "stopped": Aborted("stopped by SIGTERM"),
+    "in use": TAKEN,
+    "silent": ConnectFailed("nobody answers"),
+    "third signal": NotSafe("NOT SAFE: making safe was ended by a third signal"),
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no process is told to end there")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
+@pytest.mark.parametrize("fate", FATES)
+def test_signal_within_a_try_ends_the_trying(fate: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    tries: list[int] = []
+
+    def tried(_charge: object, *, left: bool) -> MadeSafe:
+        tries.append(left)
+        assert len(tries) < 4, "it is tried for ever"
+        with StopSignals() as signals:
+            signals.unwind()
+            if len(tries) == 2:
+                signal.raise_signal(signal.Signals[name])
+            found = FATES[fate]
+            if isinstance(found, BaseException):
+                raise found
+            return found
+
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    monkeypatch.setattr("vcfbench.bench.abandoned.safe_abandoned", tried)
+    monkeypatch.setattr(left_live, "_AGAIN_S", 0.01)
+    monkeypatch.setattr(left_live, "_read_by_a_program", lambda: False)
+    monkeypatch.setattr(left_live, "_say", lambda *_words, **_how: None)
+    monkeypatch.setattr(left_live, "_notify", lambda *_words: None)
+    try:
+        assert left_live.try_again({b"bench": json.dumps(CHARGE).encode()}, "the program died") == 5
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert len(tries) == 2

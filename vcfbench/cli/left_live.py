@@ -2,11 +2,13 @@
 
 import json
 import os
+import select
 import signal
+import socket
 import stat
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,16 +59,32 @@ def try_again(said: Said, why: str) -> int:
                 os.dup2(nowhere.fileno(), stream)
         sys.stderr = None  # an alarm goes to the terminal then, or to the system's log
     charge, tries, wall, again = json.loads(said[b"bench"]), 1, WallClock(), True
-    while again:
-        sleep(wall, _AGAIN_S)
-        tries += 1
-        code, came, found, again = _tried(charge, said, left=True)
-        more = f"; it is tried again until it is safe, `kill {os.getpid()}` ends that" if again else ""
-        words = f"{why}; try {tries}, after {wall.now():.0f} s: {came}{more}"
-        _say(words, alarm=True)
+    with _listening() as signalled:
+        while again:
+            sleep(wall, _AGAIN_S)
+            tries += 1
+            code, came, found, again = _tried(charge, said, left=True)
+            more = f"; it is tried again until it is safe, `kill {os.getpid()}` ends that" if again else ""
+            if again and signalled():
+                again, more = False, "; a signal has ended that"
+            words = f"{why}; try {tries}, after {wall.now():.0f} s: {came}{more}"
+            _say(words, alarm=True)
     _write(charge, said, {"why": why, "tries": tries, **found})
     _notify(charge, said, words, code or None)
     return code
+
+
+@contextmanager
+def _listening() -> Iterator[Callable[[], bool]]:
+    """Yield what returns True once a signal has come within a try: there it is only counted, and does not end us."""
+    heard, hearing = socket.socketpair()
+    with heard, hearing:
+        hearing.settimeout(0.0)
+        signal.set_wakeup_fd(hearing.fileno())
+        try:
+            yield lambda: bool(select.select([heard], [], [], 0.0)[0])
+        finally:
+            signal.set_wakeup_fd(-1)
 
 
 def _read_by_a_program() -> bool:
