@@ -13,10 +13,12 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from msgspec.structs import replace
 from simrack_tests.cells import few
 
 import vcfbench
 from tests import warm
+from vcfbench.errors import BenchError
 from vcfbench.records.journal import read_journal
 from vcfbench.station.file import embedded_text, template
 from vcfbench.steps import SetRate, Settle
@@ -511,3 +513,9 @@ def test_a_bench_is_opened_by_its_name() -> None:
     with vcfbench.open_bench("ideal") as bench:
         assert repr(bench) == "<Bench ideal, open>"
     assert bench.closed
+
+
+@pytest.mark.parametrize("kind", BenchError.__subclasses__())
+def test_every_error_in_json_has_its_exit_code(kind: type[BenchError]) -> None:
+    answer = replace(vcfbench.run("electrical", "ideal"), error=kind("what")).as_json()
+    assert (answer["error"], answer["exit_code"]) == ("what", kind.exit_code)

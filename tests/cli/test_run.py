@@ -174,6 +174,7 @@ def test_an_aborted_run_keeps_its_points_and_says_so(station: Station) -> None:
     assert answer["status"] == "aborted"
     assert len(answer["points"]) == 3
     assert answer["results"] == {}
+    assert answer["exit_code"] == 3
     assert "multimeter at FAKE::22: overload on the 10 V range, step 32" in answer["error"]
     assert isinstance(result.exception, BenchError)
     assert result.exception.exit_code == 3

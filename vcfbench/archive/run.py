@@ -195,7 +195,8 @@ class Run(Struct, frozen=True, eq=False):
             **({} if self.device_entry is None else {"device_entry": str(self.device_entry)}),
             **({"revision": self.revision, "amendments": plain(self.amendments)} if self.amendments else {}),
         }
-        return answer if self.error is None else {**answer, "error": str(self.error)}
+        error = self.error
+        return answer if error is None else {**answer, "error": str(error), "exit_code": error.exit_code}
 
     def __eq__(self, other: object) -> bool:
         """Return True if all but the measured data is the same: a run of a record reads that when it is asked for."""
