@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import json
+import shutil
+from typing import TYPE_CHECKING
 
 from vcfbench.records.seal import Sealer
 
-__all__ = ["sealed"]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["another", "sealed"]
 
 
 def sealed(journal: bytes) -> bytes:
@@ -18,3 +23,12 @@ def sealed(journal: bytes) -> bytes:
         made.append(sealer.sealed(json.dumps(values, separators=(",", ":")).encode()))
         sealer.keep()
     return b"".join([*made, torn])
+
+
+def another(record: Path, directory: Path) -> None:
+    """Make one more record like `record`, which has its own name: no copy."""
+    shutil.copytree(record, directory)
+    journal = directory / "journal.jsonl"
+    header, rest = journal.read_bytes().split(b"\n", 1)
+    named = json.dumps({**json.loads(header), "run": directory.name}, separators=(",", ":"))
+    journal.write_bytes(sealed(named.encode() + b"\n" + rest))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import vcfbench
-from tests.seals import sealed
+from tests.seals import another, sealed
 from vcfbench.archive import summary
 from vcfbench.archive.amending import amend_run
 
@@ -37,7 +37,7 @@ def runs(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(summary, "_WORTH_KEEPING", 1)
     monkeypatch.setattr(summary, "_SETTLED_NS", -1_000_000_000)
     for name in NAMES:
-        shutil.copytree(made, tmp_path / "runs" / name)
+        another(made, tmp_path / "runs" / name)
     vcfbench.run_summaries(tmp_path / "runs")
     assert (tmp_path / "runs" / ".summaries").is_file() is (os.name != "nt")
     return tmp_path / "runs"
@@ -79,7 +79,7 @@ CHANGES: dict[str, Callable[[Path], object]] = {
     "another result": lambda runs: in_place(runs / NAMES[0] / "result.json", b'"name": "bias"', b'"name": "bais"'),
     "no result": lambda runs: (runs / NAMES[0] / "result.json").unlink(),
     "no record": lambda runs: shutil.rmtree(runs / NAMES[0]),
-    "one more": lambda runs: shutil.copytree(runs / NAMES[0], runs / NAMES[0].replace("000001", "000009")),
+    "one more": lambda runs: another(runs / NAMES[0], runs / NAMES[0].replace("000001", "000009")),
     "amended": amended,
     "swapped": swapped,
     "the file is gone": lambda runs: (runs / ".summaries").unlink(missing_ok=True),

@@ -260,10 +260,12 @@ def _rate_place(head: Head, layout: Layout) -> int:
         rates = [place for place in every if may_be_applied(head.names[place])]
     if len(rates) != 1:
         several = ", ".join(head.names[place].written for place in every)
+        volts = not every and any(each.kind in {Kind.VOLTAGE, Kind.COUNT} for each in head.names)
         got = f"column 1: the header must begin with rate_deg_s, or another rate, got {head.names[0].written!r}"
         raise ConfigError(
             f"{head.file}, line {max(1, head.line - 1)}, {several + ' may each be the applied rate' if every else got}",
-            hint="--columns RATE,OUTPUT says which columns are meant" + ("" if every else _of_volts(head)),
+            hint="--columns RATE,OUTPUT says which columns are meant"
+            + "; a record at rest in volts or counts needs --scale-factor" * volts,
         )
     name = head.names[rates[0]]
     if says_measured(name) and not head.selects(layout):
@@ -281,11 +283,6 @@ def _either(head: Head, rate: int) -> str:
     return f"of a record at rest: {alone}{pace}; of a table: --columns RATE,OUTPUT"
 
 
-def _of_volts(head: Head) -> str:
-    volts = any(each.kind in {Kind.VOLTAGE, Kind.COUNT} for each in head.names)
-    return "; a record at rest in volts or counts needs --scale-factor" if volts else ""
-
-
 def _require_applied(head: Head, rate: int, rates: Floats, outputs: Mapping[int, Floats]) -> None:
     """Raise ConfigError where neither names nor numbers say that the rate was applied, and that an output follows it.
 
@@ -299,16 +296,16 @@ def _require_applied(head: Head, rate: int, rates: Floats, outputs: Mapping[int,
             f"{where}: its {np.unique(rates).size} different rates in {rates.size} rows may be applied or measured",
             hint=_either(head, rate),
         )
-    lost = [place for place, output in outputs.items() if not _follows(rates, output)]
+    # Of a constant output the fit tells
+    lost = [
+        place
+        for place, output in outputs.items()
+        if np.ptp(output) and abs(float(np.corrcoef(rates, output)[0, 1])) < _FOLLOWS
+    ]
     bare = [place for place in lost if head.names[place].unit is None]
     if bare or (lost and not named and len(lost) == len(outputs)):
         others = ", ".join(head.names[place].written for place in bare or lost)
         raise ConfigError(f"{where}: {others} does not follow it: is it the output?", hint=_either(head, rate))
-
-
-def _follows(rates: Floats, output: Floats) -> bool:
-    """Return True if most of an output goes with the rate; for a constant too, of which the fit tells."""
-    return not np.ptp(output) or abs(float(np.corrcoef(rates, output)[0, 1])) >= _FOLLOWS
 
 
 def _output_places(

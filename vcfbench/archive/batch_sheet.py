@@ -62,6 +62,8 @@ class SheetRow(Struct, frozen=True, kw_only=True):
     drift_note: str = ""
     since_first_ppm: float | None = None
     why_none: str | None = None
+    copies: tuple[str, ...] = ()
+    """Other directories with the same record, which counts once."""
 
     @property
     def scale_factor(self) -> Value | None:
@@ -230,6 +232,7 @@ def _row(summary: RunSummary, run: Run, found: Mapping[str, Any]) -> SheetRow:
         missing=tuple(dict.fromkeys(name for each in lacks for name in each)),
         values=tuple(structs.replace(each, parts=()) for each in values.values()),
         why_none=None if values else str(run.error or run.no_results),
+        copies=summary.copies,
         **found,
     )
 
@@ -373,6 +376,7 @@ def _footnotes(rows: Sequence[SheetRow], notes: Mapping[str, str]) -> list[Part]
     missing = dict.fromkeys(name for each in rows for name in each.missing)
     said = [f"{letter}  {note}" for note, letter in notes.items()]
     said += [f"* U95 is incomplete: without {', '.join(missing)}."] if missing else []
+    said += [f"{', '.join(each.copies)}: copies of {each.run}, which counts once." for each in rows if each.copies]
     return [Text("\n".join(said))] if said else []
 
 
@@ -401,7 +405,7 @@ def write_sheet(
     book.active.append([*names, *(head for of in heads_of for head in (of, f"U95, {of}", f"stated, {of}"))])
     for each in rows:
         values = {**structs.asdict(each), "started": each.started.isoformat(), "status": each.status.value}
-        values |= {name: "; ".join(values[name]) for name in ("limits", "not_kept", "missing")}
+        values |= {name: "; ".join(values[name]) for name in ("limits", "not_kept", "missing", "copies")}
         own = [column.value(each.values) for column in columns]
         stated = [(None,) * 3 if of is None else (of.value, of.u95, of.figure()) for of in own]
         book.active.append([*(values[name] for name in names), *(cell for three in stated for cell in three)])

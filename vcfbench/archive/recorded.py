@@ -70,9 +70,6 @@ def list_runs(
     >>> [earlier.points[0].rate_deg_s for earlier in vcfbench.list_runs(dut="G-0042", procedure="turntable")]
     [10.0]
     """
-    if all(each is None for each in (dut, since, status, procedure, tags)):
-        return tuple(map(_run_or_why_not, recorded_runs(Path(runs))))
-
     asked = run_summaries(runs, dut=dut, since=since, status=status, procedure=procedure, tags=tags)
     return tuple(_run_or_why_not(RunDirectory(each.directory)) for each in asked)
 

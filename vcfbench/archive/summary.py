@@ -7,7 +7,8 @@ summary holds; any other is read anew.
 
 import os
 import secrets
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, date, datetime
 from hashlib import sha256
@@ -44,7 +45,8 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     names that they have in ``result.json``. `simulated` is None where the header does not say. `verdict` is ``pass``,
     ``marginal``, ``fail``, or None where nothing was judged. `damage` and `problem` say what is wrong with a record
     that is damaged, or cannot be read. `revision` is 1, and one more for each time that the record was amended;
-    `amended` names what is another than the run was told.
+    `amended` names what is another than the run was told. `copies` are other directories with the same record, which
+    counts once; `recorded_as` is the name that it was made with.
 
     >>> summary = vcfbench.run_summaries()[0]
     >>> print(summary.procedure, summary.dut, summary.results["scale_factor"])
@@ -70,11 +72,13 @@ class RunSummary(Struct, frozen=True, kw_only=True):
     problem: str | None = None
     revision: int = 1
     amended: tuple[str, ...] = ()
+    recorded_as: str | None = None
+    copies: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return it as ``runs list --json`` prints it."""
         members = {name: getattr(self, name) for name in self.__struct_fields__}
-        del members["directory"], members["started"], members["problem"]
+        del members["directory"], members["started"], members["problem"], members["recorded_as"]
         results = {name: each.as_json() for name, each in self.results.items()}
         return {**plain(members), "started_utc": self.started.isoformat(), "results": results}
 
@@ -108,7 +112,7 @@ def run_summaries(
         instant = instant.replace(tzinfo=UTC)
     found = [
         each
-        for each in _all_summaries(Path(runs))
+        for each in _once(_all_summaries(Path(runs)))
         if (dut is None or dut == each.dut)
         and (status is None or status == each.status)
         and (procedure is None or procedure == each.procedure)
@@ -116,6 +120,17 @@ def run_summaries(
         and all(each.tags.get(key) == value for key, value in (tags or {}).items())
     ]
     return tuple(sorted(found, key=lambda each: (each.started, each.run)))
+
+
+def _once(found: Iterable[RunSummary]) -> Iterator[RunSummary]:
+    """Yield each record once, under its own name, of directories that are copies of one; a damaged one is none."""
+    same = defaultdict[object, list[RunSummary]](list)
+    for each in found:
+        whole = each.recorded_as if each.damage is None else None
+        same[whole or each.directory, each.started].append(each)
+    for alike in same.values():
+        first, *others = sorted(alike, key=lambda each: (each.run != each.recorded_as, each.run))
+        yield replace(first, copies=tuple(each.run for each in others)) if others else first
 
 
 class _Kept(Struct, frozen=True, array_like=True):
@@ -231,6 +246,7 @@ def summary_of(directory: RunDirectory) -> RunSummary:
             metadata=ListedMetadata(metadata.dut, metadata.operator, metadata.note, dict(metadata.tags)),
             amendments=amendments_of(record.lines),
             simulated=header.get("simulated"),
+            run=header.get("run"),
         )
         evaluation, _ = evaluation_of(directory, record)
         return _summary(directory, outline, evaluation.verdict, evaluation.values, record.damage)
@@ -265,5 +281,6 @@ def _summary(
         verdict=None if verdict is None else verdict.word,
         damage=damage,
         revision=len(outline.amendments) + 1,
+        recorded_as=outline.run,
         amended=amended_fields(outline.amendments),
     )

@@ -64,6 +64,8 @@ def list_(
     for each in known:
         if each.problem is not None:
             typer.echo(f"vcfbench: {each.problem}", err=True)
+        if each.copies:
+            typer.echo(f"vcfbench: {printable(', '.join(each.copies))}: copies of {printable(each.run)}", err=True)
     if json:
         print_json({"runs": [each.as_json() for each in known]})
     elif csv:

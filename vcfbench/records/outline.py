@@ -40,6 +40,8 @@ class Outline(Struct, frozen=True):
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
     amendments: tuple[Amendment, ...] = ()
     simulated: bool | None = None
+    run: str | None = None
+    """Name that the record had when it was made."""
 
 
 class _Bench(Struct, frozen=True):
@@ -54,6 +56,7 @@ class _Header(Struct, frozen=True, tag_field="type", tag="header"):
     utc: str | None = None
     metadata: ListedMetadata = field(default_factory=ListedMetadata)
     simulated: bool | None = None
+    run: str | None = None
 
 
 class _Footer(Struct, frozen=True, tag_field="type", tag="footer"):
@@ -81,4 +84,4 @@ def outline_of(path: Path) -> Outline | None:
     if header.format != FORMAT:
         return None
     head = (header.procedure, header.bench.name, header.seed, footer.status, footer.points, footer.bench_seconds)
-    return Outline(*head, header.utc, header.metadata, amendments, header.simulated)
+    return Outline(*head, header.utc, header.metadata, amendments, header.simulated, header.run)
