@@ -38,27 +38,34 @@ _IDLE_S = 0.1
 class StreamErrors(Struct, frozen=True):
     """Imperfections of the stream; zero switches each off.
 
-    `clock_ppm` is by how much its clock is fast, `latency_s` the time from the end of a frame's span to its first bit.
-    Shares of the frames: `dropped`, `flipped` (a wrong bit), `repeated`, `garbage` (bytes before them that belong to
-    none). Switches, 1 is on: `silent`, `stuck` (the counter goes on, the number does not), `frozen` (the same frame
-    again and again), `saturated`, `status` (not well). A stream in LSB has `lsb_per_deg_s` steps a deg/s.
-
     Raises:
         ValueError: a share is none, or a time is negative.
     """
 
     clock_ppm: float = 0.0
+    """By how much its clock is fast."""
     latency_s: float = 0.0
+    """Time from the end of a frame's span to its first bit."""
     dropped: float = 0.0
+    """Share of the frames that are missing."""
     flipped: float = 0.0
+    """Share of the frames with a wrong bit."""
     repeated: float = 0.0
+    """Share of the frames that come twice."""
     garbage: float = 0.0
+    """Share of the frames with bytes before them that belong to none."""
     silent: float = 0.0
+    """Switch, 1 is on: nothing comes."""
     stuck: float = 0.0
+    """Switch, 1 is on: the counter goes on, the number does not."""
     frozen: float = 0.0
+    """Switch, 1 is on: the same frame again and again."""
     saturated: float = 0.0
+    """Switch, 1 is on: the number is at its end."""
     status: float = 0.0
+    """Switch, 1 is on: the status is not well."""
     lsb_per_deg_s: float = 100.0
+    """Steps a deg/s of a stream in LSB."""
 
     def __post_init__(self) -> None:
         """Refuse values beyond the bounds."""

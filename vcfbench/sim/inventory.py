@@ -2,7 +2,7 @@
 
 import ast
 import inspect
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from itertools import pairwise
 from textwrap import dedent
@@ -19,6 +19,7 @@ from vcfbench.station.description import BenchDescription
 _CHOSEN = "chosen in the bench file"
 
 _UNITS = (
+    ("lsb_per_deg_s", "LSB/(deg/s)"),
     ("_deg_s2", "deg/s^2"),
     ("_deg_s", "deg/s"),
     ("_deg", "deg"),
@@ -50,21 +51,25 @@ def inventory(description: BenchDescription, seed: int | None = None) -> list[Pa
         found.append(replace(row, path=f"override.{row.path}", source=source))
     for role, group in instrument_errors(description, used).items():  # their meanings tell the distributions
         asked = getattr(simulation_of(description).errors, role)
-        drawn = "none: a perfect instrument" if asked == "none" else f"drawn from the published accuracy by seed {used}"
-        found += _rows(group, f"errors.{role}", _CHOSEN if isinstance(asked, dict) else drawn)
+        share = asked.get("drawn", 0.0) if isinstance(asked, dict) else float(asked == "drawn")
+        drawn = f"drawn from the published accuracy by seed {used}" if share else "none: a perfect instrument"
+        found += _rows(group, f"errors.{role}", drawn, asked)
     return found
 
 
-def _rows(group: Any, path: str, source: str) -> Iterator[ParameterRow]:
+def _rows(group: Any, path: str, usual: str, asked: Any) -> Iterator[ParameterRow]:
+    """Yield the numbers of a group; the source of those of `asked` is the bench file, of the others the `usual` one."""
     kind: type = type(group)
     meanings = _field_docstrings(kind)
     for name in field_names(group) or ():
         here, value = f"{path}.{name}", getattr(group, name)
+        chosen = asked.get(name) if isinstance(asked, Mapping) else None
+        source = usual if chosen is None else _CHOSEN
         if field_names(value) is not None:
-            yield from _rows(value, here, source)
+            yield from _rows(value, here, usual, chosen)
         elif isinstance(value, tuple) and value and field_names(value[0]) is not None:
             for index, entry in enumerate(value):
-                yield from _rows(entry, f"{here}[{index}]", source)
+                yield from _rows(entry, f"{here}[{index}]", source, None)
         else:
             unit = next((unit for end, unit in _UNITS if name.endswith(end)), "1")
             yield ParameterRow(here, value, "" if isinstance(value, bool) else unit, meanings.get(name, ""), source)
