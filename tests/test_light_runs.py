@@ -40,7 +40,7 @@ print(*sorted(each.__name__ for each in classes if hasattr(each, "__dataclass_fi
 """
 
 
-@pytest.mark.parametrize(("procedure", "values"), few([("turntable", 5), ("virtual-coriolis", 9)], ("turntable", 5)))
+@pytest.mark.parametrize(("procedure", "values"), few([("turntable", 4), ("virtual-coriolis", 9)], ("turntable", 4)))
 def test_a_run_with_its_budget_loads_no_scipy(procedure: str, values: int, tmp_path: Path) -> None:
     command = [sys.executable, "-c", RUN, procedure, str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603

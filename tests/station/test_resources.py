@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         ["TCPIP::127.0.0.1::5025::SOCKET", "TCPIP0::LOCALHOST::5025::SOCKET", "socket://localhost:5025"],
         ["TCPIP0::192.0.2.7::inst0::INSTR", "TCPIP::192.0.2.7::INSTR", "TCPIP::192.0.2.7", "tcpip0::192.0.2.7::INST0"],
         ["TCPIP0::192.0.2.7::hislip0::INSTR", "TCPIP::192.0.2.7::hislip0,4880::INSTR"],
+        ["TCPIP0::127.0.0.1,4880::inst0::INSTR", "TCPIP::localhost,4880", "tcpip0::LOCALHOST,4880::INST0"],
         ["USB0::0x0957::0x0407::MY44021876::INSTR", "USB::2391::1031::MY44021876::0::INSTR"],
         ["COM3", "com3", r"\\.\COM3"],
         ["socket://[::1]:5000", "rfc2217://127.0.0.1:5000", "socket://localhost:5000?logging=debug"],

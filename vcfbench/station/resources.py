@@ -67,7 +67,8 @@ def _of_visa(text: str, *, ask: bool) -> str:
             return _of_socket(rest[0], int(rest[1] if len(rest) > 1 else "1234"), ask=ask)
         case "TCPIP":
             device = rest[1].casefold() if len(rest) > 1 else "inst0"
-            return f"lan {_of_host(rest[0], ask=ask)} {device.removesuffix(',4880')}"
+            host, comma, port = rest[0].partition(",")  # of the core channel, where no portmapper tells it
+            return f"lan {_of_host(host, ask=ask)}{comma}{port} {device.removesuffix(',4880')}"
         case "USB":
             return f"usb {int(rest[0], 0):04x} {int(rest[1], 0):04x} {rest[2].casefold()}"
     return text.casefold()

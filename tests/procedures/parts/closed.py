@@ -70,7 +70,9 @@ def scatter_of_phases(run: Run) -> dict[str, float]:
 
     # The reference by a line through the phases of both sines against their difference of frequency: its slope is the
     # filter's delay
+    aimed_hz = run.settings.difference_hz  # a sine that the time bases moved away is taken again
     turned = [each for _, found in run.measured.found(Rotations) for each in found.records]
+    turned = [each for each in turned if abs(abs(each.difference_hz) - aimed_hz) <= 1e-3 * aimed_hz]
     hz = np.array([each.difference_hz for each in turned])
     beside = np.array([each.reference_deg for each in turned])
     beside = (
@@ -175,8 +177,21 @@ def by_scale_factor(of: Callable[[Run], dict[str, float]]) -> Callable[[Run], di
 
 
 def of_curvature(run: Run) -> dict[str, float]:
-    """Return by how much a kelvin moves the slope of the scale factor's parabola: twice its curvature."""
-    return {"scale_factor_tc": 2.0 * abs(run.values["scale_factor_tc2"].value)}
+    """Return by how much a kelvin moves slope and curvature of the scale factor's parabola, both over its value."""
+    slope, curvature = (run.values[name].value for name in ("scale_factor_tc", "scale_factor_tc2"))
+    return {
+        "scale_factor_tc": abs(2.0 * curvature - 1e-6 * slope**2),
+        "scale_factor_tc2": 1e-6 * abs(curvature * slope),
+    }
+
+
+def of_drive(run: Run) -> dict[str, float]:
+    """Return u of quality factors by that of the drive's frequency: time base, scatter and digits of the records."""
+    records = [found for _, found in run.measured.found(SineRecords) if len(found.channels) == 1][-1].records
+    found_hz = [each.frequency_hz for each in records]
+    digits = max(0.0, fmean(each.u_frequency_hz**2 for each in records) - 2.0 * variance(found_hz))
+    u_hz = math.sqrt((25e-6 * fmean(found_hz)) ** 2 / 3.0 + variance(found_hz) / len(found_hz) + digits)
+    return {name: abs(each.value) * u_hz / fmean(found_hz) for name, each in run.values.items() if "q" in name}
 
 
 def over_gravity(run: Run) -> dict[str, float]:

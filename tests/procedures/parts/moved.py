@@ -92,6 +92,7 @@ MOVED: MappingProxyType[str, Change | tuple[Change, ...] | Moves] = MappingProxy
         "cosines: demodulator": closed.of_cosines("demodulator"),
         "between readings": closed.between_readings,
         "curvature of the parabola": closed.of_curvature,
+        "records: drive": closed.of_drive,
         "range of the ohms": closed.ranges_ohm,
         "over gravity": closed.over_gravity,
         "volts, over gravity": closed.volts_over_gravity,

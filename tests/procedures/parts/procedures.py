@@ -73,7 +73,7 @@ PROCEDURES = (
     Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",), slow=2),
     Held("resonance", lambda _: _SHORT, ("paper's",), slow=2),
     Held("phase", lambda _: _WARM, slow=2),
-    Held("power", lambda _: {**_WARM, **_FEW, "rails_varied": ["positive", "both"]}, slow=2),
+    Held("power", lambda bench: {**_WARM, **_FEW, **_scale(bench), "rails_varied": ["positive", "both"]}, slow=2),
     Held(
         "temperature",
         lambda bench: {
