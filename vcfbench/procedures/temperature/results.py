@@ -222,7 +222,10 @@ def temperature_results(settings: TemperatureSettings, measured: Measured) -> Te
 def _divided(bias: Parabola, scale: ScaleFactor) -> Parabola:
     """Return rates with the u of the scale factor that the outputs were divided by."""
     value, tc, tc2 = (divided(each, scale.value, scale.u) for each in (bias.value, bias.tc, bias.tc2))
-    hysteresis = None if bias.hysteresis is None else divided(bias.hysteresis, scale.value, scale.u)
+    largest, hysteresis = bias.hysteresis, None
+    if largest is not None:  # its U95 is that of all differences together
+        hysteresis = divided(largest, scale.value, scale.u)
+        hysteresis = structs.replace(hysteresis, u95=largest.u95 / largest.u * hysteresis.u)
     return structs.replace(bias, value=value, tc=tc, tc2=tc2, hysteresis=hysteresis)
 
 
