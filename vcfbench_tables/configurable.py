@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import partial
 
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
@@ -213,6 +214,12 @@ class ConfigurableDialect(TableDialect):
         """Return True if the servo is closed; by default its last commanded state."""
         return self.flag(line, "enabled", deadline) if "enabled" in self.profile.status else self._servo
 
+    @property
+    def judges_rate_by(self) -> str:
+        """Readings by `[at_rate]` of a profile without such a flag."""
+        wanted = "at_rate" if self._steady.demanded_deg_s else "stopped"
+        return "" if wanted in self.profile.status else f"[at_rate] of its profile: {self._steady}"
+
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Return True by the table's own flag, else by readings of the rate."""
         wanted = "at_rate" if self._steady.demanded_deg_s else "stopped"
@@ -256,12 +263,8 @@ class ConfigurableDialect(TableDialect):
             return
         for _ in range(refusals.deepest):
             question = messages.frame_text(profile.frame, refusals.query, profile.link.tx_end)
-            answer = line.exchanged(
-                self,
-                question,
-                deadline,
-                lambda limit: messages.take_text(profile.received_frame, profile.link.rx_end, line, limit),
-            )
+            take = partial(messages.take_text, profile.received_frame, profile.link.rx_end, line)
+            answer = line.exchanged(self, question, deadline, take)
             if re.fullmatch(refusals.good, answer):
                 break
             refused.append(answer)
@@ -450,36 +453,31 @@ class ConfigurableDialect(TableDialect):
         values: dict[str, messages.Value] = {"rate": rate, "abs_rate": abs(rate)}
         values["dir"] = units.positive if rate >= 0.0 else units.negative
         values |= {f"rate_{slot}": rate if slot == self.axis else 0.0 for slot in range(1, 7)}
-        if acceleration_deg_s2 != math.inf:
-            commanded = self._table_acceleration(acceleration_deg_s2)
-            if commanded is not None:
-                values["acc"] = commanded
+        commanded = None if acceleration_deg_s2 == math.inf else self._table_acceleration(acceleration_deg_s2)
+        values |= {} if commanded is None else {"acc": commanded}
         if units.travel is not None:
             values["travel_end"] = units.travel[1 if rate >= 0.0 else 0]
         return values
 
     def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
-        """Return which bound of the profile a motion leaves, in deg/s and as the profile has it."""
+        """Return the bound of the profile that a motion leaves."""
         units, safety = self.profile.units, self.profile.safety
         if not abs(rate_deg_s) <= safety.max_rate_deg_s:
-            most = f"the {safety.max_rate_deg_s:g} deg/s of its profile (safety.max_rate_deg_s)"
-            return f"a rate of {rate_deg_s:g} deg/s is beyond {most}"
+            most = f"the {safety.max_rate_deg_s:g} deg/s of its profile"
+            return f"a rate of {rate_deg_s:g} deg/s is beyond {most} (safety.max_rate_deg_s)"
         counts = "" if units.rate_per_deg == 1.0 else f", where {units.rate_per_deg:g} are 1 deg/s"
-        bound = units.rate_max / units.rate_per_deg
-        if not abs(rate_deg_s) <= bound:
+        if not abs(rate_deg_s) <= (bound := units.rate_max / units.rate_per_deg):
             most = f"the {bound:g} deg/s of its profile (units.rate_max = {units.rate_max:g}{counts})"
             return f"a rate of {rate_deg_s:g} deg/s is beyond {most}"
         if rate_deg_s and abs(self._table_rate(rate_deg_s)) < max(units.rate_min, units.rate_quantum * 0.5):
             key = "rate_min" if units.rate_min >= units.rate_quantum else "rate_quantum"
-            least = (
-                f"{getattr(units, key) / units.rate_per_deg:g} deg/s (units.{key} = {getattr(units, key):g}{counts})"
-            )
-            return f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {least}"
-        # Without an acceleration that it can be told it stops as it is: stopping is never refused
-        sayable = acceleration_deg_s2 == math.inf or self._table_acceleration(acceleration_deg_s2) is not None
-        if rate_deg_s and not sayable:
-            return f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
-        return None
+            least = getattr(units, key)
+            said = f"{least / units.rate_per_deg:g} deg/s (units.{key} = {least:g}{counts})"
+            return f"a rate of {rate_deg_s:g} deg/s is below the least of its profile, {said}"
+        kept = not rate_deg_s or acceleration_deg_s2 == math.inf  # stopping is never refused: it stops as it is
+        if kept or self._table_acceleration(acceleration_deg_s2) is not None:
+            return None
+        return f"an acceleration of {acceleration_deg_s2:g} deg/s2 is not one that its profile allows"
 
     def _table_rate(self, rate_deg_s: float) -> float:
         units = self.profile.units

@@ -18,14 +18,23 @@ class SteadyRate(Struct):
     demanded_deg_s: float = 0.0
     _good: int = 0
 
+    def __str__(self) -> str:
+        return (
+            f"{self.polls} readings in a row (polls) within {self.allowed_deg_s:.3g} deg/s (tolerance_deg_s, relative)"
+        )
+
     def demand(self, rate_deg_s: float) -> None:
         """Start again with another demand."""
         self.demanded_deg_s, self._good = rate_deg_s, 0
 
+    @property
+    def allowed_deg_s(self) -> float:
+        """Largest difference of a reading from the demand."""
+        return self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
+
     def reached(self, rate_deg_s: float) -> bool:
         """Take a reading; return True if enough of the latest are good."""
-        allowed = self.tolerance_deg_s + self.relative * abs(self.demanded_deg_s)
-        self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= allowed else 0
+        self._good = self._good + 1 if abs(rate_deg_s - self.demanded_deg_s) <= self.allowed_deg_s else 0
         return self._good >= self.polls
 
 

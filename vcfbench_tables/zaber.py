@@ -173,7 +173,7 @@ class ZaberDialect(TableDialect):
         self._ask(line, f"move vel {speed}" if speed else "stop", deadline)
 
     def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
-        """Return that an acceleration is below one of the stage's steps."""
+        """Return that an acceleration is below the least."""
         if not math.isfinite(acceleration_deg_s2) or self._table_acceleration(acceleration_deg_s2) >= 1:
             return None
         least = 1.0 / (self.steps_per_deg * _ACCELERATION)

@@ -41,3 +41,16 @@ def test_a_table_further_off_does_not_pass(rate: float, sign: float) -> None:
         AwaitRate(rate, 0.0, 0.05, 1.0).perform(looking_at(read))
     with pytest.raises(MeasurementError, match="left"):
         read_rate(looking_at(read), rate, 0.05)
+
+
+@pytest.mark.parametrize("judged", ["", "[at_rate] of its profile: 3 readings in a row (polls) within 0.02 deg/s"])
+@given(rate=RATES, off=st.sampled_from((0.0, 5.0)))
+def test_rate_not_reached_names_the_key_that_decides(judged: str, rate: float, off: float) -> None:
+    context = looking_at(rate + off)
+    table = context.bench.rate_table
+    table.at_rate, table.judges_rate_by = lambda: False, judged
+    with pytest.raises(MeasurementError, match="rate_deadline_s waits longer") as caught:
+        AwaitRate(rate, 0.0, 0.3, 1.0).perform(context)
+    assert ("rate_tolerance_deg_s" in str(caught.value)) == bool(off)
+    assert ("as the table reports" in str(caught.value)) != bool(judged)
+    assert ("[at_rate] of the profile allows more" in str(caught.value)) == bool(judged)

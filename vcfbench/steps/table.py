@@ -6,7 +6,7 @@ from vcfbench.bench.bench import Bench
 from vcfbench.clock import Deadline, sleep
 from vcfbench.errors import InterlockError, MeasurementError
 from vcfbench.interfaces import RateTable
-from vcfbench.station.limits import LimitChecks
+from vcfbench.station.limits import LimitChecks, driver_of
 from vcfbench.station.linear_gyro import LinearGyro
 from vcfbench.steps.step import Context, Effect, Step, StepResult, does, problem
 from vcfbench.steps.wait import Settle
@@ -108,13 +108,21 @@ class AwaitRate(Step, Struct, frozen=True):
             if at_rate and abs(reading - self.rate_deg_s) <= self._allowed_deg_s:
                 return RateReading(reading, clock.now())
             if deadline.expired():
-                raise _disbelieved(
-                    context,
-                    f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
-                    f"{self._allowed_deg_s:g} off allowed, {'' if at_rate else 'not '}steady as the table reports",
-                    "rate_tolerance_deg_s allows more; where a profile takes the rate from angles, a longer span_s",
-                )
+                raise self.not_reached(context, reading, at_rate=at_rate)
             sleep(clock, _POLL_S)
+
+    def not_reached(self, context: Context, reading: float, *, at_rate: bool) -> MeasurementError:
+        """Return the error with the keys that decide."""
+        off, judged = abs(reading - self.rate_deg_s) > self._allowed_deg_s, ""
+        said = f"not at {self.rate_deg_s:+g} deg/s within {self.deadline_s:.3g} s: reads {reading:+.9g} deg/s, "
+        said += f"{self._allowed_deg_s:g} off allowed"
+        if not at_rate:
+            judged = getattr(driver_of(context.bench.rate_table), "judges_rate_by", "")
+            said += f", not steady by {judged}" if judged else ", not steady as the table reports"
+        keys = ["rate_tolerance_deg_s allows more"] if off else []
+        keys += ["[at_rate] of the profile allows more, by a larger tolerance_deg_s or fewer polls"] if judged else []
+        keys += ["rate_deadline_s waits longer", "where a profile takes the rate from angles, a longer span_s"]
+        return _disbelieved(context, said, "; ".join(keys))
 
     def predict(self, gyro: LinearGyro) -> RateReading:
         return RateReading(self.rate_deg_s, 0.0)

@@ -83,7 +83,7 @@ class TableDialect(Protocol):
         return round(rate_deg_s / self.rate_quantum_deg_s) * self.rate_quantum_deg_s
 
     def refusal(self, rate_deg_s: float, acceleration_deg_s2: float) -> str | None:
-        """Return why a motion cannot be demanded in this language, None where it can be: known before it is sent."""
+        """Return the reason that a motion cannot be demanded, or None."""
         del rate_deg_s, acceleration_deg_s2
         return None
 
@@ -138,6 +138,11 @@ class TableDialect(Protocol):
         """Return True if an independent flag of the table reports rest, or if the table has no such flag."""
         del line, deadline
         return True
+
+    @property
+    def judges_rate_by(self) -> str:
+        """Substitute for a flag of the table, in words."""
+        return ""
 
     def at_rate(self, line: TableLine, deadline: Deadline) -> bool:
         """Return True if the demanded rate is reached."""

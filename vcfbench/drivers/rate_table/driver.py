@@ -189,6 +189,11 @@ class RateTableDriver(OverWire):
         """Return the rate that is sent for `rate_deg_s`, because the table takes rates in steps."""
         return self._sign * self.dialect.realised_deg_s(self._sign * rate_deg_s)
 
+    @property
+    def judges_rate_by(self) -> str:
+        """Substitute for a flag of the table that it is at its rate."""
+        return self.dialect.judges_rate_by
+
     def at_rate(self) -> bool:
         """Return True if the table says that the demanded rate is reached."""
         return self._ask(self.dialect.at_rate)
