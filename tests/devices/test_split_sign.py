@@ -290,7 +290,8 @@ def test_the_store_has_the_signs_of_the_gyroscope(
     for name in ("split_hz", "in_phase_split_hz", "carrier_phase_deg", "demodulator_phase_deg", "in_phase_share"):
         found, right = getattr(record.characteristics, name), getattr(true, name)
         scatter = 0.06 * abs(right.value) if name == "in_phase_share" else 0.0  # its u holds that of the records alone
-        assert abs(found.value - right.value) <= 5.0 * found.u + scatter, name
+        few = found.dof is not None and found.dof < 4.0  # four records: Student's t of 5 sd is 12
+        assert abs(found.value - right.value) <= (12.0 if few else 5.0) * found.u + scatter, name
     assert record.characteristics.split_size_hz is None
     by = {each.quantity: each for each in record.sensitivities}
     for name in ("carrier_phase_deg", "split_hz", "q_anti_phase"):

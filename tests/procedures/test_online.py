@@ -89,7 +89,7 @@ def test_what_nobody_looked_at_widens(tmp_path: Path) -> None:
     parts = {part.source: part.u for part in found.scale_factor.parts}
     assert parts["not measured: Q (by 50 %, assumed)"] > 1e-4 * abs(SCALE_FACTOR)
     assert parts["not measured: ratio of carrier to drive amplitude (by 0.5 %, assumed)"] > 2e-3 * abs(SCALE_FACTOR)
-    assert not found.scale_factor.missing
+    assert found.scale_factor.missing == ("K_Vc",)  # a number without its u
 
 
 @pytest.mark.exhaustive
@@ -343,8 +343,12 @@ def test_a_sign_that_nothing_tells_is_missing(tmp_path: Path) -> None:
     """V_Vc as it is set has no phase against the output; the bench file, or a meter on V_Vc, tells the sign."""
     unmeasured = run(LAB, tmp_path, **FAST, v_vc="set").results
     assert UNKNOWN_SIGN in unmeasured.scale_factor.missing
-    told = structs.replace(LAB, expected=structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013)))
+    ends = (-0.013, -0.012)
+    told = structs.replace(LAB, expected=structs.replace(LAB.expected, scale_factor_v_per_deg_s=ends))
     turned = run(told, tmp_path, **FAST, v_vc="set").results
-    assert turned.scale_factor.value > 0.0
+    assert turned.scale_factor.value < 0.0
     assert UNKNOWN_SIGN not in turned.scale_factor.missing
+    wrong = structs.replace(LAB, expected=structs.replace(LAB.expected, scale_factor_v_per_deg_s=(0.012, 0.013)))
+    with pytest.raises(MeasurementError, match="the sign of the scale factor is wrong"):
+        run(wrong, tmp_path, **FAST, v_vc="set")
     assert UNKNOWN_SIGN not in run(LAB, tmp_path, **FAST).results.scale_factor.missing

@@ -96,6 +96,7 @@ def _look_at_k_vc(settings: ProcedureSettings) -> Routine[None]:
     if given is None or not all(_on_bench(settings, role) for role in ("rate_table", "rate_source")):
         return
     by_v_vc, within = yield from _moved(settings, by_table=False)
+    yield steps.Settle(settings.settle_s, "gyro settles, generator off")
     by_table, more = yield from under_servo(settings, _moved(settings, by_table=True), "The table to rest")
     k_vc = settings.k_vc_guess_deg_s_per_v * by_v_vc / by_table
     part = abs(within / by_v_vc) + abs(more / by_table)
