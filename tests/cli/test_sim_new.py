@@ -190,3 +190,13 @@ def test_bench_without_an_instrument_has_nothing_of_it(role: str, rails: str, tm
     if role == "power":
         assert bench.limits.max_rail_v is None
     dry_run("zero", bench)
+
+
+def test_range_beyond_the_simulated_table_has_one_limit() -> None:
+    """A part of 2000 deg/s: the number would bear 1998, the table does not."""
+    profile("rate", "LSB", 1.0)
+    part = ("--stream", "imu.toml", "--scale-factor", "16.4")
+    refused = new(*part, "--range", "2000")
+    assert refused.exit_code == 2
+    assert "--range: expected at most 900 deg/s, as fast as the simulated table turns, got 2000" in refused.stderr
+    assert new(*part, "--range", "900").exit_code == 0

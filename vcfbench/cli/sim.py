@@ -14,7 +14,7 @@ from vcfbench.drivers.streams.description import Stream
 from vcfbench.errors import ConfigError
 from vcfbench.files import dotted
 from vcfbench.procedures.bench_file import load_bench
-from vcfbench.sim.gyro.data_sheet import DataSheet
+from vcfbench.sim.gyro.data_sheet import MOST_RANGE_DEG_S, DataSheet
 from vcfbench.sim.inventory import inventory
 from vcfbench.sim.own_gyro import LEFT_OUT, NUMBERS_V_PER_DEG_S, own_gyro_bench
 from vcfbench.station.stream_profiles import with_stream
@@ -149,13 +149,13 @@ def _behind_numbers(
         expected = f"the {stream.output_unit}/(deg/s) of its data sheet: {stream.name} speaks LSB"
         raise ConfigError(f"--scale-factor: expected {expected}")
     range_deg_s, bias_deg_s = given["range"] or _FIGURES["range_deg_s"][2] or 0.0, abs(given["bias"] or 0.0)
-    most_deg_s = stream.largest / abs(per_deg_s or 1.0) - bias_deg_s
+    most_deg_s, of = min(
+        (stream.largest / abs(per_deg_s or 1.0) - bias_deg_s, f"the largest number of {stream.name} less the bias"),
+        (MOST_RANGE_DEG_S, "as fast as the simulated table turns"),
+    )
     if range_deg_s > most_deg_s:
         said = "" if given["range"] else ", the default"
-        raise ConfigError(
-            f"--range: expected at most {most_deg_s:.4g} deg/s, the largest number of {stream.name} less the bias, "
-            f"got {range_deg_s:g}{said}"
-        )
+        raise ConfigError(f"--range: expected at most {most_deg_s:.4g} deg/s, {of}, got {range_deg_s:g}{said}")
     volts = NUMBERS_V_PER_DEG_S if lsb or per_deg_s is None else NUMBERS_V_PER_DEG_S * per_deg_s
     rail_v = _ROOM * abs(volts) * (range_deg_s + bias_deg_s)
     figures = {"scale_factor": volts / _MILLI, "rail": min(15.0, max(10.0, rail_v))}

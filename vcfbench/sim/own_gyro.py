@@ -13,6 +13,7 @@ from vcfbench.models import ROLES
 from vcfbench.sim.gyro.data_sheet import (
     FLICKER_MINIMUM,
     LEAST_SINE_V,
+    MOST_RANGE_DEG_S,
     DataSheet,
     change_per_k,
     in_phase_share,
@@ -37,8 +38,6 @@ _USUAL_RANGE_DEG_S, _USUAL_V, _USUAL_SPLIT_HZ = 200.0, 200.0 / 150.0, 24.8
 """Range, V_Vc for it, and split of the gyroscope for which the settings of procedures have their defaults."""
 _AT_THE_PEAK = 0.6
 """Share of the range that a sine takes at the peak of the response: beyond, the output's curvature is in the gains."""
-_TABLE_DEG_S = 900.0
-"""The simulated table turns at 1000 deg/s, its own trip above the limit included."""
 TABLE_RATE_ERROR = 1e-5
 """Class of a BD125, unverified."""
 _LEAST_LEVEL_V, _LEAST_STEP_V = 0.07, 0.04
@@ -173,7 +172,7 @@ def _station(name: str, sheet: DataSheet, without: Collection[str]) -> dict[str,
         "rate_table": {"dialect": "acl", "resource": f"sim://{name}"},
         "chamber": {"model": "ATS-545", "resource": "GPIB0::18::INSTR"},
         "limits": {
-            "max_rate_deg_s": min(1.5 * sheet.range_deg_s, _TABLE_DEG_S),
+            "max_rate_deg_s": min(1.5 * sheet.range_deg_s, MOST_RANGE_DEG_S),
             "max_acceleration_deg_s2": max(200.0, sheet.range_deg_s),
             "max_v_vc_v": _MOST_V_VC_V,
             "min_rail_v": _round(0.95 * sheet.rail_v),

@@ -40,6 +40,8 @@ _WHOLE_RANGE_V = (0.4, 9.0)
 _NOISE_SHARE = 2e-3
 """Share of the range that white noise in a second, and flicker, may have: ten readings then see a step of 4 %."""
 _EITHER_SIGN = "either sign"
+MOST_RANGE_DEG_S = 900.0
+"""The simulated table turns at 1000 deg/s, its own trip above the limit included."""
 
 
 class DataSheet(Struct, frozen=True, kw_only=True):
@@ -59,7 +61,7 @@ class DataSheet(Struct, frozen=True, kw_only=True):
 
     scale_factor_v_per_deg_s: Annotated[float, 1e-5, 10.0, _EITHER_SIGN] = IDEAL_TARGETS.scale_factor_v_s_deg
     bias_deg_s: Annotated[float, 0.0, 1000.0, _EITHER_SIGN] = 0.0
-    range_deg_s: Annotated[float, 10.0, 900.0] = 200.0
+    range_deg_s: Annotated[float, 10.0, MOST_RANGE_DEG_S] = 200.0
     drive_hz: Annotated[float, 1000.0, 50_000.0] = PERFECT.drive_mode.frequency_hz
     q_drive: Annotated[float, 100.0, 1e5] = PERFECT.drive_mode.quality
     split_hz: Annotated[float, 3.0, 80.0, _EITHER_SIGN] = 24.8
