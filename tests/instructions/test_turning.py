@@ -60,5 +60,5 @@ def test_reference_is_from_records_that_turned_equally() -> None:
 def test_records_that_turn_as_they_should_are_taken_once() -> None:
     for near_hz in (5.0, -5.0):
         step = CaptureRotations((1, 2, 3), (1.0, 1.0, 1.0), 2, 1000, near_hz, 30_000.0)
-        assert len(turned(step, 4e-6, 0.0)[0]) == 2  # off by 0.24 Hz
-        assert len(turned(step, 5e-6, 0.0)[0]) == 4  # by 0.3 Hz
+        assert len(turned(step, 6e-8, 0.0)[0]) == 2  # off by 0.0036 Hz
+        assert len(turned(step, 1e-7, 0.0)[0]) == 4  # by 0.006 Hz

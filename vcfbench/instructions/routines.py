@@ -79,15 +79,25 @@ def look_early(settings: ProcedureSettings, *, held: bool = False) -> Routine[No
     by = next((role for role in settings.early_look if _on_bench(settings, role)), None)
     if by is None:
         return
-    moving = _moved(settings, by_table=by == "rate_table")
+    moving = _turned_and_back(settings) if by == "rate_table" else _moved_and_settled(settings)
     if by == "rate_table" and not held:
         moving = under_servo(settings, moving, "The table to rest")
     slope, within = yield from moving
-    if by != "rate_table":
-        yield steps.Settle(settings.settle_s, "gyro settles, generator off")
-    elif held:
-        yield from go_to_rate(settings, 0.0, previous_deg_s=settings.station.limits.slow_deg_s)
     settings.require_known_answer(slope, within, by_v_vc=by != "rate_table")
+
+
+def _turned_and_back(settings: ProcedureSettings) -> Routine[tuple[float, float]]:
+    """Look at the output at a slow rate, as `_moved` does, and turn back to rest."""
+    found = yield from _moved(settings, by_table=True)
+    yield from go_to_rate(settings, 0.0, previous_deg_s=settings.station.limits.slow_deg_s)
+    return found
+
+
+def _moved_and_settled(settings: ProcedureSettings) -> Routine[tuple[float, float]]:
+    """Look at the output by V_Vc, as `_moved` does, and wait until it has gone back."""
+    found = yield from _moved(settings, by_table=False)
+    yield steps.Settle(settings.settle_s, "gyro settles, generator off")
+    return found
 
 
 def _look_at_k_vc(settings: ProcedureSettings) -> Routine[None]:
@@ -95,9 +105,8 @@ def _look_at_k_vc(settings: ProcedureSettings) -> Routine[None]:
     given = settings.k_vc_looked_at
     if given is None or not all(_on_bench(settings, role) for role in ("rate_table", "rate_source")):
         return
-    by_v_vc, within = yield from _moved(settings, by_table=False)
-    yield steps.Settle(settings.settle_s, "gyro settles, generator off")
-    by_table, more = yield from under_servo(settings, _moved(settings, by_table=True), "The table to rest")
+    by_v_vc, within = yield from _moved_and_settled(settings)
+    by_table, more = yield from under_servo(settings, _turned_and_back(settings), "The table to rest")
     k_vc = settings.k_vc_guess_deg_s_per_v * by_v_vc / by_table
     part = abs(within / by_v_vc) + abs(more / by_table)
     if not min(far((given, given), part)) <= k_vc <= max(far((given, given), part)):
