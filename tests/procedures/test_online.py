@@ -186,7 +186,7 @@ def test_bench_with_a_table_may_turn_and_needs_none() -> None:
     assert kinds.count(SampleModulated) == 2 + 18
     assert {after for kind, after in itertools.pairwise(kinds) if kind is SampleModulated} == {CheckRails}
     turns = vcfbench.dry_run("online", LAB, settings={**settings, "rate_deg_s": -30.0}).steps
-    assert [each.step.rate_deg_s for each in turns if isinstance(each.step, SetRate)] == [10.0, 0.0, -30.0, 0.0]
+    assert [each.step.rate_deg_s for each in turns if isinstance(each.step, SetRate)] == [10.0, 0.0, 0.0, -30.0, 0.0]
     [sine] = [each.step for each in turns if isinstance(each.step, SetSine)]
     assert (sine.frequency_hz, sine.amplitude_v) == (0.25, pytest.approx(1.0 / 3.0))
     by_hand = vcfbench.dry_run("online", structs.replace(FIELD, v_vc_meter=None), settings=settings).steps
