@@ -9,6 +9,7 @@ from typing import Any, TypeAlias, TypeVar
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.scale_factor import (
+    BY_ONE_SIGN,
     LOOKED,
     AtRestSettings,
     ScaleFactor,
@@ -395,6 +396,7 @@ def _moved(settings: ProcedureSettings, *, by_table: bool) -> Routine[tuple[floa
             hint=f"check the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
     moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
+    within_v += 0.0 if by_table else BY_ONE_SIGN * abs(moved_v)
     return moved_v / rate_deg_s, abs(within_v / rate_deg_s)
 
 
