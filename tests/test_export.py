@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from types import SimpleNamespace
@@ -96,7 +97,9 @@ def test_hdf5_has_units_and_what_the_record_says(run: Run, tmp_path: Path) -> No
         assert (file.attrs["operator"], file.attrs["humidity_percent"]) == ("A. Person", 41.0)
         assert file.attrs["run"] == run.name
         for name, each in run.values.items():
-            assert (file.attrs[f"value.{name}"], file.attrs[f"value.{name}.u95"]) == (each.value, each.u95)
+            u95 = math.nan if each.u95 is None else each.u95  # a bound has none
+            found = file.attrs[f"value.{name}"], file.attrs[f"value.{name}.u95"]
+            assert found == pytest.approx((each.value, u95), rel=0.0, nan_ok=True)
             assert file.attrs[f"value.{name}.unit"] == each.unit
 
 
