@@ -62,6 +62,27 @@ def test_days_of_a_spreadsheet_are_no_seconds(tmp_path: Path) -> None:
     assert analyze_record(file, layout=Layout(units={"time": "d"})).interval_s == pytest.approx(0.01, rel=1e-4)
 
 
+BEYOND: dict[str, Callable[[int], str]] = {
+    "ms": lambda k: f"{1_790_000_000_000 + 10 * k}",
+    "us": lambda k: f"{1_790_000_000_000_000 + 10_000 * k}",
+    "ns": lambda k: f"{1_790_000_000_000_000_000 + 10_000_000 * k}",
+    "digits of a date": lambda k: f"2026102502{k // 6000:02d}{k // 100 % 60:02d}.{k % 100:02d}",
+    "ticks from 1601": lambda k: f"{133_000_000_000_000_000 + 100_000 * k}",
+}
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+@pytest.mark.parametrize("rate_hz", [None, 100.0, 0.1, 1e-4])
+def test_seconds_of_no_date_are_refused(tmp_path: Path, kind: str, rate_hz: float | None) -> None:
+    file = log(tmp_path / "a.csv", BEYOND[kind], "timestamp_s")
+    with pytest.raises(ConfigError, match="no date in s") as error:
+        analyze_record(file, rate_hz)
+    assert "--unit timestamp_s=ms" in (error.value.hint or "")
+    if kind in {"ms", "us", "ns"}:
+        right = Layout(units={"timestamp_s": kind})
+        assert analyze_record(file, layout=right).interval_s == pytest.approx(0.01, rel=1e-4)
+
+
 @pytest.mark.parametrize("hz", [250, 400, 1000])
 def test_rate_of_coarse_times_is_that_of_the_file(tmp_path: Path, hz: int) -> None:
     file = log(tmp_path / "a.csv", lambda k: f"{k / hz:.2f}", "t_s")

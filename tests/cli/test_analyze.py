@@ -190,7 +190,7 @@ UNUSABLE = {
         ", line 1, column 2: 'a\\x1b[2J' is a spreadsheet formula or not printable",
     ),
     "latin-1": (HEADER + b"1,2\n2,\xb5\n", ", line 3: this is not UTF-8 text"),
-    "UTF-16": ("rate_deg_s,a\n1,2\n".encode("utf-16"), ", line 1: this is not UTF-8 text"),
+    "UTF-16": ("rate_deg_s,a\n1,2\n".encode("utf-16")[:-1], ": expected whole UTF-16 text"),
     "binary": (b"rate_deg_s,a\n1,\0\n", ", line 2: this is not a text file"),
     "open quote": (HEADER + b'1,"2\n', ", line 2: this is not CSV"),
     "single points": (b"step,rate_deg_s,v_vc_v,output_v,std_v,n\n1,10,0,1,0,1\n", ": no step has 3 points"),

@@ -46,6 +46,8 @@ _DAYS_FROM: Final = 3e4
 """Days from 1900 to 1982: times before it are no dates of a spreadsheet."""
 _AS_DAYS_S: Final = 2e-5
 """Interval of readings a second apart, if days are taken for seconds."""
+_LATEST_S: Final = 1e11
+"""Beyond it times in seconds are no date, be they counted from 1970, 1601 or 0: the year 3000 is at 9.5e10 s from 0."""
 _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
 
 
@@ -301,6 +303,12 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
 def _unbroken(times_s: Floats, head: Head, place: int) -> Floats:
     """Return times of day as times that go on over midnight; raises ConfigError for what is no time in seconds."""
     if not head.is_clock(place):
+        if abs(times_s[0]) > _LATEST_S:
+            column = head.names[place].written
+            raise ConfigError(
+                f"{head.file}, column {column}: times of {times_s[0]:.4g} s are no date in s",
+                hint=f"--unit {column}=ms, or us, ns; --time none --rate HZ ignores them",
+            )
         return times_s
     period_s = clock_period_s(head.sample[0][place])
     times_s = times_s if period_s is None else np.unwrap(times_s, period=period_s)

@@ -1,6 +1,7 @@
 """Tables in files that are no text, as the text that is read of all others: one grammar of names, units and faults."""
 
 import csv
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import date
@@ -15,6 +16,8 @@ from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import opened, shown
 
+_BEGIN: Final = 1 << 16
+
 
 @contextmanager
 def opened_table(path: Path | str) -> Iterator[IO[bytes]]:
@@ -26,12 +29,26 @@ def opened_table(path: Path | str) -> Iterator[IO[bytes]]:
     read = _READERS.get(Path(path).suffix.lower())
     with opened(path, "a table") as raw:
         if read is None:
-            yield raw
+            yield _plain_text(raw, shown(path))
             return
         rows = read(raw, shown(path))
         text = StringIO(newline="")
         csv.writer(text, lineterminator="\n").writerows(rows)
     yield BytesIO(text.getvalue().encode())
+
+
+def _plain_text(raw: IO[bytes], name: str) -> IO[bytes]:
+    """Return a text with line feeds, in bytes that go on as ASCII: spreadsheets write UTF-16, old ones CR."""
+    begin = raw.read(_BEGIN)
+    raw.seek(0)
+    if begin.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+        try:
+            text = raw.read().decode("utf-16")
+        except UnicodeDecodeError as error:
+            raise ConfigError(f"{name}: expected whole UTF-16 text, got {error.reason}") from error
+        return _plain_text(BytesIO(text.encode()), name)
+    only_returns = b"\r" in begin and b"\n" not in begin
+    return BytesIO(raw.read().replace(b"\r", b"\n")) if only_returns else raw
 
 
 def _of_columns(columns: dict[str, Sequence[Any]]) -> Iterator[Iterable[Any]]:
