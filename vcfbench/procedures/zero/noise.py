@@ -57,9 +57,14 @@ _NO_RAMP: Final = (
 )
 _NO_WALK: Final = (
     "The curve rises as that of a random walk, but the record does not go so far: what is slow comes back (a "
-    "thermostat, a correlated noise), and B, K, R are not stated."
+    "thermostat, a swing of the room, a correlated noise), and B, K, R are not stated."
 )
 _LEAST_WANDER: Final = 0.03
+_NOTHING: Final = 1e-300
+_WAVES: Final = 100
+"""Half waves in a record up to which it counts as slow."""
+_MOST_SWINGS: Final = 12.0
+"""Periods in a record; of more, the curve itself shows that it comes back."""
 """K^2 T of a record below which it does not go as far as its walk: K is the larger where its curve is, so 1 of 300."""
 _FORMS: Final[tuple[Form, Form]] = ("plus-minus", "below")
 
@@ -223,7 +228,35 @@ def gainsaid_by(fit: NoiseFit, means: Floats, length_s: float) -> str:
         if abs(slope) < ramp.value - _FOLLOWS * math.hypot(ramp.u, k * math.sqrt(1.2 / length_s)):
             return _NO_RAMP
     white = fit.coefficients.angle_random_walk**2 * means.size / length_s
-    return _NO_WALK if float(np.var(means)) - white < _LEAST_WANDER * k**2 * length_s else ""
+    comes_back = float(np.var(means)) - white < _LEAST_WANDER * k**2 * length_s
+    return _NO_WALK if comes_back or (k > 0.0 and is_swing(means)) else ""
+
+
+def is_swing(means: Floats) -> bool:
+    """Return True if one sine explains the slow waves of a record better than a random walk, by Schwarz's criterion.
+
+    The cosines of whole half waves are uncorrelated in a walk, with variances as 1/k^2. Both have white noise beside
+    them; a sine of unknown amplitude, phase and frequency has two numbers more than a walk.
+    """
+    order = np.arange(1, min(_WAVES, means.size // 2) + 1)
+    middles = (np.arange(means.size) + 0.5) / means.size
+    waves = np.cos(math.pi * np.outer(order, middles))
+    found = waves @ means
+
+    def likelihood(variances: Floats) -> float:
+        return -0.5 * float(np.log(variances).sum()) - 0.5 * order.size * math.log(
+            np.mean(found**2 / variances) + _NOTHING
+        )
+
+    walk = max(likelihood(1.0 + ratio / order**2) for ratio in np.geomspace(1.0, 1e6, 61))
+    turns = 2.0 * math.pi * np.outer(np.arange(1.0, _MOST_SWINGS, 0.1), middles)
+    sines, cosines = np.sin(turns) @ waves.T, np.cos(turns) @ waves.T
+    left = [
+        found - (each := np.stack(pair, 1)) @ np.linalg.lstsq(each, found, rcond=None)[0]
+        for pair in zip(sines, cosines, strict=True)
+    ]
+    sine = -0.5 * order.size * math.log(min(float(np.mean(each**2)) for each in left) + _NOTHING)
+    return sine - walk > math.log(order.size)
 
 
 def _remarks(
