@@ -92,7 +92,7 @@ def test_rate_of_coarse_times_is_that_of_the_file(tmp_path: Path, hz: int) -> No
 
 
 REFUSED: dict[str, tuple[str, Callable[[int], str], str]] = {
-    "axes by turns": ("t_s,axis", lambda k: f"{k // 3 / 100:.2f},{'xyz'[k % 3]}", "most of the times repeat"),
+    "axes by turns": ("t_s,axis", lambda k: f"{k // 3 / 100:.2f},{'xyz'[k % 3]}", "lines of x, y, z by turns"),
     "milliseconds without zeros": ("time", lambda k: f"12:00:{k // 100:02d}.{k % 100 * 10}", "without their zeros"),
 }
 
@@ -115,3 +115,45 @@ def test_few_missing_lines_are_told_with_the_option_for_all(tmp_path: Path) -> N
     assert "10 are missing: --time none --rate 100 takes all lines as even" in found.notices[-1]
     told: dict[str, Any] = {"layout": Layout(time="none")}
     assert analyze_record(file, 100.0, **told).samples == 3000
+
+
+SOURCES: dict[str, tuple[str, list[str], bool]] = {
+    "words": ("sensor", ["ACC", "GYRO"], False),
+    "words of one time": ("Sensor type", ["acc", "gyro", "mag"], True),
+    "axes": ("axis", ["x", "y", "z"], False),
+    "names of one device": ("what", ["Linear Acceleration", "Gyroscope"], True),
+    "numbers": ("I", ["0", "1", "2"], False),
+    "numbers of events": ("event_id", ["3", "16"], True),
+    "units": ("Unit", ["mV", "V"], False),
+}
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+@pytest.mark.parametrize("longer", [False, True])
+def test_lines_of_several_sensors_are_read_one_by_one(
+    tmp_path: Path, kind: str, separator: str, *, longer: bool
+) -> None:
+    column, words, at_once = SOURCES[kind]
+    rows = [["t_ms", column, "x [deg/s]"]]
+    for each in range(3000):
+        for turn, word in enumerate(words):
+            time_ms = 30 * each + (0 if at_once else 3 * turn)
+            row = [str(time_ms), word, str(RATES[each] if word == words[-1] else 9.81)]
+            rows.append([*row, "7"] if longer and word != words[-1] and each > 200 else row)
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(separator.join(row) for row in rows))
+    with pytest.raises(ConfigError, match=f"column {column}: lines of {', '.join(words)} by turns") as error:
+        analyze_record(file)
+    assert f"--rows {column}=" in (error.value.hint or "")
+    found = analyze_record(file, layout=Layout(rows=(column, words[-1])))
+    assert (found.samples, found.interval_s) == (3000, pytest.approx(0.03))
+    assert found.mean_deg_s == pytest.approx(np.mean(RATES))
+    assert found.notices == ()
+
+
+@pytest.mark.parametrize("state", ["ok", "ok   fix", "ok" + " fix" * 40])
+def test_words_that_seldom_change_are_no_sensors(tmp_path: Path, state: str) -> None:
+    states = state.split(" ")
+    file = log(tmp_path / "a.csv", lambda k: f"{k / 100:.2f},{states[k // 10 % len(states)] or 'none'}", "t_s,state")
+    assert analyze_record(file).samples == 3000

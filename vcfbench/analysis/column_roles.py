@@ -24,6 +24,21 @@ _COUNTERS: Final = {
     *("count", "counts", "num", "number", "#", ""),
 }
 """Whole names of counters."""
+_SOURCES: Final = {
+    "sensor",
+    "axis",
+    "type",
+    "event",
+    "instance",
+    "channel",
+    "device",
+    "imu",
+    "source",
+    "topic",
+    "id",
+    "i",
+}
+"""Words of columns that say whose a line is."""
 _BEGINS: Final = ("temp", "therm", "acc", "beschl", "versorg")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 
@@ -42,6 +57,11 @@ def says_measured(name: ColumnName) -> bool:
 def may_be_applied(name: ColumnName) -> bool:
     """Return True for the name of an applied rate, and for one that is called rate alone."""
     return says_applied(name) or ("rate" in _words(name) and not says_measured(name))
+
+
+def says_source(name: ColumnName) -> bool:
+    """Return True for the name of a column that says of which sensor a line is."""
+    return name.unit is None and bool(_SOURCES & _words(name))
 
 
 def may_be_output(name: ColumnName) -> bool:

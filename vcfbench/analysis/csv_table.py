@@ -63,6 +63,8 @@ class Layout(Struct, frozen=True):
     """The column of times; ``"none"``: they are not looked at."""
     separator: str | None = None
     decimal: str | None = None
+    rows: tuple[str, str] | None = None
+    """A column and the word in it of the lines that are meant, where a file has those of several sensors."""
 
     def __post_init__(self) -> None:
         """Refuse words that mean nothing."""
@@ -89,6 +91,8 @@ class Head(Struct, frozen=True):
     """Whether the other sign is known to separate thousands."""
     given: bool = False
     """Whether a person gave the names, of which the file has none."""
+    only: tuple[int, str] | None = None
+    """The column, and the word in it, of the lines that are read."""
 
     def place(self, name: str) -> int:
         """Return which column has a name; raises ConfigError where none has it, or several."""
@@ -124,7 +128,7 @@ class Numbers(Struct, frozen=True):
     values: Floats
     first_line: int
     dropped: tuple[int, ...]
-    """Rows before which a comment stood, once for each."""
+    """Rows before which a line stood that is not read, a comment or another sensor's, once for each."""
 
     def line(self, row: int) -> int:
         """Return the line of a row in the file."""
@@ -168,7 +172,12 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     stated = None if layout.decimal is None else _DECIMALS[layout.decimal]
     comma, thousands = decimals(full, separator, stated, f"{name}, line {at + 1}")
     before = sum(len(each) + 1 for each in lines[:at])
-    return Head(name, tuple(names), full, at + 1, before, separator, comma, thousands, given)
+    head = Head(name, tuple(names), full, at + 1, before, separator, comma, thousands, given)
+    if layout.rows is None:
+        return head
+    column, word = layout.rows
+    place = head.place(column)
+    return replace(head, only=(place, word), sample=tuple(row for row in full if row[place] == word))
 
 
 def _spreads_beside(names: Sequence[ColumnName], layout: Layout) -> list[ColumnName]:
@@ -267,7 +276,7 @@ def read_numbers(
     for raw in _pieces(file):
         lines = raw.count(b"\n")
         body = raw.rstrip(b" \r\n")
-        found = None if dates or blank else _plain(body, head, places)
+        found = None if dates or blank or head.only else _plain(body, head, places)
         if found is None:
             found, more, blank = _cell_by_cell(raw, head, places, line, blank)
             dropped += [filled + row for row in more]
@@ -352,7 +361,7 @@ def _all_numbers(body: bytes, head: Head, lines: int) -> Floats:
 def _cell_by_cell(
     raw: bytes, head: Head, places: Sequence[int], line: int, blank: int
 ) -> tuple[Floats, list[int], int]:
-    """Return the numbers of a piece, the rows before which a comment stood, and the line of a blank one at its end."""
+    """Return the numbers of a piece, the rows before which others stood, and the line of a blank one at its end."""
     rows, dropped, dates = list[list[float]](), list[int](), {place for place in places if head.is_clock(place)}
     comma = head.decimal_comma
     for at, each in enumerate(raw.removesuffix(b"\n").split(b"\n"), line):
@@ -367,6 +376,9 @@ def _cell_by_cell(
         if blank:
             raise ConfigError(f"{head.file}, line {blank}: the line is empty", hint="take it out")
         cells = _cells(text, head.separator, where)
+        if head.only is not None and cells[head.only[0] : head.only[0] + 1] != [head.only[1]]:
+            dropped.append(len(rows))
+            continue
         if len(cells) != len(head.names):
             hint = "; are there decimal commas?" if len(cells) > len(head.names) else ""
             raise ConfigError(f"{where}: {len(head.names)} columns expected, got {len(cells)}{hint}")

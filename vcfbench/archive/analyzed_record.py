@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,7 +13,7 @@ from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.cells import clock_period_s, fraction_digits, is_day
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
-from vcfbench.analysis.column_roles import may_be_output
+from vcfbench.analysis.column_roles import may_be_output, says_source
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
 from vcfbench.analysis.digit import COARSE, FINE, digit_of
 from vcfbench.analysis.pace import pace_of
@@ -46,6 +47,9 @@ _DAYS_FROM: Final = 3e4
 """Days from 1900 to 1982: times before it are no dates of a spreadsheet."""
 _AS_DAYS_S: Final = 2e-5
 """Interval of readings a second apart, if days are taken for seconds."""
+_MOST_SENSORS: Final = 16
+_BY_TURNS: Final = 0.25
+"""Part of the lines that have another sensor than the one before."""
 _LATEST_S: Final = 1e11
 """Beyond it times in seconds are no date, be they counted from 1970, 1601 or 0: the year 3000 is at 9.5e10 s from 0."""
 _ANALYSED: Final = (Kind.RATE, Kind.VOLTAGE, Kind.COUNT)
@@ -148,6 +152,7 @@ def analyze_record(
     with opened_table(path) as raw:
         head = read_head(raw, shown(path), layout)
         place = record_place(head, layout)
+        require_one_sensor(head)
         name = head.names[place]
         if unit := layout.units.get(""):
             name = with_unit(name, unit)
@@ -187,6 +192,23 @@ def analyze_record(
         found.rows, found.stability, found.fitted_from_s,
         found.fitted_to_s, _densities(found), found.described, found.remarks,
     )  # fmt: skip
+
+
+def require_one_sensor(head: Head) -> None:
+    """Raise ConfigError for lines of several sensors by turns: a column has few words, or numbers of sensors."""
+    for place, name in enumerate(head.names if head.only is None else ()):
+        cells = [row[place] for row in head.sample]
+        words = list(dict.fromkeys(cells))
+        numbered = says_source(name) and all(map(str.isdecimal, words))
+        turns = sum(first != second for first, second in pairwise(cells))
+        if not (name.written and 1 < len(words) <= _MOST_SENSORS and turns > _BY_TURNS * len(cells)):
+            continue
+        if numbered or (head.is_text(place) and not head.is_clock(place)):
+            one = next((word for word in words if word.lower().startswith("g")), words[0])
+            raise ConfigError(
+                f"{head.file}, column {name.written}: lines of {', '.join(words)} by turns",
+                hint=f"--rows {name.written}={one} reads the lines of one",
+            )
 
 
 def _densities(found: RecordNoise) -> dict[str, float | None]:

@@ -65,6 +65,9 @@ def analyze(  # noqa: PLR0917  # options of a command
     skip: Annotated[int, option("LINES", "Lines before the names of the columns.", min=0)] = 0,
     separator: Annotated[str | None, option("comma|semicolon|tab|space", "Separator of the columns.")] = None,
     decimal: Annotated[str | None, option("point|comma", "Decimal sign.")] = None,
+    rows: Annotated[
+        str | None, option("COLUMN=WORD", "Read the lines with this word alone, where a file has several sensors.")
+    ] = None,
     output: Annotated[Path | None, output_option("Write a report: .html, .pdf or .md.")] = None,
     *,
     strict: Annotated[
@@ -75,7 +78,8 @@ def analyze(  # noqa: PLR0917  # options of a command
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
     names = () if columns is None else tuple(name.strip() for name in next(reader([columns], skipinitialspace=True)))
     units = dict(key_and_value("--unit", each, "gyro=mdps") if "=" in each else ("", each) for each in unit or ())
-    layout = Layout(names, skip, units, time, separator, decimal)
+    only = None if rows is None else key_and_value("--rows", rows, "sensor=gyro")
+    layout = Layout(names, skip, units, time, separator, decimal, only)
     with opened_table(file) as raw:
         at_rest = rate is not None or scale_factor is not None or is_record(read_head(raw, shown(file), layout), layout)
     if compare is not None and (at_rest or temperature is not None or axes is not None):
