@@ -124,6 +124,21 @@ def test_bend_of_the_curve_is_no_point_off_the_line(bend: str) -> None:
         assert doubts_of_line(rates, outputs, line, line.u_scale_factor) == []
 
 
+@pytest.mark.parametrize("digit", [1e-6, 1e-4, 1.0, 10.0])
+@pytest.mark.parametrize("noise", [0.1, 0.2, 0.3, 0.5, 1.0, 3.0])
+def test_rounding_of_a_line_that_meets_its_digits_says_nothing(digit: float, noise: float) -> None:
+    """One digit off all others, which met theirs, was far beyond their scatter in up to 147 of 400 such tables."""
+    for seed in range(50):
+        draw = np.random.default_rng(seed)
+        for rates in (RATES, np.linspace(-200.0, 200.0, 21), np.array([-150, -100, -50, -20, -5, 0, 5, 20, 50, 100.0])):
+            outputs = np.round(125.0 * rates + 7.0 + noise * draw.standard_normal(rates.size)) * digit
+            line = fit_line(rates, outputs)
+            assert doubts_of_line(rates, outputs, line, line.u_scale_factor) == []
+        outputs[3] += 60.0 * max(1.0, noise) * digit
+        line = fit_line(rates, outputs)
+        assert doubts_of_line(rates, outputs, line, line.u_scale_factor) != []
+
+
 def test_dead_output_is_told() -> None:
     dead = 1e-4 + 1e-5 * np.random.default_rng(3).standard_normal(RATES.size)
     assert any("not beyond its own uncertainty" in each for each in of_table(dead))

@@ -22,6 +22,8 @@ _SAMPLE: Final = 200_000
 _SAME: Final = 1e-6
 """Part of the range within which readings differ by what a computer rounds off."""
 _LEAST_LAG: Final = 8
+_DECADES: Final = 9
+"""Digits that a reading has at most."""
 
 
 class Digit(Struct, frozen=True):
@@ -57,6 +59,16 @@ def least_step(record: Floats) -> float:
     steps = np.diff(np.sort(part))
     steps = steps[steps > _SAME * float(np.ptp(part))]
     return float(steps.min()) if steps.size else 0.0
+
+
+def decimal_digit(values: Floats) -> float:
+    """Return the largest power of ten of which all values are multiples, as written numbers are; 0 without one."""
+    largest = float(np.abs(values).max())
+    for power in range(_DECADES if largest else 0):
+        digit = 10.0 ** (math.floor(math.log10(largest)) - power)
+        if (np.abs(values / digit - np.round(values / digit)) < _SAME).all():
+            return digit
+    return 0.0
 
 
 def digit_of(record: Floats) -> Digit:

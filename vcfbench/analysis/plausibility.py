@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.digit import least_step
+from vcfbench.analysis.digit import decimal_digit, least_step
 from vcfbench.analysis.regression import LineFit
 
 _FAR: Final = 8.0
@@ -42,6 +42,8 @@ _MAD: Final = 1.4826
 _LEFT: Final = 0.1
 _LEAST_POINTS: Final = 6
 _CHANCE: Final = 1e-5
+_DIGITS: Final = 2.0
+"""Last digits by which rounding, and noise of less than one, put a point off a line."""
 
 
 class Doubt(Struct, frozen=True):
@@ -256,4 +258,6 @@ def far_off(columns: Floats, output: Floats) -> int | None:
         return None
     ratio = np.abs(left) / np.sqrt(np.maximum(whole * keeps - left**2, 1e-12 * whole) / dof)
     row = int(ratio.argmax())
+    if abs(left[row]) <= _DIGITS * decimal_digit(output):  # the others may have met their digits
+        return None
     return row if ratio[row] > float(stdtrit(dof, 1.0 - _CHANCE / size)) else None
