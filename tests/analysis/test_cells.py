@@ -61,6 +61,8 @@ def test_thousands_of_a_whole_table_are_never_taken_for_decimals(tmp_path: Path,
         ("1'000", '"1\'000" is not a number'),
         ("0.0000 \N{PLUS-MINUS SIGN} 0.0002", "is not a number"),
         ("0.01 sec", "write its unit sec into the name"),
+        ("12h", "write its unit h into the name"),
+        *((cell, "hexadecimal: write counts as decimals") for cell in ("FFE1", "c568", "0xFF", "7Fh")),
     ],
 )
 def test_cell_that_is_no_number_has_no_false_cure(cell: str, words: str) -> None:

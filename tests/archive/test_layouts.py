@@ -106,6 +106,22 @@ def test_layout_is_read_right(case: str, tmp_path: Path) -> None:
     assert read.samples == 80
 
 
+@pytest.mark.parametrize("separator", [",", ", ", "\t", ";", " "])
+@pytest.mark.parametrize("columns", [1, 3])
+@pytest.mark.parametrize("named", [True, False])
+def test_lines_of_serial_monitor_have_their_times(tmp_path: Path, separator: str, columns: int, *, named: bool) -> None:
+    names = ["gx_dps", "gy_dps", "gz_dps"][-columns:]
+    body = [separator.join(["-0.25"] * (columns - 1) + [f"{rate}"]) for rate in RATES]
+    times = [f"{'23:59:59' if k < 40 else '00:00:00'}.{(600 + 10 * k) % 1000:03d}" for k in range(80)]
+    lines = [f"{time} -> {each}\n" for time, each in zip(times, body, strict=True)]
+    head = f"23:59:59.590 -> {separator.join(names)}\n" if named else ""
+    (tmp_path / "log.txt").write_text(head + "".join(lines))
+    every = ("time", *[""] * (columns - 1), names[-1])
+    read = analyze_record(tmp_path / "log.txt", layout=Layout(columns=(names[-1],) if named else every))
+    assert (read.samples, read.interval_s) == (80, pytest.approx(0.01))
+    assert read.mean_deg_s == pytest.approx(MEAN)
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 @pytest.mark.parametrize("size", [80, 9000])
@@ -218,7 +234,10 @@ REFUSED: dict[str, tuple[str, str]] = {
     "volts": (log("t_s,gyro_mv\n"), "--scale-factor"),
     "counts": (log("t_s,gyro [LSB]\n"), "--scale-factor"),
     "thousands": (log("t_s;gyro_dps\n", "{k};1,500"), "--decimal"),
-    "hexadecimal": (log("t_s,gyro_dps\n", "{t},0x1f"), "not a number"),
+    **{
+        f"hexadecimal {cell}": (log("t_s,gyro_dps\n", f"{{t}},{cell}"), "hexadecimal: write counts as decimals")
+        for cell in ("0x1f", "0XFFE1", "004D", "004d", "1FFh")
+    },
     "cut off in a number": (log("t_s,gyro_dps\n") + "0.8,0.", "ends within a number"),
     "cut off behind a comma": (log("t_s,gyro_dps\n") + "0.8,", "line 82, column gyro_dps: the value is missing"),
     "not a number": (log("t_s,gyro_dps\n") + "0.8,NaN\n", "line 82, column gyro_dps: NaN is not a measured value"),
@@ -281,6 +300,48 @@ def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> 
     assert found.series["out [mV]"].type_a is not None
     assert found.series["out [mV]"].type_a.u_output_v == pytest.approx(1e-4)
     assert found.notes == ("not analysed: t_s, temperature_c, state, n",)
+
+
+SIGNS = [
+    ("CW", "CCW"),
+    ("left", "right"),
+    ("+", "-"),
+    ("Rechts", "Links"),
+    ("clockwise", "counterclockwise"),
+    ("1", "-1"),
+]
+
+
+@pytest.mark.parametrize("words", SIGNS)
+@pytest.mark.parametrize("one_sided", [False, True])
+def test_rates_without_sign_beside_their_directions_are_refused(
+    tmp_path: Path, words: tuple[str, str], *, one_sided: bool
+) -> None:
+    rates = (
+        [-10.0, 0.0, 10.0, 50.0, 100.0, 150.0, 200.0, 250.0]
+        if one_sided
+        else [-200.0, -100.0, -50.0, 0.0, 50.0, 100.0, 200.0]
+    )
+    file = tmp_path / "table.csv"
+    for signed in (True, False):
+        rows = [f"{words[x < 0]},{x if signed else abs(x)},{2.41 - 0.0125 * x}" for x in rates]
+        file.write_text("\n".join(["dir,rate_dps,out_V", *rows]))
+        for layout in (Layout(), Layout(columns=("rate_dps", "out_V"))):
+            if signed:
+                assert analyze(file, layout=layout).series["out_V"].line.scale_factor == pytest.approx(-0.0125)
+                continue
+            with pytest.raises(ConfigError, match=r"dir: .* beside rates without sign"):
+                analyze(file, layout=layout)
+    if one_sided:
+        found = analyze(file, layout=Layout(rows=("dir", words[0])))
+        assert found.series["out_V"].line.scale_factor == pytest.approx(-0.0125)
+
+
+@pytest.mark.parametrize("name", ["fit [V]", "residual [V]", "out_fitted [V]", "deviation [mV]", "error [V]"])
+def test_columns_of_another_fit_are_no_outputs(tmp_path: Path, name: str) -> None:
+    rows = "".join(f"{x},{-2 * x + 0.1 * x**2},{1e-3 * x**2}\n" for x in (-3, -1, 0, 1, 3))
+    (tmp_path / "table.csv").write_text(f"rate [dps],out [V],{name}\n" + rows)
+    assert list(analyze(tmp_path / "table.csv").series) == ["out [V]"]
 
 
 def test_supply_is_no_output(tmp_path: Path) -> None:

@@ -25,6 +25,7 @@ _THOUSANDS = {
 """Numbers of which the sign may separate thousands."""
 _FORTRAN = re.compile(r"[+-]?\d*\.?\d+[dD][+-]?\d+", re.ASCII)
 _WITH_UNIT = re.compile(r"[+-]?[\d.,]+(?:[eE][+-]?\d+)?\s*([^\d\s.,+-].*)")
+_HEX = re.compile(r"0x[0-9a-f]+|(?=\d*[a-f])[0-9a-f]{4,8}|(?=\d*[a-f])[0-9a-f]+h", re.IGNORECASE | re.ASCII)
 _CLOCK = re.compile(
     r"(?:(\S*\d[./-]\S*\d)[T ,]+)?(\d{1,2}):(\d\d)(?::(\d\d)(?:[.,:](\d+))?|[.,](\d+))?(?:\s?([ap])\.?m\.?)?"
     r"(?:\s?(?:Z|UTC|[+-]\d\d:?\d\d))?",
@@ -138,7 +139,8 @@ def number(cell: str, where: str, *, decimal_comma: bool, thousands: bool) -> fl
     elif _FORTRAN.fullmatch(text):
         text = text.lower().replace("d", "e")
     if not _NUMBER.fullmatch(text):
-        hint = _OR_POINT if "," in cell else _TAKE_OUT if not cell or cell[0].isalpha() else None
+        word = cell[:1].isalpha() and not _HEX.fullmatch(cell)
+        hint = _OR_POINT if "," in cell else _TAKE_OUT if not cell or word else None
         raise ConfigError(f"{where}: {_fault(cell, shown)}", hint=hint)
     value = float(text)
     if not math.isfinite(value):
@@ -159,6 +161,8 @@ def _fault(cell: str, shown: str) -> str:
     if "," in cell:
         meant = "a comma of thousands, or a decimal one" if _THOUSANDS[","].fullmatch(cell) else "a decimal comma"
         return f"{shown!r} has {meant}; write a point, or no separator"
-    if (found := _WITH_UNIT.fullmatch(cell)) and unit_of(found[1]):
+    hexadecimal = _HEX.fullmatch(cell)
+    if not hexadecimal and (found := _WITH_UNIT.fullmatch(cell)) and unit_of(found[1]):
         return f"{shown!r} is not a number; write its unit {found[1]} into the name of the column"
-    return f"{shown!r} is not a number"
+    rest = ", but hexadecimal: write counts as decimals, with their sign" if hexadecimal else ""
+    return f"{shown!r} is not a number{rest}"

@@ -1,6 +1,7 @@
 """What the name of a column says of it: an applied rate, a gyroscope's output, or neither of both."""
 
 import re
+from collections.abc import Sequence
 from typing import Final
 
 from vcfbench.analysis.column_names import ColumnName
@@ -16,9 +17,10 @@ _OTHERS: Final = {
     *("ptat", "ntc", "pt", "tcase", "tdie", "tamb", "tchip", "ambient", "oven", "chamber"),
     *("ax", "ay", "az", "mag", "magx", "magy", "magz", "mx", "my", "mz", "baro", "pressure", "press", "humidity", "rh"),
     *("current", "angle", "heading", "position", "pos", "altitude", "tick", "ticks", "idx", "index"),
+    *("fit", "fitted", "residual", "residuals", "deviation", "error"),
     *("counter", "seq", "sequence", "crc", "checksum", "flag", "flags", "status"),
 }
-"""Words of supplies, temperatures, accelerations, other sensors and counters."""
+"""Words of supplies, temperatures, accelerations, other sensors, of another fit, and counters."""
 _COUNTERS: Final = {
     *("n", "no", "nr", "i", "k", "step", "sample", "samples", "line", "row", "id", "point", "frame", "packet", "cycle"),
     *("count", "counts", "num", "number", "#", ""),
@@ -39,6 +41,11 @@ _SOURCES: Final = {
     "i",
 }
 """Words of columns that say whose a line is."""
+_DIRECTIONS: Final = {
+    *("cw", "ccw", "acw", "clockwise", "counterclockwise", "counter-clockwise", "anticlockwise", "left", "right"),
+    *("links", "rechts", "gauche", "droite", "+", "-", "pos", "neg", "positive", "negative", "plus", "minus"),
+    *("forward", "reverse", "fwd", "rev", "1", "-1", "+1", "1.0", "-1.0"),
+}
 _BEGINS: Final = ("temp", "therm", "acc", "beschl", "versorg")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 
@@ -62,6 +69,12 @@ def may_be_applied(name: ColumnName) -> bool:
 def says_source(name: ColumnName) -> bool:
     """Return True for the name of a column that says of which sensor a line is."""
     return name.unit is None and bool(_SOURCES & _words(name))
+
+
+def are_directions(cells: Sequence[str]) -> bool:
+    """Return True for cells that say in which direction something turns, if there are two of them."""
+    words = {cell.lower() for cell in cells}
+    return len(words) == 2 and words <= _DIRECTIONS
 
 
 def may_be_output(name: ColumnName) -> bool:

@@ -42,6 +42,8 @@ _LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
 """Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
 _LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
 _U_ALONE = re.compile(r"u[_ ]", re.IGNORECASE)
+_MONITOR = re.compile(r"(\d\d:\d\d:\d\d\.\d{3}) -> (\S[^\r\n]*)")
+"""A line of the Arduino's serial monitor with its time."""
 _CUT_OFF = re.compile(rb"[.eE+-]\s*$")
 
 
@@ -397,7 +399,8 @@ def _decoded(raw: bytes, where: str, line: int) -> str:
     if b"\0" in raw and not raw.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise ConfigError(f"{where}: this is not a text file")
     try:
-        return raw.decode("utf-8-sig" if line == 1 else "utf-8")
+        text = raw.decode("utf-8-sig" if line == 1 else "utf-8")
+        return _MONITOR.sub(_time_apart, text, count=1) if " -> " in text else text
     except UnicodeDecodeError as error:
         foreign = raw.translate(None, bytes(range(0x80)))
         if line <= 2 and re.search(rb"[A-Za-z]{2}", raw) and not foreign.strip(_LATIN):
@@ -405,12 +408,18 @@ def _decoded(raw: bytes, where: str, line: int) -> str:
         raise ConfigError(f"{where}: this is not UTF-8 text; save the table as UTF-8 CSV") from error
 
 
+def _time_apart(found: re.Match[str]) -> str:
+    """Return the time before a line of a serial monitor as one more column."""
+    sign = next((each for each in "\t;, " if each in found[2]), ",")
+    return f"{found[1]}{sign}{found[2]}"
+
+
 def _separator(header: str, below: str) -> str:
     for sign in ("\t", ";", ","):
         if sign in header:
             return sign
     numbers = below.split()
-    if len(numbers) > 1 and all(map(is_number, numbers)):
+    if len(numbers) > 1 and all(is_number(each) or is_clock(each) for each in numbers):
         return " "
     return ";" if ";" in below else ","
 

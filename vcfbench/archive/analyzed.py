@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.column_names import KNOWN, Kind, cure_of
-from vcfbench.analysis.column_roles import may_be_applied, may_be_output, says_applied, says_measured
+from vcfbench.analysis.column_roles import are_directions, may_be_applied, may_be_output, says_applied, says_measured
 from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
@@ -227,6 +227,7 @@ def read_table(
     if np.ptp(of(rate)) == 0.0:
         column = head.names[rate].written
         raise ConfigError(f"{file}, column {column}: every rate is {of(rate)[0]:g}, so there is no scale factor")
+    require_signs(head, of(rate), set(places))
     if not head.selects(layout):
         _require_applied(head, rate, of(rate), {place: of(place) for place in outputs if follow})
     found = {}
@@ -240,6 +241,18 @@ def read_table(
         unit = "V" if name.unit is None else name.unit.kind.value
         found[name.written] = TableColumn(of(rate), of(place), u_output, unit)
     return found
+
+
+def require_signs(head: Head, rates: Floats, places: set[int]) -> None:
+    """Raise ConfigError where rates have no sign, and a column beside those at `places` says the direction."""
+    for place, name in enumerate(head.names if rates.min() >= 0.0 else ()):
+        cells = [row[place] for row in head.sample]
+        if place not in places and are_directions(cells):
+            words = " and ".join(dict.fromkeys(cells))
+            raise ConfigError(
+                f"{head.file}, column {name.written}: {words} beside rates without sign",
+                hint=f"write rates with their sign; --rows {name.written}={cells[0]} reads one direction",
+            )
 
 
 def _rate_place(head: Head, layout: Layout) -> int:
