@@ -15,6 +15,7 @@ from msgspec import structs
 import vcfbench
 from vcfbench.errors import MeasurementError
 from vcfbench.steps import Note
+from vcfbench.testing.gyroscopes import drawn_bench, drawn_sheet
 
 TRUE = -0.0125527
 LONG: dict[str, dict[str, Any]] = {
@@ -55,7 +56,7 @@ def waited_s(name: str, value: float, *, expected: bool) -> float:
 @settings(max_examples=12, deadline=None)
 @given(
     name=st.sampled_from(sorted(LONG)),
-    off=st.one_of(st.floats(-3.0, -0.3), st.floats(0.2, 0.6), st.floats(1.6, 5.0)),
+    off=st.one_of(st.floats(-3.0, -0.3), st.floats(0.2, 0.75), st.floats(1.4, 5.0)),
     expected=st.booleans(),
 )
 def test_scale_factor_wrongly_told_ends_before_the_wait(name: str, off: float, *, expected: bool) -> None:
@@ -70,3 +71,13 @@ def test_early_look_comes_before_the_wait(name: str) -> None:
     steps = vcfbench.dry_run(name, told, settings=LONG[name]).steps
     assert next(each.t_s for each in steps if each.step == Note("Does the output answer?")) < EARLY_S
     assert max(each.t_s for each in steps) > 10.0 * EARLY_S
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.sampled_from([0, 2, 11, 22, 62, 67, 104, 125, 172, 184]), off=st.sampled_from([0.85, 1.18]))
+def test_k_vc_15_percent_off_is_refused_however_large_quadrature(seed: int, off: float) -> None:
+    with TemporaryDirectory() as files:
+        bench = Path(files) / "bench.toml"
+        bench.write_text(drawn_bench(seed), encoding="utf-8")
+        with pytest.raises(MeasurementError, match=f"told is {off * drawn_sheet(seed).k_vc_deg_s_per_v:g}"):
+            vcfbench.run("online", bench, settings={"k_vc": repr(off * drawn_sheet(seed).k_vc_deg_s_per_v)}, runs=files)

@@ -29,14 +29,7 @@ from vcfbench.belief.unseen import (
 from vcfbench.devices.device import KnownDeviceSettings
 from vcfbench.errors import BenchError
 from vcfbench.instructions.procedure import AnyProcedure
-from vcfbench.instructions.scale_factor import (
-    BY_ONE_SIGN,
-    ROUGHLY,
-    AtRestSettings,
-    scale_factor_used,
-    seen_from,
-    tells_scale_factor,
-)
+from vcfbench.instructions.scale_factor import ROUGHLY, AtRestSettings, scale_factor_used, seen_from, tells_scale_factor
 from vcfbench.instructions.v_vc import SHOWN_SHARE
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.procedures.characterize.plan import BeginPart
@@ -280,7 +273,7 @@ def _otherwise(settings: Any, measured: Measured) -> Iterator[tuple[float | None
     turned = any(getattr(step, "rate_deg_s", 0.0) for step in looks)
     if isinstance(settings, ThresholdSettings) and settings.k_vc_deg_s_per_v is not None:
         k_vc = (1.0 + UNIT) * settings.k_vc_deg_s_per_v
-        yield _OFF + BY_ONE_SIGN if turned else ROUGHLY - 1.0, K_VC, replace(settings, k_vc_deg_s_per_v=k_vc), measured
+        yield _OFF if turned else ROUGHLY - 1.0, K_VC, replace(settings, k_vc_deg_s_per_v=k_vc), measured
     if isinstance(settings, AtRestSettings) and tells_scale_factor(settings):
         other = replace(settings, scale_factor_v_per_deg_s=(1.0 + UNIT) * scale_factor_used(settings).value)
         yield seen_from(settings, by_v_vc=not turned) if looks else None, SCALE_FACTOR, other, measured
@@ -294,9 +287,7 @@ def _k_vc_seen_from(settings: KnownDeviceSettings, measured: Measured) -> float 
         return (1.0 + _OFF) * high / low - 1.0
     if known.issued is not None:
         return None
-    if known.reference is not None:
-        return _OFF
-    return _OFF + BY_ONE_SIGN if turned else ROUGHLY - 1.0
+    return _OFF if turned or known.reference is not None else ROUGHLY - 1.0
 
 
 def _beyond(

@@ -9,7 +9,6 @@ from typing import Any, TypeAlias, TypeVar
 from vcfbench import steps
 from vcfbench.errors import MeasurementError
 from vcfbench.instructions.scale_factor import (
-    BY_ONE_SIGN,
     LOOKED,
     AtRestSettings,
     ScaleFactor,
@@ -365,39 +364,39 @@ def _u_of_looks(settings: ProcedureSettings, at_rest: steps.OutputSeen, moved: s
 
 
 def _moved(settings: ProcedureSettings, *, by_table: bool) -> Routine[tuple[float, float]]:
-    """Move the output by a slow rate, or by V_Vc; return its slope, V/(deg/s), of V_Vc by the guess, and its limits.
+    """Move the output by a slow rate, or by V_Vc of both signs, lest its square count; return its slope and its limits.
 
-    MeasurementError: it stands where it stood at rest.
+    The slope is in V/(deg/s), of V_Vc by the guess of K_Vc. MeasurementError: the output stands where it stood.
     """
-    limits = settings.station.limits
     yield steps.Note("Does the output answer?")
     yield from meter_set(settings)
-    at_rest = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
     if by_table:
-        rate_deg_s = limits.slow_deg_s
-        yield from go_to_rate(settings, rate_deg_s, previous_deg_s=0.0)
-        moved = answer((yield steps.LookAtOutput(_LOOKS, rate_deg_s, settings.rate_tolerance_deg_s)), steps.OutputSeen)
-        what, aside = f"a rate of {rate_deg_s:g} deg/s", ""
+        change_deg_s = settings.station.limits.slow_deg_s
+        before = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
+        yield from go_to_rate(settings, change_deg_s, previous_deg_s=0.0)
+        look = steps.LookAtOutput(_LOOKS, change_deg_s, settings.rate_tolerance_deg_s)
+        what, aside = f"a rate of {change_deg_s:g} deg/s", ""
     else:
-        v_vc_v = min(SMALL_V, limits.max_v_vc_v or SMALL_V)
+        v_vc_v, look = min(SMALL_V, settings.station.limits.max_v_vc_v or SMALL_V), steps.LookAtOutput(_LOOKS)
+        change_deg_s = 2.0 * v_vc_v * settings.k_vc_guess_deg_s_per_v
         yield from v_vc_on()
+        yield from set_v_vc(settings, -v_vc_v)
+        before = answer((yield look), steps.OutputSeen)
         yield from set_v_vc(settings, v_vc_v)
-        moved = answer((yield steps.LookAtOutput(_LOOKS)), steps.OutputSeen)
+        what, aside = f"V_Vc of {v_vc_v:g} V, either sign", "the generator's lead to V_Vc, the carrier, "
+    after = answer((yield look), steps.OutputSeen)
+    if not by_table:
         yield steps.DisableVvc()
-        rate_deg_s = v_vc_v * settings.k_vc_guess_deg_s_per_v
-        what, aside = f"V_Vc of {v_vc_v:g} V", "the generator's lead to V_Vc, the carrier, "
-    u_v = _u_of_looks(settings, at_rest, moved)
-    if abs(moved.mean_v - at_rest.mean_v) < _ANSWERS * u_v:
+    u_v = _u_of_looks(settings, before, after)
+    if abs(after.mean_v - before.mean_v) < _ANSWERS * u_v:
         raise MeasurementError(
-            f"the output does not respond to {what}: it stands at {moved.mean_v:+.6g} V, at rest it was at "
-            f"{at_rest.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
+            f"the output does not respond to {what}: it stands at {after.mean_v:+.6g} V, before it was at "
+            f"{before.mean_v:+.6g} V, and a mean is known to {u_v:.1g} V",
             instrument="multimeter",
             step="the look whether the output answers",
             hint=f"check the lead of the output, {aside}the PCB's supply, and the drive signal",
         )
-    moved_v, within_v = moved.mean_v - at_rest.mean_v, _ANSWERS * u_v
-    within_v += 0.0 if by_table else BY_ONE_SIGN * abs(moved_v)
-    return moved_v / rate_deg_s, abs(within_v / rate_deg_s)
+    return (after.mean_v - before.mean_v) / change_deg_s, abs(_ANSWERS * u_v / change_deg_s)
 
 
 def window_of(settings: ProcedureSettings) -> dict[str, Any]:

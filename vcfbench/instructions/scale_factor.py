@@ -20,8 +20,6 @@ _MOST_OFF = 0.1
 """Part by which the output may answer otherwise than the scale factor used: warm-up, curvature, an axis askew."""
 _LEAST_SLOPE = 1e-5
 """V/(deg/s): 10 deg/s are ten last digits of the meter's range."""
-BY_ONE_SIGN = 0.3
-"""Part of an answer to V_Vc of one sign that goes with its square, by quadrature: 17 % of a drawn gyroscope."""
 ROUGHLY = 10.0
 """Factor by which K_Vc may differ from the guess of the bench file, either way."""
 
@@ -218,7 +216,7 @@ def seen_from(settings: ProcedureSettings, *, by_v_vc: bool) -> float:
     used, window = scale_factor_used(settings), settings.expected.k_vc_deg_s_per_v
     part = max(_MOST_OFF, 2.0 * (used.u or 0.0) / abs(used.value))
     spread = ROUGHLY if window is None else max(map(abs, window)) / min(map(abs, window))
-    return (1.0 + part) * (spread / (1.0 - BY_ONE_SIGN) if by_v_vc else 1.0) - 1.0
+    return (1.0 + part) * (spread if by_v_vc else 1.0) - 1.0
 
 
 def rates_by(value: float, source: str) -> str:
