@@ -177,3 +177,17 @@ def test_incomplete_line_is_counted_without_number(spoilt: bytes) -> None:
     read = decoder(LINES)
     assert seen(read, line("$G,0,1,25") + spoilt + line("$G,2,1,25"), 5) == [(2.0, 2)]
     assert read.bad == 1
+
+
+@pytest.mark.parametrize("kind", ["rate", "increment", "angle"])
+@pytest.mark.parametrize("form", sorted(set(FORMS) - {"float32", "float64"}))
+@pytest.mark.parametrize("end", [0, 1])
+def test_end_of_the_type_saturates_all_but_angles(kind: str, form: str, end: int) -> None:
+    stated = {"resource": "x", "sample_rate_hz": 10.0, "header": "A5 5A", "length": 10, "kind": kind, "unit": "LSB"}
+    stated["byte_order"] = "big"
+    read = decoder({**stated, "value": {"at": 2, "type": form}, "counter": {"at": 6}, "checksum": {"name": "sum16"}})
+    bits = 8 * struct.calcsize(FORMS[form])
+    low = 0 if form.startswith("u") else -(1 << bits - 1)
+    body = b"\xa5\x5a" + struct.pack(f">{FORMS[form]}", low + end * ((1 << bits) - 1)).ljust(6, b"\0")
+    (sample,) = read.feed(body + checked("sum16", body).to_bytes(2, "big"))
+    assert sample.saturated == (kind != "angle")

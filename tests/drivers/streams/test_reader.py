@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from vcfbench.clock import Deadline, VirtualClock
-from vcfbench.drivers.streams.description import FrameQuantity, Stream
+from vcfbench.drivers.streams.description import FrameCheck, FrameCounter, FrameQuantity, Stream
 from vcfbench.drivers.streams.reader import StreamReader
 
 if TYPE_CHECKING:
@@ -69,3 +69,47 @@ def test_missing_lines_are_told_by_time(missing: float, late_s: float) -> None:
     assert seen["u_dropped"] < 0.004 * between
     assert abs(seen["dropped"] - due) <= 3.0 * seen["u_dropped"] + 0.5
     assert (seen["u_dropped"] > 0.0) == (bool(missing) or bool(late_s))
+
+
+class Frames(Lines):
+    """The same in bytes, with a number each; the first bytes after a wait are the end of a frame."""
+
+    def __init__(self, clock: VirtualClock, missing: float, stream: Stream, seed: int) -> None:
+        super().__init__(clock, missing, 0.0, seed)
+        self.stream, self.fresh = stream, True
+
+    def receive(self, deadline: Deadline) -> tuple[bytes, bool]:
+        super().receive(deadline)
+        body = bytes.fromhex(self.stream.header) + bytes([self.number % 256]) + self.random.randbytes(2)
+        sent = body + bytes([sum(body) & 0xFF if self.stream.checksum.name == "sum8" else 0])
+        first, self.fresh = self.fresh, False
+        return (sent[3:] if first else sent), False
+
+    def clear(self, deadline: Deadline) -> None:
+        super().clear(deadline)
+        self.fresh = True
+
+
+@pytest.mark.parametrize("header", ["A5 5A", "5A"])
+@pytest.mark.parametrize("checksum", ["none", "sum8"])
+@pytest.mark.parametrize("missing", [0.0, 0.02, 0.05])
+def test_clock_is_on_time_behind_missing_frames(missing: float, checksum: str, header: str) -> None:
+    first = len(bytes.fromhex(header))
+    stream = Stream(
+        resource="sim",
+        sample_rate_hz=HZ,
+        header=header,
+        length=first + 4,
+        checksum=FrameCheck(name=checksum),
+        counter=FrameCounter(at=first, type="uint8"),
+        value=FrameQuantity(at=first + 1),
+        clock_ppm=0.0,
+    )
+    for seed in range(20):
+        clock = VirtualClock()
+        reader = StreamReader("stream", "sim", Frames(clock, missing, stream, seed).connect, stream, clock)
+        for number in range(4):
+            clock.sleep_until(1.0 + number)
+            reader.read_voltage_v()
+            off_ppm = reader.health()["clock_ppm"]
+            assert off_ppm is None or abs(off_ppm) < 1.0  # no frame is late

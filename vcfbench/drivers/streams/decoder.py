@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from vcfbench.drivers.streams.checksums import CHECKSUMS
 from vcfbench.drivers.streams.description import FrameNumber, FrameQuantity, Stream
@@ -25,6 +26,8 @@ class Sample(Struct, frozen=True):
     saturated: bool
     status: int | None
     """The status, where it is not as it should be."""
+    late: bool = False
+    """Whether its last byte came earlier, and only what followed shows that it is a frame."""
 
 
 class Decoder:
@@ -47,10 +50,11 @@ class Decoder:
 
     def feed(self, data: bytes) -> list[Sample]:
         """Take bytes and return the frames that are whole now."""
+        before = len(self._buffer)
         self._buffer += data
-        return self._of_lines() if self._lines else self._of_bytes()
+        return self._of_lines() if self._lines else self._of_bytes(before)
 
-    def _of_bytes(self) -> list[Sample]:
+    def _of_bytes(self, before: int) -> list[Sample]:
         found, buffer, header, length = [], self._buffer, self._header, self._stream.length or 0
         weak, begin = self._stream.checksum.name in _WEAK, 0
         while len(buffer) - begin >= length:
@@ -76,8 +80,8 @@ class Decoder:
                 begin += 1
                 continue
             self._in_step = True
-            found.append(sample)
             begin += length
+            found.append(replace(sample, late=begin <= before))
         del buffer[:begin]
         return found
 
@@ -140,7 +144,7 @@ class Decoder:
         if not all(map(math.isfinite, raw.values())):
             return None
         value, (low, high) = _scaled(stream.value, raw["value"]), stream.value.ends
-        at_end = not self._lines and not low < raw["value"] < high
+        at_end = not self._lines and stream.kind != "angle" and not low < raw["value"] < high
         beyond = stream.full_scale is not None and abs(value) >= stream.full_scale
         ill = None
         if stream.status is not None and (int(raw["status"]) ^ stream.status.ok) & stream.status.mask:

@@ -161,7 +161,7 @@ class StreamReader:
                 yield
                 continue
             sample, t_s = found
-            if t_s < from_s:
+            if t_s < from_s or (sample.late and not taken):
                 continue
             if taken:
                 gone = 1
@@ -174,7 +174,7 @@ class StreamReader:
                 steps += gone
             taken.append(sample)
             times_s.append(t_s)
-            if steps + 1 >= wanted:
+            if steps + 1 >= wanted and not sample.late:
                 break
         bad, dropped = self._decoder.bad - bad_before, steps + 1 - len(taken)
         self._frames += len(taken)
