@@ -17,6 +17,7 @@ from vcfbench.archive.batch_sheet import device_rows
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.bench import open_bench
+from vcfbench.drivers.streams.reader import StreamReader
 from vcfbench.errors import BenchError, ConfigError
 from vcfbench.procedures.bench_file import checked_bench
 from vcfbench.procedures.layers import asked_in_python
@@ -279,6 +280,30 @@ def test_reading_uses_frames_after_its_start() -> None:
         bench.adjust("applied_rate_deg_s", 50.0)
         bench.clock.sleep_until(bench.clock.now() + 1.0)
         assert bench.multimeter.read_voltage_v() - before == pytest.approx(50.2, abs=0.2)
+
+
+@pytest.mark.parametrize("latency_s", [0.003, 0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("pause_s", [0.02, 0.12, 0.17, 0.22, 0.5])
+def test_none_of_late_numbers_is_missing(latency_s: float, pause_s: float) -> None:
+    with open_bench(stream_bench("vn100", latency_s=latency_s), seed=1, needs=["multimeter"]) as bench:
+        reader = bench.multimeter
+        assert isinstance(reader, StreamReader)
+        for _ in range(6):
+            reader.read_voltage_v()
+            bench.clock.sleep_until(bench.clock.now() + pause_s)
+        assert reader.health()["dropped"] == 0
+
+
+@pytest.mark.parametrize("latency_s", [0.2, 0.4])
+def test_numbers_of_a_long_latency_are_old(latency_s: float) -> None:
+    with open_bench(stream_bench("adis16495", latency_s=latency_s), seed=1, needs=["multimeter"]) as bench:
+        assert bench.adjust is not None
+        bench.clock.sleep_until(5.0)
+        before = bench.multimeter.read_voltage_v()
+        bench.clock.sleep_until(bench.clock.now() + 1.0)
+        bench.adjust("applied_rate_deg_s", 50.0)
+        new = 1.0 - latency_s / 0.5  # share of the aperture that is not from before
+        assert bench.multimeter.read_voltage_v() - before == pytest.approx(50.2 * new, abs=1.5)
 
 
 @pytest.mark.parametrize("procedure", ["virtual-coriolis", "warmup", "online", "g-sensitivity"])

@@ -137,8 +137,11 @@ class StreamTwin:
         return part, False
 
     def wake_at(self) -> float | None:
-        """Return the instant of the end or arrival of the next frame; None without a listener."""
-        if self._clock.now() > self._heard_s + _IDLE_S + 2.0 * self._period_s:
+        """Return the instant of the end or arrival of the next frame; None without a listener.
+
+        Whoever listens next hears the frames of one latency ago, so a device with a long one makes them all.
+        """
+        if self._errors.latency_s <= _IDLE_S and self._clock.now() > self._heard_s + _IDLE_S + 2.0 * self._period_s:
             return None
         self._make()
         return min(each[0][0] for each in (self._windows, self._coming) if each)
@@ -180,6 +183,8 @@ class StreamTwin:
             gone = max(0, math.ceil((now - self._over_s) / period_s))
             self._count += gone
             self._begin_s = self._over_s + gone * period_s
+            if gone:  # what comes has no gap: the frames before one are not heard either
+                self._coming = deque(each for each in self._coming if each[0] <= now)
         while self._begin_s <= now + max(_AHEAD_S, period_s):
             end_s = self._begin_s + period_s
             windows = {key: each.window("input", self._begin_s, end_s) for key, each in self._outputs.items()}
