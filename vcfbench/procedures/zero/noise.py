@@ -227,9 +227,11 @@ def gainsaid_by(fit: NoiseFit, means: Floats, length_s: float) -> str:
         slope = float(np.polyfit(np.arange(means.size), means, 1)[0]) * means.size / length_s
         if abs(slope) < ramp.value - _FOLLOWS * math.hypot(ramp.u, k * math.sqrt(1.2 / length_s)):
             return _NO_RAMP
+    if not k:
+        return ""
     white = fit.coefficients.angle_random_walk**2 * means.size / length_s
     comes_back = float(np.var(means)) - white < _LEAST_WANDER * k**2 * length_s
-    return _NO_WALK if comes_back or (k > 0.0 and is_swing(means)) else ""
+    return _NO_WALK if comes_back or is_swing(means) else ""
 
 
 def is_swing(means: Floats) -> bool:
