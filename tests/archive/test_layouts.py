@@ -344,6 +344,23 @@ def test_columns_of_another_fit_are_no_outputs(tmp_path: Path, name: str) -> Non
     assert list(analyze(tmp_path / "table.csv").series) == ["out [V]"]
 
 
+@pytest.mark.parametrize("unit", ["V", "mV", "VDC", "Volt DC", "uV"])
+@pytest.mark.parametrize("head", ["Reading,Unit", "Value,Units", "Reading [],unit", "Reading [{}],Unit"])
+def test_unit_in_a_column_of_its_own_is_that_of_the_column_before(tmp_path: Path, unit: str, head: str) -> None:
+    factor = {"mV": 1e-3, "uV": 1e-6}.get(unit, 1.0)
+    file, rest = tmp_path / "dmm.csv", tmp_path / "rest.csv"
+    names, column = head.format(unit), head.format(unit).split(",")[0]
+    file.write_text(f"rate_dps,{names}\n" + "".join(f"{x},{0.5 * x / factor!r},{unit}\n" for x in (-3, -1, 0, 2, 4)))
+    found = analyze(file)
+    assert found.series[column].line.scale_factor == pytest.approx(0.5)
+    assert found.notes == (f"not analysed: {names.split(',')[1]}",)
+    rest.write_text(log(f"t_s,{names}\n", f"{{t}},{{x}},{unit}"))
+    read = analyze_record(rest, scale_factor_per_deg_s=0.5, layout=Layout(columns=(column,)))
+    assert read.mean_deg_s == pytest.approx(2.0 * MEAN * factor)
+    with pytest.raises(ConfigError, match=f"column {re.escape(column)}: the name says kV"):
+        analyze(file, layout=Layout(units={column: "kV"}))
+
+
 def test_supply_is_no_output(tmp_path: Path) -> None:
     rows = "".join(f"{x},{-2 * x + 0.1 * x**2},5.0{k}\n" for k, x in enumerate((-3, -1, 0, 1, 3)))
     (tmp_path / "table.csv").write_text("rate [dps],out [mV],supply [V]\n" + rows)

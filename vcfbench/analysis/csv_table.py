@@ -33,6 +33,8 @@ _SAMPLE = 400
 _FORMULA = "=+-@"
 """First characters that spreadsheets take for a formula: names of columns go on into files that others open."""
 _BRACKETS = "[](){} "
+_UNITS = {"unit", "units", "einheit"}
+"""Names of columns that have the unit of the one before."""
 _END_OF_HEADER = "***End_of_Header***"
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = {"comma": ",", "semicolon": ";", "tab": "\t", "space": " ", ",": ",", ";": ";", "\t": "\t", " ": " "}
@@ -168,6 +170,7 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     names = [with_unit(each, layout.units[each.written]) if each.written in layout.units else each for each in names]
     sample = [_cells(text, separator) for text in texts[at : at + _SAMPLE]]
     full = tuple(tuple(row) for row in sample if len(row) == len(header))
+    names = units_beside(names, full, f"{name}, line {at + 1}")
     two = _TWO_NUMBERS.fullmatch(full[0][0]) if full and len(header) == 1 else None
     if two and two[1] in header[0]:
         raise ConfigError(f"{name}: {full[0][0]!r} is not a number", hint=f"--separator '{two[1]}'")
@@ -195,6 +198,17 @@ def _spreads_beside(names: Sequence[ColumnName], layout: Layout) -> list[ColumnN
         if each.spread and (each.written in asked or (_U_ALONE.match(each.written) and each.base not in bases))
     ]
     return [column_name(each.written, spreads=each.written not in taken) for each in names]
+
+
+def units_beside(names: Sequence[ColumnName], rows: Sequence[Sequence[str]], where: str) -> list[ColumnName]:
+    """Return the names with the units that stand in a column of units behind theirs, as multimeters write them."""
+    found = list(names)
+    for place in range(1, len(found) if rows else 0):
+        words, before = {row[place] for row in rows}, found[place - 1]
+        unit = unit_of(words.pop()) if found[place].base in _UNITS and len(words) == 1 else None
+        if unit is not None and before.kind in {None, unit.kind}:
+            found[place - 1] = _with_unit(before, unit.written, where)
+    return found
 
 
 def with_unit(name: ColumnName, written: str) -> ColumnName:
