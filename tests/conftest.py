@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from serial.urlhandler import protocol_socket
-from simrack_tests.cells import of_other_fourths
+from simrack_tests.cells import of_other_sixths
 from simrack_tests.ports import PLENTY_S
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         }:
             raise pytest.UsageError(f"say `exhaustive` in {unseen}, else `-m exhaustive` does not look there")
         items[:] = [item for item in items if item.get_closest_marker("exhaustive") is None]
-    elif not_drawn := set(of_other_fourths(items)):
+    elif not_drawn := set(of_other_sixths(items)):
         config.hook.pytest_deselected(items=list(not_drawn))
         items[:] = [item for item in items if item not in not_drawn]
     for item in items:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from simrack_tests.cells import of_other_fourths
+from simrack_tests.cells import of_other_sixths
 
 HERE = Path(__file__).parent
 QUICK = ("rate_tables/", "scpi/")
@@ -18,7 +18,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in ours:
         if item.path.relative_to(HERE).as_posix().startswith(QUICK) and item.get_closest_marker("slow") is None:
             item.add_marker(pytest.mark.quick)
-    left_out = set(of_other_fourths(ours))
+    left_out = set(of_other_sixths(ours))
     if "exhaustive" not in config.option.markexpr:
         left_out = {item for item in ours if item.get_closest_marker("exhaustive") is not None}
     config.hook.pytest_deselected(items=list(left_out))

@@ -1,4 +1,4 @@
-"""Cells of matrices: each exhaustive test is in one fourth."""
+"""Cells of matrices: each exhaustive test is in one sixth."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ from typing import Any
 
 import pytest
 
-from simrack_tests.cells import of_other_fourths
+from simrack_tests.cells import of_other_sixths
 
 
 @pytest.mark.exhaustive
-def test_each_exhaustive_test_is_in_one_fourth(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_exhaustive_test_is_in_one_sixth(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     items: list[Any] = request.session.items
     asked = [item for item in items if item.get_closest_marker("exhaustive") is not None]
     drawn = []
-    for fourth in range(4):
-        monkeypatch.setenv("EXHAUSTIVE_FOURTH", str(fourth))
-        drawn += [item for item in asked if item not in of_other_fourths(items)]
+    for sixth in range(6):
+        monkeypatch.setenv("EXHAUSTIVE_SIXTH", str(sixth))
+        drawn += [item for item in asked if item not in of_other_sixths(items)]
     assert asked
     assert sorted(drawn, key=id) == sorted(asked, key=id)
-    monkeypatch.delenv("EXHAUSTIVE_FOURTH")
-    assert of_other_fourths(items) == []
+    monkeypatch.delenv("EXHAUSTIVE_SIXTH")
+    assert of_other_sixths(items) == []
