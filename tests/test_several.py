@@ -20,7 +20,7 @@ from tests import warm
 from tests.seals import sealed
 from tests.test_resume import cut
 from tests.test_streams import FAULTS, LEFT_ALONE, TABLE
-from vcfbench.archive.lot import spread_of
+from vcfbench.archive.lot import spreads_of
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
 from vcfbench.drivers.streams.reader import StreamReader
@@ -399,8 +399,7 @@ def test_the_record_of_one_device_says_nothing_of_several() -> None:
 
 def test_shared_error_is_in_mean_not_in_differences(whole: Run) -> None:
     run = whole
-    spread = spread_of(run.devices)
-    assert spread is not None
+    (spread,) = spreads_of(run.devices)
     rate = [
         next(part.u for part in each.values["scale_factor"].parts if part.source == TABLE_RATE) for each in run.devices
     ]
@@ -413,6 +412,20 @@ def test_shared_error_is_in_mean_not_in_differences(whole: Run) -> None:
     text = vcfbench.text_of(vcfbench.load_run(str(run.directory)).report())
     assert "Common to all: acl at sim://paper" in text
     assert all(f"G-{number}" in text for number in (1, 2))
+
+
+@pytest.mark.parametrize("counts", [(1, 0, 0), (0, 1, 1), (1, 0, 1, 0)])
+def test_spread_is_of_devices_with_one_unit(counts: tuple[int, ...], tmp_path: Path) -> None:
+    count = {"stream": {"unit": "LSB"}, "simulation": {"errors": {"multimeter": {"lsb_per_deg_s": 5000.0}}}}
+    device = [{"name": f"G-{n}", "resource": f"ASRL{n}", **(count if each else {})} for n, each in enumerate(counts)]
+    run = vcfbench.run("turntable", several(device=device), seed=1, settings=QUICK, runs=tmp_path)
+    alike = [sum(counts), len(counts) - sum(counts)]
+    spreads = spreads_of(run.devices)
+    assert sorted(each.devices for each in spreads) == sorted(each for each in alike if each > 1)
+    for each in spreads:
+        found = [run.values["scale_factor"] for run in run.devices]
+        own = [value.value or 0.0 for value in found if value.named.unit == each.unit]
+        assert min(own) <= each.mean <= max(own)
 
 
 @pytest.mark.exhaustive
@@ -450,7 +463,7 @@ def test_multimeters_of_each_device_read_at_the_same_time(tmp_path: Path) -> Non
     assert all(verify_run(str(each.directory)).wrong is None for each in run.devices)
     with pytest.raises(PlanError, match="without gaps is taken of one device"):
         vcfbench.dry_run("zero", bench, settings={"mode": "gapless"})
-    with pytest.raises(ConfigError, match="kvc goes its own way with each device"):
+    with pytest.raises(ConfigError, match="kvc needs separate steps for each device"):
         vcfbench.dry_run("kvc", bench)
 
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 
 from vcfbench.archive.change import Compared, covariance
 from vcfbench.archive.run import Run
-from vcfbench.archive.value_columns import columns_of
+from vcfbench.archive.value_columns import ValueColumn, columns_of
 from vcfbench.procedures.axes import AxesResult, matrix
 from vcfbench.reports.document import Column, Part, Report, Table, Text, heads
 from vcfbench.values.printing import shorthand
@@ -49,11 +49,25 @@ class Spread(Struct, frozen=True):
         return "\n".join(said)
 
 
-def spread_of(runs: Sequence[Run]) -> Spread | None:
-    """Return the spread of the scale factors of devices that were measured together; None where fewer than two are."""
-    found = [(Compared(each), value) for each in runs if (value := _scale_factor(each)) is not None]
-    if len(found) < 2:
-        return None
+def spreads_of(runs: Sequence[Run]) -> list[Spread]:
+    """Return the spreads of the scale factors of devices that were measured together.
+
+    There is one for each unit and definition that two devices or more have.
+    """
+    groups: list[list[tuple[Run, Value]]] = []
+    for each in runs:
+        if (value := _scale_factor(each)) is None:
+            continue
+        column = ValueColumn.of(value)
+        group = next((one for one in groups if column.holds(one[0][1])), None)
+        if group is None:
+            groups.append(group := [])
+        group.append((each, value))
+    return [_spread(each) for each in groups if len(each) > 1]
+
+
+def _spread(group: Sequence[tuple[Run, Value]]) -> Spread:
+    found = [(Compared(run), value) for run, value in group]
     shared = [covariance(a, b, one, other) for (one, a), (other, b) in combinations(found, 2)]
     values = [value.value or 0.0 for _, value in found]
     variances = [(value.u or 0.0) ** 2 for _, value in found]
@@ -93,9 +107,9 @@ def lot_report(run: Run) -> Report:
     own = [each for each in run.devices if each.error is not None and str(each.error) != str(run.error)]
     failed = [f"{each.metadata.dut} ended early: {each.error}" for each in own]
     axes = {each.metadata.dut or "": each for each in run.devices if isinstance(each.results, AxesResult)}
-    spread = None if axes else spread_of(run.devices)
+    spreads = [] if axes else spreads_of(run.devices)
     below = [f"* U95 is incomplete: without {', '.join(lacks)}."] if lacks else []
-    words = [*below, *failed, *([] if spread is None else [spread.describe()])]
+    words = [*below, *failed, *(each.describe() for each in spreads)]
     parts: list[Part] = [Table([*head, *heads("<ended")], rows)] if rows else []
     parts += [Text(f"{said[:1].upper()}{said[1:]}.")] if said else []
     parts += [Text("\n".join(words))] if words else []
