@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 from msgspec import structs
+from scipy.io import loadmat
 from simrack_tests.cells import few
 
 import vcfbench
@@ -145,6 +146,21 @@ def test_study_has_truth_in_unit_of_stream(unit: str) -> None:
     bench = stream_bench({**FRAME, **NUMBERS[unit]}, lsb_per_deg_s=5000.0)
     run = vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=None)
     assert run.values["scale_factor"].value == pytest.approx(truth_of(run, bench)["scale_factor"], rel=1e-4)
+
+
+@pytest.mark.parametrize("unit", few(NUMBERS, "LSB"))
+def test_exports_and_comparisons_keep_the_unit_of_the_output(unit: str, tmp_path: Path) -> None:
+    benches = stream_bench({**FRAME, **NUMBERS[unit]}), PAPER
+    runs = [vcfbench.run("turntable", bench, seed=1, settings=QUICK, runs=tmp_path) for bench in benches]
+    for run in runs:
+        for raw in (False, True):
+            vcfbench.export_run(run, tmp_path / "out.mat", raw=raw)
+            units = loadmat(tmp_path / "out.mat", simplify_cells=True)["units"]
+            of_output = {units[key] for key in ("voltage_v", "output_v", "std_v") if key in units}
+            assert of_output == {run.values["bias"].unit}
+            assert {each for key, each in units.items() if key.startswith("v_vc")} == {"V"}
+    assert vcfbench.compare_runs(*runs).points == ()
+    assert vcfbench.compare_runs(runs[0], runs[0]).points
 
 
 @pytest.mark.exhaustive

@@ -138,7 +138,8 @@ def compare_runs(*runs: Run, devices: str | Path = "devices") -> RunComparison:
         numbers, u = tuple(each.value or 0.0 for each in found), tuple(each.u for each in found)
         missing = tuple(tuple(each.missing) for each in found)
         results.append(SharedResult(name, first.unit, numbers, u, unlike, missing, first.named.words))
-    points = tuple(run.points for run in runs) if _alike(*(run.points for run in runs)) else ()
+    one_unit = len({unit_of_record(run.header) for run in runs}) == 1
+    points = tuple(run.points for run in runs) if one_unit and _alike(*(run.points for run in runs)) else ()
     if not results and not points and not others:
         has = []
         for run, values in zip(runs, of_each, strict=True):

@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.records.damage import own_readings
@@ -78,26 +79,30 @@ def points(journal: Path) -> tuple[ExportColumn, ...]:
     lines = lines_of(journal)
     found = [Point.from_json(line["point"]) for line in lines if line.get("type") == "step" and "point" in line]
     rows = [point.as_json() for point in found]
-    return _columns({name: [row.get(name) for row in rows] for name in point_columns(found)})
+    unit = unit_of_record(read_header(journal))
+    return _columns({name: [row.get(name) for row in rows] for name in point_columns(found)}, unit)
 
 
 def readings(journal: Path) -> tuple[ExportColumn, ...]:
     """Return every reading in the order of time, window after window: pieces of arrays, so that many need no more."""
-    pieces = list(_pieces(lines_of(journal), float(read_header(journal).get("began_s", 0.0))))
+    header = read_header(journal)
+    pieces = list(_pieces(lines_of(journal), float(header.get("began_s", 0.0))))
     table = np.concatenate([np.empty((0, len(_READING))), *pieces])
     del pieces
     table = table[np.argsort(table[:, _READING.index("t_s")], kind="stable")]
     measured = table.shape[1] - int(np.isnan(table[:, -1]).all())  # columns: the last is left out where V_Vc was not
-    return _columns(dict(zip(_READING[:measured], table.T, strict=False)))
+    return _columns(dict(zip(_READING[:measured], table.T, strict=False)), unit_of_record(header))
 
 
-def _columns(values: Mapping[str, Iterable[Any]]) -> tuple[ExportColumn, ...]:
+def _columns(values: Mapping[str, Iterable[Any]], of_output: str) -> tuple[ExportColumn, ...]:
     columns = []
     for name, given in values.items():
         array: Any = np.ascontiguousarray(given, dtype=np.float64)
         if name in _COUNTS:
             array = array.astype(np.int64)
         unit = next((unit for end, unit in _UNITS.items() if name.endswith(end)), "1")
+        if unit == "V" and not name.startswith("v_vc_"):
+            unit = of_output
         columns.append(ExportColumn(name, unit, _MEANINGS[name], array))
     return tuple(columns)
 
