@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.signal import butter, lfilter
+from scipy.special import erfc
 
 from tests.analysis.noise import flicker
-from vcfbench.analysis.allan import Sampling, Term, allan_deviation, averaging_factors
-from vcfbench.analysis.noise_model import noise_model
+from vcfbench.analysis.allan import Sampling, Term
+from vcfbench.procedures.zero.noise import record_noise
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -55,11 +56,18 @@ KINDS: dict[str, Callable[[np.random.Generator, int], Floats]] = {
     "held4": lambda r, n: np.repeat(r.standard_normal(n // 4), 4) / 2.0,
     "decimated": lambda r, n: 2.0 * low_pass(0.05)(r, 4 * n)[::4],
     "quantised": lambda r, n: np.round(r.standard_normal(n) / 2.0) * 2.0,
+    "jittered": lambda r, n: r.standard_normal(n) / np.sqrt(r.uniform(0.8, 1.2, n)),
+    "swing": lambda r, n: (
+        r.standard_normal(n)
+        + r.uniform(0.1, 0.4) * np.sin(2.0 * np.pi * (r.uniform(1.0, 20.0) * np.arange(n) / n + r.uniform()))
+    ),
 }
 """Of each the N that remains is 1 but where `DENSITY` has another."""
 _POLE = np.exp(-0.1 * np.pi)
 _FOLDED = sum((1.0 - _POLE) ** 2 / abs(1.0 - _POLE * np.exp(0.5j * np.pi * turn)) ** 2 for turn in range(4))
-DENSITY = {"decimated": np.sqrt(_FOLDED), "quantised": np.sqrt(1.0 + 4.0 / 12.0)}
+_ROUNDED = sum(4.0 * (2 * k + 1) * erfc((2 * k + 1) / np.sqrt(2.0)) for k in range(4))
+"""Variance of such readings rounded to multiples of 2: of |x| > 2 k + 1 it grows by 4 (2 k + 1)."""
+DENSITY = {"decimated": np.sqrt(_FOLDED), "quantised": np.sqrt(_ROUNDED), "jittered": np.sqrt(2.5 * np.log(1.5))}
 TRUE_B, TRUE_K = {"flicker": 0.1}, {"walk": 30.0}
 
 
@@ -92,13 +100,13 @@ def main() -> int:
 def _one(kind: str, size: int, seed: int) -> tuple[float, float, bool, bool, bool, bool, bool]:
     """Return N and its u (0: not stated), whether its bound holds, and of B and K whether stated, and held."""
     record = KINDS[kind](np.random.default_rng(seed), size) / DENSITY.get(kind, 1.0)
-    curve = allan_deviation(record, 1.0, averaging_factors(record.size, 2), confidence=0.95)
-    terms = noise_model(curve, record.size, Sampling.without_gaps(1.0)).fit.terms
-    n, b, k = (terms[term] for term in (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK))
+    found = record_noise(record, Sampling.without_gaps(1.0), corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0)
+    terms = {each.words: each for each in found.coefficients}
+    n, b, k = (terms[term.value] for term in (Term.ANGLE_RANDOM_WALK, Term.BIAS_INSTABILITY, Term.RATE_RANDOM_WALK))
     return (
-        *(n.value, n.u or 0.0, n.upper_95 >= 1.0),
-        *(b.u is not None, b.upper_95 >= TRUE_B.get(kind, 0.0)),
-        *(k.u is not None, k.upper_95 >= TRUE_K.get(kind, 0.0) / size),
+        *((n.value or 0.0) / 60.0, (n.u or 0.0) / 60.0, n.upper_95 >= 60.0),
+        *(b.u is not None, b.upper_95 >= 3600.0 * TRUE_B.get(kind, 0.0)),
+        *(k.u is not None, k.upper_95 >= 3600.0 * 60.0 * TRUE_K.get(kind, 0.0) / size),
     )
 
 
