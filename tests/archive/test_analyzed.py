@@ -115,3 +115,19 @@ def test_output_that_does_not_follow_is_asked_for(tmp_path: Path) -> None:
         with pytest.raises(ConfigError, match="does not follow") as error:
             analyze(file)
         assert f"--columns '{rate}'" in (error.value.hint or "")
+
+
+@pytest.mark.parametrize("unit", ["LSB", "deg/s", "rad/s", "mdps", "mV", "V"])
+def test_points_of_a_record_take_the_unit_of_the_option(unit: str, tmp_path: Path) -> None:
+    rows = [f"1,{rate},0,{3.1 * rate + 0.1 * (rate % 3)},0.2,4" for rate in (-100.0, -20.0, 0.0, 50.0, 100.0)]
+    file = tmp_path / "points.csv"
+    file.write_text("\n".join(["step,rate_deg_s,v_vc_v,output_v,std_v,n", *rows, ""]), "utf-8")
+    asked = ("rate_deg_s", "output_v")
+    by_step = analyze(file, layout=Layout(units={"output_v": unit}))
+    by_column = analyze(file, layout=Layout(columns=asked, units={"output_v": unit}))
+    assert list(by_step.units.values()) == list(by_column.units.values())
+    of_step, of_column = (next(iter(each.series.values())) for each in (by_step, by_column))
+    assert of_step.line.scale_factor == pytest.approx(of_column.line.scale_factor)
+    plain = next(iter(analyze(file).series.values()))  # readings scatter in proportion
+    shares = [each.type_a.u_output_v / each.line.scale_factor for each in (plain, of_step) if each.type_a is not None]
+    assert shares == pytest.approx([shares[0]] * 2)

@@ -386,15 +386,18 @@ def _outputs_beside(head: Head, rates: Sequence[int]) -> list[int]:
 
 
 def _steps(raw: IO[bytes], head: Head) -> dict[str, TableColumn]:
-    """Return every step of a record's points that has enough for a line."""
+    """Return every step of a record's points that has enough for a line; the scatter is in the unit of the output."""
     values = read_numbers(raw, head, range(len(POINT_COLUMNS))).values
+    unit = head.names[POINT_COLUMNS.index("output_v")].unit
+    kind, factor = ("V", 1.0) if unit is None else (unit.kind.value, unit.factor)
     values = values[np.argsort(values[:, 0], kind="stable")]
     found = {}
     for rows in np.split(values, np.flatnonzero(np.diff(values[:, 0])) + 1):
         step, (_, rate, _, output, std, counts) = float(rows[0, 0]), rows.T
         if rate.size >= _FEWEST_POINTS and np.ptp(rate) > 0.0:
             u = std / np.sqrt(np.maximum(counts, 1.0))
-            found[_SERIES_OF_STEP.get(int(step), f"step_{step:g}")] = TableColumn(rate, output, u)
+            name = _SERIES_OF_STEP.get(int(step), f"step_{step:g}")
+            found[name] = TableColumn(rate, factor * output, factor * u, kind)
     if not found:
         raise ConfigError(f"{head.file}: no step has {_FEWEST_POINTS} points at different rates")
     return found
