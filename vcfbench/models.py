@@ -269,6 +269,7 @@ MODELS: Final[tuple[Model, ...]] = (
         driver="vcfbench.drivers.ats545:TemptronicATS545",
         twin="simrack.instruments.ats545:TemptronicATS545Twin",
         makers=("TEMPTRONIC", "INTEST"),
+        rs232=True,
         answers={"*IDN?": "Temptronic,ATS-545,0,1.0", "AUXC?": "0", "*ESR?": "0"},
     ),
 )

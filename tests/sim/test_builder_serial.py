@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
 import pyvisa
 
 from vcfbench.bench.bench import open_bench
+from vcfbench.bench.check import check_bench
 from vcfbench.clock import VirtualClock
 from vcfbench.errors import DeadlineExceeded
+from vcfbench.models import MODELS, Model
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.builder import SimulatedBench
 from vcfbench.station.file import embedded_text
@@ -121,3 +124,13 @@ def test_a_table_does_not_answer_at_the_wrong_speed() -> None:
         open_bench(parse_bench(text, "serial")),
     ):
         pass
+
+
+@pytest.mark.parametrize("model", sorted({model.twin: model for model in MODELS}.values(), key=lambda row: row.name))
+def test_each_model_answers_on_a_serial_port(model: Model) -> None:
+    """What has none of its own is behind a converter, where an early read is no error."""
+    role = model.roles[0]
+    text = re.sub(rf"(?ms)^\[{role}\]\n.*?^resource = .*?$", "", embedded_text("lab"))
+    text += f'\n[{role}]\nmodel = "{model.name}"\nresource = "ASRL7::INSTR"\n'
+    (found,) = [each for each in check_bench(parse_bench(text, "serial")).instruments if each.role == role]
+    assert not found.problem

@@ -17,6 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from simrack.attendance import AttendedClock
 from simrack.device import Device
 from simrack.leads import Leads, LoadingLeads
+from simrack.scpi.dialect import LAN
 from simrack.scpi.twin import tell_apart
 from simrack.wires import serial_backend
 from simrack.wires.handshake_line import line_of
@@ -131,6 +132,9 @@ class SimulatedBench(Struct, frozen=True):
         apart = {"rate_table", *self.stream_resources()}
         parts = {role: part_of(self.description, role) for role in self.devices if role not in apart}
         devices = {part.resource: self.devices[role] for role, part in parts.items()}
+        for part in parts.values():  # a converter gives a box without RS-232 a serial port, which knows no exchanges
+            if part.resource.upper().startswith("ASRL") and not _is_serial(part):
+                cast("Any", devices[part.resource]).engine.interface = LAN
         for part in filter(_is_serial, parts.values()):  # its line is set on its front panel as the bench file has it
             line = SerialSettings() if part.serial is None else part.serial
             frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))
