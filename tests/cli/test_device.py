@@ -184,3 +184,17 @@ def test_older_record_without_values_has_its_row(tmp_path: Path) -> None:
     (row,) = device_rows("G-9", tmp_path / "runs", tmp_path / "devices")
     assert row.scale_factor is not None
     assert row.scale_factor.name == "turntable.scale_factor"
+
+
+def test_history_of_stream_as_csv_is_in_its_unit(tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    assert CliRunner().invoke(app, ["sim", "new", str(own), "--stream", "adis16495"]).exit_code == 0
+    settings = {"rates_deg_s": [100, 0, -100], "samples": 3, "settle_s": 0.5}
+    runs, devices = tmp_path / "runs", tmp_path / "devices"
+    found = vcfbench.run("turntable", own, settings=settings, metadata={"dut": "S-1"}, runs=runs).results
+    words = ("S-1", "--devices", str(devices), "--runs", str(runs), "--csv")
+    (row,) = csv.DictReader(io.StringIO(call(*words).stdout))
+    assert row["unit"] == "deg/s"
+    assert float(row["line_scale_factor_of_unit_per_deg_s"]) == pytest.approx(found.scale_factor.value)
+    assert float(row["line_bias_of_unit"]) == pytest.approx(found.bias.value)
+    assert (row["line_scale_factor_v_per_deg_s"], row["line_bias_v"]) == ("", "")

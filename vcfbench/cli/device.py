@@ -62,7 +62,13 @@ _OF_RUNS = {
     "line_nonlinearity_ppm": ("nonlinearity", None),
 }
 """The kinds of values of runs by their columns in CSV, those of lines on the table behind those of entries."""
-_CSV = (*_COLUMNS, *(each for key, (_, u) in _OF_RUNS.items() if key not in _COLUMNS for each in (key, u) if each))
+_OF_STREAMS = {
+    "line_scale_factor_v_per_deg_s": "line_scale_factor_of_unit_per_deg_s",
+    "line_bias_v": "line_bias_of_unit",
+}
+"""Columns of lines by those in V: of a device whose output is a stream, in the unit of the row."""
+_OF_LINES = (each for key, (_, u) in _OF_RUNS.items() if key not in _COLUMNS for each in (key, u) if each)
+_CSV = (*_COLUMNS, *_OF_LINES, "unit", *_OF_STREAMS.values())
 
 _UNITS_OF_TIME = (("d", 86_400.0), ("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
@@ -305,6 +311,9 @@ def _row_of_run(run: SheetRow) -> dict[str, Any]:
     row: dict[str, Any] = {name: getattr(run, name, None) for name in ("drift_ppm", "u_drift_ppm", "e_n", "verdict")}
     row |= {"entry": run.run, "kind": run.procedure, "done": run.started.isoformat(timespec="seconds")}
     for key, (kind, u) in _OF_RUNS.items():
-        found = next((each for each in run.values if each.kind == kind and each.unit == KINDS[kind].si), None)
-        row |= {} if found is None else {key: found.value} | ({} if u is None else {u: found.u})
+        found = next((each for each in run.values if each.kind == kind), None)
+        if found is not None and (found.unit == KINDS[kind].si or key in _OF_STREAMS):
+            other = found.unit != KINDS[kind].si
+            row |= {_OF_STREAMS[key] if other else key: found.value} | ({} if u is None else {u: found.u})
+            row |= {"unit": found.unit} if key == "line_bias_v" else {}
     return row
