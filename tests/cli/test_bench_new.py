@@ -373,6 +373,15 @@ def test_stream_is_an_output_like_a_meter_and_counts_are_asked_for(
     assert "temperature needs rate_source or rate_table" in str(lacks["temperature"])
 
 
+def test_instruments_of_no_use_beside_a_stream_are_left_out(tmp_path: Path) -> None:
+    streamed = ("--set", "gyro.stream.profile=vn100", "--set", "gyro.stream.resource=/dev/ttyUSB7")
+    done = new("a.toml", *streamed, "--yes", *LATITUDE)
+    assert done.exit_code == 0, done.stderr
+    assert "34401A at GPIB0::22::INSTR is left out: the output is a stream" in done.stderr
+    assert "33220A at USB0::0x0957::0x0407::MY44021876::0::INSTR is left out: the output is a stream" in done.stderr
+    assert load_bench(tmp_path / "a.toml").rate_source is None
+
+
 @pytest.mark.exhaustive
 def test_served_stream_is_told_as_one(tmp_path: Path) -> None:
     sim = CliRunner().invoke(app, ["sim", "new", "sim.toml", "--stream", "vn100"])

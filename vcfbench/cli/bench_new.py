@@ -20,6 +20,7 @@ from vcfbench.errors import BenchError, ConfigError, ConnectFailed
 from vcfbench.procedures.bench_file import parse_bench
 from vcfbench.sim.served import served_places
 from vcfbench.station import discovery
+from vcfbench.station.consistency import NOT_BESIDE_STREAM
 from vcfbench.station.discovery import DiscoveredInstrument
 from vcfbench.station.new_station import LATITUDE, MAINS, RAIL, Draft
 
@@ -139,10 +140,13 @@ def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hin
     """Put an instrument that answered on the bench: in the role that it can have, or that a person chooses."""
     named = next((key.removesuffix(".resource") for key, value in given.items() if value == found.resource), hint)
     free = [role for role in discovery.places(found.model) if role not in draft.roles()]
+    useless = set(NOT_BESIDE_STREAM) if any(key.startswith(_STREAM) for key in given) else set()
     if found.model is None:
         typer.echo(f"{found.resource} is not recognised; put it on the bench if it is", err=True)
         typer.echo(f"  an instrument: --set ROLE.resource={found.resource} --set ROLE.like=MODEL", err=True)
         typer.echo(f"  a stream: --set {_STREAM}resource={found.resource} --set {_STREAM}profile=NAME", err=True)
+    elif set(free) & useless and named not in free:
+        typer.echo(f"{found.model} at {found.resource} is left out: the output is a stream", err=True)
     elif free:
         role = named if named in free else free[0]
         if ask:

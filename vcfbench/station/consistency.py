@@ -12,6 +12,8 @@ from vcfbench.station.description import BenchDescription, Device, RateTableRole
 from vcfbench.station.invalid_value import MOST_V, InvalidValue, beyond_output, lost_digits, turned_windows
 from vcfbench.station.parts import LimitKey, Node
 
+NOT_BESIDE_STREAM = ("multimeter", "rate_source", "v_vc_meter", "vibration_source")
+"""Roles that a bench has no use for where the output is a stream: they read or make volts of the device."""
 DRIVE_CHECK_NODES: tuple[Node, ...] = ("drive", "carrier")
 
 LIMITS_OF: Mapping[str, tuple[LimitKey, ...]] = MappingProxyType(
@@ -117,7 +119,7 @@ def _stream(description: BenchDescription) -> Iterator[InvalidValue]:
     """Check the stream that is the output, and that nothing is beside it that needs volts."""
     if not description.stream:
         return
-    for role in ("rate_source", "v_vc_meter", "vibration_source"):
+    for role in NOT_BESIDE_STREAM[1:]:
         if getattr(description, role) is not None:
             yield InvalidValue(role, "no such table with [gyro.stream]: the device has no input for V_Vc", role)
     for key, expected, came in description.stream.contradictions():
