@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import vcfbench
 from tests.cells import few
 from vcfbench.analysis.csv_table import Layout
 from vcfbench.archive.analyzed import analyze
@@ -131,3 +132,20 @@ def test_points_of_a_record_take_the_unit_of_the_option(unit: str, tmp_path: Pat
     plain = next(iter(analyze(file).series.values()))  # readings scatter in proportion
     shares = [each.type_a.u_output_v / each.line.scale_factor for each in (plain, of_step) if each.type_a is not None]
     assert shares == pytest.approx([shares[0]] * 2)
+
+
+COUNTS = 'unit = "LSB"\nsample_rate_hz = 100.0\nheader = "A5"\nlength = 8\nvalue = { at = 2 }\n'
+
+
+@pytest.mark.parametrize(("profile", "unit"), [("vn100", "deg/s"), ("imu.toml", "LSB")])
+def test_points_of_a_stream_have_its_unit(profile: str, unit: str, tmp_path: Path) -> None:
+    own = tmp_path / "own.toml"
+    (tmp_path / "imu.toml").write_text(COUNTS, "utf-8")
+    scale = ["--scale-factor", "131"] if unit == "LSB" else []
+    made = CliRunner().invoke(app, ["sim", "new", str(own), "--stream", profile, *scale])
+    assert made.exit_code == 0, made.stderr
+    settings = {"rates_deg_s": [100, 0, -100], "samples": 3, "settle_s": 0.5}
+    run = vcfbench.run("turntable", own, settings=settings, runs=tmp_path / "runs")
+    found = analyze(next((tmp_path / "runs").rglob("points.csv")))
+    assert found.units["step_1"] == unit
+    assert found.series["step_1"].line.scale_factor == pytest.approx(run.results.scale_factor.value)

@@ -373,7 +373,7 @@ def test_stream_is_an_output_like_a_meter_and_counts_are_asked_for(
     assert "temperature needs rate_source or rate_table" in str(lacks["temperature"])
 
 
-def test_instruments_of_no_use_beside_a_stream_are_left_out(tmp_path: Path) -> None:
+def test_instruments_useless_beside_a_stream_are_left_out(tmp_path: Path) -> None:
     streamed = ("--set", "gyro.stream.profile=vn100", "--set", "gyro.stream.resource=/dev/ttyUSB7")
     done = new("a.toml", *streamed, "--yes", *LATITUDE)
     assert done.exit_code == 0, done.stderr

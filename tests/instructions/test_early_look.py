@@ -75,7 +75,7 @@ def test_early_look_comes_before_the_wait(name: str) -> None:
 
 @settings(max_examples=6, deadline=None)
 @given(seed=st.sampled_from([0, 2, 11, 22, 62, 67, 104, 125, 172, 184]), off=st.sampled_from([0.85, 1.18]))
-def test_k_vc_15_percent_off_is_refused_however_large_quadrature(seed: int, off: float) -> None:
+def test_k_vc_15_percent_off_is_refused_with_quadrature(seed: int, off: float) -> None:
     with TemporaryDirectory() as files:
         bench = Path(files) / "bench.toml"
         bench.write_text(drawn_bench(seed), encoding="utf-8")

@@ -148,6 +148,17 @@ def test_what_the_limits_do_not_bear_is_refused(settings: dict[str, Any], words:
         vcfbench.dry_run("power", "lab", settings=settings)
 
 
+@pytest.mark.parametrize(("low_v", "high_v", "most_v"), [(9.5, 10.3, 0.3), (9.6, 12.0, 0.4), (9.85, 10.1, 0.1)])
+def test_step_of_rails_is_held_by_the_nearer_limit(low_v: float, high_v: float, most_v: float) -> None:
+    limits = structs.replace(ON_STATION, min_rail_v=low_v, max_rail_v=high_v)
+    said = [
+        list(PowerSettings(station=Station(limits=limits), rail_step_v=step_v).contradictions())
+        for step_v in (0.99 * most_v, 1.01 * most_v)
+    ]
+    assert said[0] == []
+    assert {each.expected.split(",")[0] for each in said[1]} == {f"at most {most_v:g} V"}
+
+
 @pytest.mark.exhaustive
 def test_imbalance_of_rails_is_corrected_in_both_halves() -> None:
     """Of a drive that follows the weaker rail, on a supply whose outputs are 30 mV apart; the closed form, balanced."""

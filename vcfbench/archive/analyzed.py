@@ -14,6 +14,7 @@ from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
+from vcfbench.archive.output_unit import with_unit_of_record
 from vcfbench.archive.table_files import opened_table
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -175,7 +176,7 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
     """
     path, notes = Path(file), list[str]()
     with opened_table(file) as raw:
-        columns = read_table(raw, shown(path), layout or Layout(), notes)
+        columns = read_table(raw, shown(path), with_unit_of_record(path, layout), notes)
     pair = _compared_columns(compared, columns, path)
     results, notices = {}, list[str]()
     for column, one in columns.items():

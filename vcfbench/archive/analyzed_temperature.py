@@ -16,6 +16,7 @@ from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.regression import slope
 from vcfbench.archive.analyzed import TableColumn, read_table
 from vcfbench.archive.analyzed_record import factor_to_rate, is_record, record_place
+from vcfbench.archive.output_unit import with_unit_of_record
 from vcfbench.archive.table_files import opened_table
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -129,7 +130,8 @@ def analyze_temperature(
     >>> f"{found.reference_c:g} degC", found.found[0].temperature_c
     ('25 degC', (-20.0, 0.0, 25.0, 50.0, 70.0))
     """
-    path, layout, notes = Path(file), layout or Layout(), list[str]()
+    path, notes = Path(file), list[str]()
+    layout = with_unit_of_record(path, layout)
     with opened_table(path) as raw:
         head = read_head(raw, shown(path), layout)
         if tuple(each.written for each in head.names[: len(POINT_COLUMNS)]) == POINT_COLUMNS and not layout.columns:
