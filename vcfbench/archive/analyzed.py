@@ -14,8 +14,7 @@ from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.nonlinearity import DEFINITIONS
 from vcfbench.analysis.plausibility import doubts_of_line
 from vcfbench.analysis.scale_factor import Comparison, ScaleFactorResult, characterise, compare
-from vcfbench.archive.output_unit import with_unit_of_record
-from vcfbench.archive.table_files import opened_table
+from vcfbench.archive.table_files import opened_table, with_unit_of_record
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records.schema import POINT_COLUMNS

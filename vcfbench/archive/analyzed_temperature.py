@@ -16,8 +16,7 @@ from vcfbench.analysis.csv_table import Head, Layout, read_head, read_numbers
 from vcfbench.analysis.regression import slope
 from vcfbench.archive.analyzed import TableColumn, read_table
 from vcfbench.archive.analyzed_record import factor_to_rate, is_record, record_place
-from vcfbench.archive.output_unit import with_unit_of_record
-from vcfbench.archive.table_files import opened_table
+from vcfbench.archive.table_files import opened_table, with_unit_of_record
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.records.plain import plain

@@ -5,14 +5,11 @@ Inside of procedures every output is as a voltage is; what becomes of it is give
 
 import re
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 from msgspec import Struct, structs
 
-from vcfbench.analysis.csv_table import Layout
 from vcfbench.drivers.streams.description import Stream
-from vcfbench.records.journal import read_header
 from vcfbench.reports.document import Axis, Cell, Column, Report, Table, Text
 from vcfbench.typed import typed
 from vcfbench.values.kinds import slope_unit
@@ -31,15 +28,6 @@ def unit_of_record(header: Mapping[str, Any]) -> str:
     for key in ("settings", "station", "gyro", "stream"):
         below = below.get(key) if isinstance(below, Mapping) else None
     return typed(below, Stream).output_unit if below else "V"
-
-
-def with_unit_of_record(path: Path, layout: Layout | None) -> Layout:
-    """Return the layout, of the ``points.csv`` of a record with the unit of its output, unless another was given."""
-    layout, journal = layout or Layout(), path.with_name("journal.jsonl")
-    if path.name != "points.csv" or "output_v" in layout.units or not journal.is_file():
-        return layout
-    unit = unit_of_record(read_header(journal))
-    return layout if unit == "V" else structs.replace(layout, units={**layout.units, "output_v": unit})
 
 
 def in_output_unit(results: _T, unit: str) -> _T:

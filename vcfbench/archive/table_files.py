@@ -11,10 +11,14 @@ from typing import IO, Any, Final
 from zipfile import BadZipFile
 
 import numpy as np
+from msgspec import structs
 
+from vcfbench.analysis.csv_table import Layout
+from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
 from vcfbench.files import opened, shown
+from vcfbench.records.journal import read_header
 
 _BEGIN: Final = 1 << 16
 
@@ -35,6 +39,15 @@ def opened_table(path: Path | str) -> Iterator[IO[bytes]]:
         text = StringIO(newline="")
         csv.writer(text, lineterminator="\n").writerows(rows)
     yield BytesIO(text.getvalue().encode())
+
+
+def with_unit_of_record(path: Path, layout: Layout | None) -> Layout:
+    """Return the layout, of the ``points.csv`` of a record with the unit of its output, unless another was given."""
+    layout, journal = layout or Layout(), path.with_name("journal.jsonl")
+    if path.name != "points.csv" or "output_v" in layout.units or not journal.is_file():
+        return layout
+    unit = unit_of_record(read_header(journal))
+    return layout if unit == "V" else structs.replace(layout, units={**layout.units, "output_v": unit})
 
 
 def _plain_text(raw: IO[bytes], name: str) -> IO[bytes]:
