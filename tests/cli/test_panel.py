@@ -6,18 +6,25 @@ import json
 import signal
 import sys
 import urllib.request
-from typing import TYPE_CHECKING, Any
+from contextlib import nullcontext
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from tests.cli.test_page import started
 from tests.page.test_panel import PLAN
+from vcfbench.cli import batch
+from vcfbench.cli.conduct import RunOptions
 from vcfbench.clock import WallClock
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from vcfbench.errors import Aborted
+from vcfbench.page.panel import Panel
+from vcfbench.runs.batch import read_batch
 
 pytest.importorskip("uvicorn", reason="pip install 'vcfbench[page]'")
+
+from vcfbench.page.server import LivePage  # needs uvicorn
 
 
 class Operator:
@@ -39,6 +46,30 @@ class Operator:
             if shown["state"] == state:
                 return shown
         raise TimeoutError(f"not {state}: {shown}")
+
+
+@pytest.mark.parametrize("stopped", [True, False])
+def test_a_stop_after_one_run_keeps_the_next_from_beginning(
+    *, stopped: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "plan.toml"
+    file.write_text(PLAN + '[[runs]]\nprocedure = "zero"\nsettings = { duration_s = 60.0 }\n', "utf-8")
+    asked, runs, begun = read_batch(file), tmp_path / "runs", list[str]()
+
+    def conducted(request: Any, *rest: Any) -> Any:
+        begun.append(request.procedure.name)
+        with request.control.of_run(rest[2]):
+            pass
+        if stopped:  # while the results are calculated
+            request.control.stop("the page")
+        return SimpleNamespace(error=None, verdict=None, status=SimpleNamespace(value="complete"), directory=runs)
+
+    monkeypatch.setattr(batch, "attended", conducted)
+    monkeypatch.setattr(LivePage, "ended", lambda *_: None)
+    ends = pytest.raises(Aborted, match="before zero began") if stopped else nullcontext()
+    with LivePage(runs, tmp_path, 0, Panel(asked, runs)) as page, ends:
+        batch.measured(asked, "G1", RunOptions(bench=Path(asked.bench), runs=runs, quiet=True), page)
+    assert begun == ["turntable"] if stopped else begun == ["turntable", "zero"]
 
 
 @pytest.mark.exhaustive

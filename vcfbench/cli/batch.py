@@ -132,6 +132,8 @@ def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | N
     """
     left, verdicts = asked.left(serial, options.runs), dict[str, Acceptance]()
     for number, each in enumerate(left, 1):
+        if number > 1 and page is not None and page.was_stopped:
+            raise Aborted(f"stopped by the page before {each.procedure.name} began")
         request = asked.request(each, serial, options.runs, options.speed)
         try:
             with StopSignals() as signals:

@@ -66,9 +66,9 @@ class RunControl:
     def stop(self, by: str = "the program") -> None:
         """Stop the run as Ctrl-C does: at its next safe point, the bench made safe; `by` names its author."""
         with self._changed:
+            self.stop_by = self.stop_by or by  # of a run that is over too: the next one of its device must not begin
             if self._state is RunState.OVER:
                 return
-            self.stop_by = self.stop_by or by
             self._set(RunState.STOPPING, by)
             if self._signals is not None:
                 self._signals.stop(by)
