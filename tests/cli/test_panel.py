@@ -69,6 +69,7 @@ def test_a_stop_after_one_run_keeps_the_next_from_beginning(
     ends = pytest.raises(Aborted, match="before zero began") if stopped else nullcontext()
     with LivePage(runs, tmp_path, 0, Panel(asked, runs)) as page, ends:
         batch.measured(asked, "G1", RunOptions(bench=Path(asked.bench), runs=runs, quiet=True), page)
+    assert page.was_stopped is stopped  # else the panel takes it for its own end
     assert begun == ["turntable"] if stopped else begun == ["turntable", "zero"]
 
 

@@ -18,6 +18,7 @@ from vcfbench.interfaces import Request
 from vcfbench.page.panel import Panel
 from vcfbench.page.view import View
 from vcfbench.runs.batch import read_batch
+from vcfbench.safety.control import RunControl
 from vcfbench.safety.signals import StopSignals
 
 pytest.importorskip("starlette", reason="pip install 'vcfbench[page]'")
@@ -154,6 +155,22 @@ def test_after_a_bench_that_is_not_safe_nothing_is_started(
     with pytest.raises(ConfigError, match="the panel is in the state not safe"):
         boards[0].name("G2")
     assert panel.shown()["state"] == "serial"
+
+
+def test_stop_between_two_runs_is_taken(panel: Panel, tmp_path: Path) -> None:
+    station = StationDirectories(tmp_path / "runs", tmp_path / "devices")
+    live, control = View(about={"run": "first"}), RunControl()
+    shown = PageContent(station, panel=panel, token=ADDRESS_END, live=live, control=control)
+    client, token = Client(shown), {"X-Vcfbench-Token": ADDRESS_END}
+    panel.name("G1")
+    panel.start()
+    panel.begin("turntable", 1, 2, live)
+    live.finished({"status": "complete", "parts": []})
+    assert client.post("/run/live/pause", headers=token).status_code == 409
+    assert client.post("/run/live/stop", headers=token).status_code == 200
+    assert control.stop_by == "the page"
+    panel.judge("STOPPED")
+    assert client.post("/run/live/stop", headers=token).status_code == 409
 
 
 def test_only_who_knows_the_address_starts_anything(panel: Panel, tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """``vcfbench batch``: gyroscopes one after another, and the sheet of all."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -131,15 +131,18 @@ def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | N
         NotSafe: the bench was left live.
     """
     left, verdicts = asked.left(serial, options.runs), dict[str, Acceptance]()
+    before = control = RunControl()
     for number, each in enumerate(left, 1):
-        if number > 1 and page is not None and page.was_stopped:
-            raise Aborted(f"stopped by the page before {each.procedure.name} began")
         request = asked.request(each, serial, options.runs, options.speed)
+        if page is not None and page.panel is not None:
+            before, control = control, RunControl()
+            page.follow(control)  # from here on a stop is of this run
+            if before.stop_by:
+                control.stop(before.stop_by)
+                raise Aborted(f"stopped by the page before {each.procedure.name} began")
         try:
             with StopSignals() as signals:
                 if page is not None and page.panel is not None:
-                    control = RunControl()
-                    page.follow(control)
                     page.panel.begin(each.procedure.name, number, len(left), page.view)
                     person = None if options.yes else page.panel.person(signals)
                     request = structs.replace(request, control=control, person=person)
@@ -158,6 +161,11 @@ def measured(asked: Batch, serial: str, options: RunOptions, page: "LivePage | N
             verdicts[each.procedure.name] = run.verdict
         word = run.status.value if run.verdict is None else run.verdict.said
         typer.echo(f"{serial}: {each.procedure.name}: {word}, {run.directory}", err=True)
+    return _judged(verdicts)
+
+
+def _judged(verdicts: Mapping[str, Acceptance]) -> Outcome:
+    """Return the verdict on a device by those on its runs."""
     if failed := [f"{name}: {verdict.said}" for name, verdict in verdicts.items() if not verdict.passed]:
         failing = any(verdict.word == "fail" for verdict in verdicts.values())
         return Outcome(1, "FAIL" if failing else "MARGINAL", "; ".join(failed))

@@ -264,8 +264,9 @@ class _Routes:
     async def run_act(self, request: Request) -> Response:
         """Stop, pause or continue the run of this process at once, even while many threads are busy."""
         self._require_token(request)
-        control, live = self._shown.control, self._shown.live
-        if control is None or live is None or live.end is not None:
+        control, live, panel = self._shown.control, self._shown.live, self._shown.panel
+        stops_next = request.path_params["act"] == "stop" and panel is not None and panel.measures
+        if control is None or live is None or (live.end is not None and not stops_next):
             raise HTTPException(409, "no run is under way here any more")
         if (named := request.query_params.get("run")) not in {None, "", (goes := str(live.about.get("run", "")))}:
             raise HTTPException(409, f"{named} is over, another run is under way here: {goes}")

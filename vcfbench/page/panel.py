@@ -117,6 +117,11 @@ class Panel:
             self._state, self._asked, self._of_run = PanelState.MEASURING, "", view
             self._run = {"procedure": procedure, "number": number, "of": of}
 
+    @property
+    def measures(self) -> bool:
+        """Return True from the first run of a device until it is judged, also between two runs."""
+        return self._run is not None
+
     def judge(self, word: str, why: str = "") -> None:
         """Take in the verdict on the device: one word, and the reason."""
         self._failed |= {self._serial: why} if word == "ERROR" else {}
