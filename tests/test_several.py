@@ -414,7 +414,7 @@ def test_shared_error_is_in_mean_not_in_differences(whole: Run) -> None:
     assert all(f"G-{number}" in text for number in (1, 2))
 
 
-@pytest.mark.parametrize("counts", [(1, 0, 0), (0, 1, 1), (1, 0, 1, 0)])
+@pytest.mark.parametrize("counts", few([((1, 0, 0),), ((0, 1, 1),), ((1, 0, 1, 0),)], ((1, 0, 0),)))
 def test_spread_is_of_devices_with_one_unit(counts: tuple[int, ...], tmp_path: Path) -> None:
     count = {"stream": {"unit": "LSB"}, "simulation": {"errors": {"multimeter": {"lsb_per_deg_s": 5000.0}}}}
     device = [{"name": f"G-{n}", "resource": f"ASRL{n}", **(count if each else {})} for n, each in enumerate(counts)]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.cells import few
 from vcfbench.analysis.column_names import Kind, column_name
 from vcfbench.analysis.csv_table import Layout
 from vcfbench.archive.analyzed import analyze
@@ -124,7 +125,7 @@ def test_lines_of_serial_monitor_have_their_times(tmp_path: Path, separator: str
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-@pytest.mark.parametrize("size", [80, 9000])
+@pytest.mark.parametrize("size", few([80, 9000], 80))
 def test_text_is_read_in_any_unicode_with_any_line_ends(tmp_path: Path, encoding: str, end: str, size: int) -> None:
     text = "".join(f"{0.01 * k:.2f},{RATES[k % 80]}{end}" for k in range(size))
     mark = "\ufeff" if encoding in {"utf-16-le", "utf-16-be"} else ""
