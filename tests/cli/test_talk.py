@@ -54,6 +54,16 @@ def test_the_bench_is_measured_with_by_hand(tmp_path: Path) -> None:
     assert last == {"power": "OUTP OFF\n", "rate_source": "OUTP OFF\n"}
 
 
+def test_reading_of_a_stream_has_its_unit_and_no_meter(tmp_path: Path) -> None:
+    bench = tmp_path / "own.toml"
+    assert CliRunner().invoke(app, ["sim", "new", str(bench), "--stream", "adis16495", "--bias", "3"]).exit_code == 0
+    said = talk("multimeter.read", options=("--bench", str(bench)))
+    assert said.exit_code == 0, said.stderr
+    value, unit = said.stdout.split()
+    assert (float(value), unit) == (pytest.approx(3.0, abs=0.1), "deg/s")
+    assert "line cycles" not in said.stderr
+
+
 def test_table_turns_and_stops_and_lines_pass_unchanged() -> None:
     done = talk("table.rate 10", "table.read", "table.stop", "table.read", "multimeter *IDN?", "scope *OPC?", "safe")
     assert done.exit_code == 0, done.stderr

@@ -18,7 +18,7 @@ from vcfbench.bench.console import Console, ConsoleReply
 from vcfbench.clock import sleep
 from vcfbench.drivers.plain import plain
 from vcfbench.errors import Aborted, BenchError, ConfigError, InterlockError, LimitError
-from vcfbench.instructions.routines import look_at_drive, rails_of, ramp_to
+from vcfbench.instructions.routines import look_at_drive, meter_set, rails_of, ramp_to
 from vcfbench.records.raw import RawRecord
 from vcfbench.safety.signals import StopSignals
 from vcfbench.station.limits import LimitChecks, driver_of
@@ -53,7 +53,7 @@ WORDS: Final = (
     ),
     StepWord("power.read", "power", (), "voltage and current of each rail"),
     StepWord("power.off", "power", (), "V_Vc off, then the rails"),
-    StepWord("multimeter.read", "multimeter", (), "one reading of the output, V"),
+    StepWord("multimeter.read", "multimeter", (), "one reading of the output"),
     StepWord("v_vc.set", "rate_source", ("VOLTS",), "V_Vc to a level, output on", "max_v_vc_v"),
     StepWord("v_vc.sine", "rate_source", ("HZ", "VOLTS"), "V_Vc a sine, peak VOLTS, output on", "max_v_vc_v"),
     StepWord("v_vc.off", "rate_source", (), "output off"),
@@ -105,7 +105,8 @@ class ByHand:
         self._tell = tell
         self._checks = LimitChecks.of(description)
         scope = None if description.oscilloscope is None else description.wiring.oscilloscope
-        station = Station(rails=description.wiring.rails, oscilloscope=scope, limits=description.limits)
+        wiring, limits, gyro = description.wiring, description.limits, description.gyro
+        station = Station(rails=wiring.rails, oscilloscope=scope, limits=limits, gyro=gyro)
         self._context = Context(bench, lambda _: None)
         self._settings = structs.replace(description.procedure, station=station)
         self._ready: set[str] = set()
@@ -250,10 +251,9 @@ class ByHand:
 
     def _multimeter_read(self) -> str:
         if "multimeter" not in self._ready:
-            settings = self._settings
-            self._carry_out(_each(steps.ConfigureMeter(float(settings.meter_range_v), float(settings.nplc))))
+            self._carry_out(meter_set(self._settings))
             self._ready.add("multimeter")
-        return f"{self.bench.multimeter.read_voltage_v():+.8g} V"
+        return f"{self.bench.multimeter.read_voltage_v():+.8g} {self._settings.station.output_unit}"
 
     def _v_vc_read(self) -> str:
         meter = self.bench.v_vc_meter
