@@ -126,6 +126,14 @@ def test_a_table_does_not_answer_at_the_wrong_speed() -> None:
         pass
 
 
+def test_own_instrument_without_scpi_goes_on_a_serial_port_too() -> None:
+    text = embedded_text("paper").replace("USB0::0x0957::0x0407::MY44021876::INSTR", "ASRL7::INSTR")
+    bench = SimulatedBench.build(parse_bench(text, "serial"), 0, VirtualClock())
+    own: Any = object()
+    bench.devices["rate_source"] = own
+    assert bench.visa_devices()["ASRL7::INSTR"] is own
+
+
 @pytest.mark.parametrize("model", sorted({model.twin: model for model in MODELS}.values(), key=lambda row: row.name))
 def test_each_model_answers_on_a_serial_port(model: Model) -> None:
     """What has none of its own is behind a converter, where an early read is no error."""

@@ -27,18 +27,7 @@ _COUNTERS: Final = {
 }
 """Whole names of counters."""
 _SOURCES: Final = {
-    "sensor",
-    "axis",
-    "type",
-    "event",
-    "instance",
-    "channel",
-    "device",
-    "imu",
-    "source",
-    "topic",
-    "id",
-    "i",
+    *("sensor", "axis", "type", "event", "instance", "channel", "device", "imu", "source", "topic", "id", "i"),
 }
 """Words of columns that say whose a line is."""
 _DIRECTIONS: Final = {
@@ -46,6 +35,7 @@ _DIRECTIONS: Final = {
     *("links", "rechts", "gauche", "droite", "+", "-", "pos", "neg", "positive", "negative", "plus", "minus"),
     *("forward", "reverse", "fwd", "rev", "1", "-1", "+1", "1.0", "-1.0"),
 }
+"""Cells that say in which direction a table turns."""
 _BEGINS: Final = ("temp", "therm", "acc", "beschl", "versorg")
 _WORD: Final = re.compile(r"[^\W\d_]+")
 

@@ -133,8 +133,9 @@ class SimulatedBench(Struct, frozen=True):
         parts = {role: part_of(self.description, role) for role in self.devices if role not in apart}
         devices = {part.resource: self.devices[role] for role, part in parts.items()}
         for part in parts.values():  # a converter gives a box without RS-232 a serial port, which knows no exchanges
-            if part.resource.upper().startswith("ASRL") and not _is_serial(part):
-                cast("Any", devices[part.resource]).engine.interface = LAN
+            engine = getattr(devices[part.resource], "engine", None)  # one's own instrument may speak no SCPI
+            if engine is not None and part.resource.upper().startswith("ASRL") and not _is_serial(part):
+                engine.interface = LAN
         for part in filter(_is_serial, parts.values()):  # its line is set on its front panel as the bench file has it
             line = SerialSettings() if part.serial is None else part.serial
             frame = CharacterFrame(float(line.baud_rate), line.data_bits, line.parity, float(line.stop_bits))

@@ -60,12 +60,13 @@ _NO_WALK: Final = (
     "thermostat, a swing of the room, a correlated noise), and B, K, R are not stated."
 )
 _LEAST_WANDER: Final = 0.03
+"""K^2 T of a record below which it does not go as far as its walk: K is the larger where its curve is, so 1 of 300."""
 _NOTHING: Final = 1e-300
+"""Of readings without noise a logarithm is taken too."""
 _WAVES: Final = 100
 """Half waves in a record up to which it counts as slow."""
 _MOST_SWINGS: Final = 12.0
 """Periods in a record; of more, the curve itself shows that it comes back."""
-"""K^2 T of a record below which it does not go as far as its walk: K is the larger where its curve is, so 1 of 300."""
 _FORMS: Final[tuple[Form, Form]] = ("plus-minus", "below")
 
 
