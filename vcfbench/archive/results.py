@@ -166,13 +166,11 @@ def _stored(directory: RunDirectory, record: JournalRecord) -> Evaluation:
     if isinstance(own, dict):
         own = {key: each for key, each in own.items() if key != "station"}
     settings = results_table(own, STORED_SETTINGS, "setting")
-    kept_of = {each.name: each for each in typed(answer.get("values") or [], tuple[Value, ...])}
-    stated = tuple(
-        structs.replace(each, definition=kept_of[each.name].definition, conditions=kept_of[each.name].conditions)
-        if each.name in kept_of
-        else each
-        for each in values_of(results).values()
-    )
+    found = values_of(results)  # with their parts; bounds stand in the list of stated values alone
+    for each in typed(answer.get("values") or [], tuple[Value, ...]):
+        with_parts = found.get(each.name, each)
+        found[each.name] = structs.replace(with_parts, definition=each.definition, conditions=each.conditions)
+    stated = tuple(found.values())
     return Evaluation(results, _stored_verdict(answer.get("acceptance")), Report([*parts, *settings]), stated)
 
 
