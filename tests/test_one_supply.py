@@ -208,7 +208,7 @@ BIASES = {
 }
 
 
-@pytest.mark.parametrize("procedure", few(sorted(BIASES), "turntable", "zero"))
+@pytest.mark.parametrize("procedure", few(sorted(BIASES), "turntable"))
 @pytest.mark.parametrize("told_v", few([None, 2.4], None))
 def test_bias_as_a_rate_counts_from_the_null(procedure: str, told_v: float | None, bench: Path) -> None:
     """It is that of the sheet, 0, or by how much the declared null is beside the middle of the supply."""

@@ -333,7 +333,7 @@ def test_keys_on_the_terminal_have_it_pause_and_go_on(tmp_path: Path) -> None:
     try:
         until("deg/s")
         os.write(main, b"p")
-        until("pause wanted by the terminal")
+        until("pause requested by the terminal")
         until("p or Enter goes on, Ctrl-C stops")
         os.write(main, b"\r")
         until("goes on (the terminal)")

@@ -190,7 +190,6 @@ def test_record_of_another_run_is_found(whole: Run, tmp_path: Path) -> None:
     few(
         [(device, fault, at_s) for device in (1, 2) for fault in FAULTS for at_s in (0.0, 20.0)],
         (1, "silent", 20.0),
-        (2, "silent", 0.0),
     ),
 )
 def test_a_device_with_a_fault_ends_for_itself(whole: Run, device: int, fault: str, at_s: float) -> None:

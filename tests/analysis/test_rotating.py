@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+from simrack_tests.cells import few
 
 from vcfbench.analysis.rotating import fit_rotation, reference_phase
 from vcfbench.errors import ConfigError
@@ -110,7 +111,7 @@ def test_hidden_part_is_measured_at_sent_frequency() -> None:
 
 
 @pytest.mark.parametrize("drive_hz", [12_000.0, 36_000.0, 49_000.0])
-@pytest.mark.parametrize("ppm", [-55.0, -20.0, 20.0, 55.0])
+@pytest.mark.parametrize("ppm", few([-55.0, -20.0, 20.0, 55.0], -20.0))
 def test_part_is_found_at_frequency_shifted_by_time_bases(drive_hz: float, ppm: float) -> None:
     """V_Vc is at twice the drive and a little by its own time base, the drive is read by another one."""
     moved_hz = 13.0 + 2e-6 * ppm * drive_hz

@@ -46,7 +46,7 @@ def test_slow_sine_is_neither_ramp_nor_walk(seed: int) -> None:
 
 @pytest.mark.parametrize(
     ("size", "records", "most", "least"),
-    few([(3600, 15, 1, 9), (3600, 60, 3, 40), (10_000, 60, 3, 40)], (3600, 15, 1, 9)),
+    few([(3600, 15, 1, 9), (3600, 60, 3, 40), (10_000, 60, 3, 40)]),
 )
 def test_swings_of_any_length_are_seldom_a_walk(size: int, records: int, most: int, least: int) -> None:
     """K was stated in 39 of the short records of swings, in 32 of the long ones."""

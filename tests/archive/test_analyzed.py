@@ -49,9 +49,7 @@ def written(path: Path, columns: dict[str, object]) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    ("rate", "drift"), few(product(RATES, (0.0, 1.0)), *zip(RATES, cycle((0.0, 1.0)), strict=False))
-)
+@pytest.mark.parametrize(("rate", "drift"), few(product(RATES, (0.0, 1.0)), *zip(RATES[:2], (0.0, 1.0), strict=True)))
 def test_output_of_a_gyroscope_is_no_applied_rate(tmp_path: Path, rate: str, drift: float) -> None:
     random = np.random.default_rng(5)
     for other in OTHERS:
@@ -65,7 +63,7 @@ def test_output_of_a_gyroscope_is_no_applied_rate(tmp_path: Path, rate: str, dri
             assert "--" in done.stderr, order
 
 
-@pytest.mark.parametrize(("time", "rate"), few(product(TIMES, RATES), *zip(TIMES, cycle(RATES), strict=False)))
+@pytest.mark.parametrize(("time", "rate"), few(product(TIMES, RATES), *zip(TIMES[::3], RATES, strict=False)))
 def test_log_with_times_is_a_record_in_any_order(tmp_path: Path, time: str, rate: str) -> None:
     noise = np.random.default_rng(6).standard_normal(SIZE)
     columns = {time: 20.0 * np.arange(SIZE), rate: 0.3 + 0.01 * noise, "temp": np.ones(SIZE)}

@@ -10,6 +10,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
 from tests import warm
 
@@ -65,11 +66,14 @@ def test_stdout_has_json_only_and_stderr_progress(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("change", "words", "code"),
-    [
-        ("settle_s = 0.5", "s.toml: settings.settle_s: expected a number", 2),
+    few(
+        [
+            ("settle_s = 0.5", "s.toml: settings.settle_s: expected a number", 2),
+            ("values = [3, 4]", "s.toml: vary.settings.samples: expected a whole number at least 2", 2),
+            ('"turntable"', "there is no procedure '1'", 2),
+        ],
         ("values = [3, 4]", "s.toml: vary.settings.samples: expected a whole number at least 2", 2),
-        ('"turntable"', "there is no procedure '1'", 2),
-    ],
+    ),
 )
 def test_a_mistake_is_one_sentence(folder: Path, change: str, words: str, code: int) -> None:
     wrong = {"settle_s = 0.5": "settle_s = -1.0", "values = [3, 4]": "values = [3, 1]", '"turntable"': '"1"'}[change]

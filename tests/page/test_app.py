@@ -327,6 +327,7 @@ def test_connections_are_few_and_must_ask(monkeypatch: pytest.MonkeyPatch, tmp_p
         assert httpx.get(page.address.split("run/")[0], timeout=5.0).status_code == 200
 
 
+@pytest.mark.exhaustive
 def test_stop_acts_at_once_in_flood_of_connections(tmp_path: Path) -> None:
     """They held it away until each had had its time to ask something."""
     with LivePage(tmp_path, tmp_path, 0) as page, ExitStack() as stack:

@@ -71,7 +71,7 @@ BOTH_SIGNS: dict[str, dict[str, Any]] = {
 }
 
 
-@pytest.mark.parametrize("name", BOTH_SIGNS)
+@pytest.mark.parametrize("name", few(BOTH_SIGNS, "kvc", "temperature"))
 def test_expected_u95_is_that_of_either_sign_of_k_vc(name: str) -> None:
     """But for the levels that the generator has: they are not the same for either sign."""
 

@@ -438,12 +438,6 @@ def _conditions(*, simulated: bool) -> Conditions:
     return Conditions(bench="b", run="r", simulated=simulated, positive_rail_v=10.0, negative_rail_v=-10.0)
 
 
-class TestProvenance(Provenance.TestCase):
-    """Some."""
-
-    settings = settings(max_examples=1, stateful_step_count=8, deadline=None, suppress_health_check=list(HealthCheck))
-
-
 @pytest.mark.exhaustive
 class TestMuchProvenance(Provenance.TestCase):
     """Some hundred steps; more are a matter of time."""

@@ -366,6 +366,7 @@ def of_drawn_runs(rates: list[float], odd: int, size: float, runs: int) -> tuple
 FIVE, SEVEN = [100.0, 10.0, 0.0, -10.0, -100.0], [200.0, 100.0, 20.0, 0.0, -20.0, -100.0, -200.0]
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("rates", "odd", "size"),
     few(
