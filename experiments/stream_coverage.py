@@ -100,8 +100,9 @@ def main() -> None:
     parser.add_argument("records", nargs="?", default="0:10")
     parser.add_argument("--lines", type=Path, default=Path("/dev/null"))
     asked = parser.parse_args()
-    done = dict(json.loads(line) for line in asked.lines.read_text("utf-8").splitlines())
-    with asked.lines.open("a", encoding="utf-8") as lines:
+    with asked.lines.open("a+", encoding="utf-8") as lines:
+        lines.seek(0)
+        done = dict(json.loads(line) for line in lines)
         for procedure, seeds in (("turntable", asked.turntables), ("zero", asked.records)):
             for seed in range(*map(int, seeds.split(":"))):
                 for kind in KINDS:
