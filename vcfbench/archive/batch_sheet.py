@@ -11,6 +11,7 @@ from typing import Any, Final
 from msgspec import Struct, field, structs
 
 from vcfbench.archive.change import Coefficients, Compared, Difference, Pair
+from vcfbench.archive.keeping import not_withdrawn
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
@@ -98,8 +99,9 @@ def sheet_rows(
     left_out = rehearsals(batch, runs) if left_out is None else left_out
     known = run_summaries(runs)
     inside = [each for each in known if each.tags.get("batch") == batch and each.run not in left_out]
-    outside = [each for each in known if each.tags.get("batch") != batch]
-    history = _History(outside, devices)
+    serials = {each.dut for each in inside}
+    outside = [each for each in known if each.dut in serials and each.tags.get("batch") != batch]
+    history = _History(not_withdrawn(outside, devices), devices)
     return tuple(history.row(each) for each in last_runs(inside).values())
 
 
@@ -122,14 +124,14 @@ def rehearsals(batch: str, runs: str | Path = "runs") -> dict[str, str]:
 
 
 def device_rows(serial: str, runs: str | Path = "runs", devices: str | Path = "devices") -> tuple[SheetRow, ...]:
-    """Return the complete runs of a device that gave a scale factor, oldest first.
+    """Return the complete runs of a device that gave a scale factor, oldest first, and whose entry still counts.
 
     Args:
         serial: serial number of the device.
         runs: directory of the records.
         devices: directory of the device history.
     """
-    known = run_summaries(runs, dut=serial, status=Status.COMPLETE)
+    known = not_withdrawn(run_summaries(runs, dut=serial, status=Status.COMPLETE), devices)
     history = _History(known, devices)
     rows = (history.row(each) for each in known if _may_have_slope(each))
     return tuple(each for each in rows if each.scale_factor is not None)

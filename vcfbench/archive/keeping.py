@@ -1,10 +1,12 @@
-"""Device entry of a complete record, added to the device store where the run itself could not."""
+"""Device entries of records: added where the run itself could not, and the runs that a withdrawal leaves."""
 
+from collections.abc import Iterable
 from datetime import datetime
 from pathlib import Path
 
 from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.results import evaluation_of
+from vcfbench.archive.summary import RunSummary
 from vcfbench.devices.device import KnownDevice
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
@@ -58,3 +60,17 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
         if each.run == directory.run:
             raise ConfigError(f"{directory.run} has already been added to the device history: {each.path}")
     return store.add(kept.record)
+
+
+def not_withdrawn(found: Iterable[RunSummary], devices: str | Path) -> list[RunSummary]:
+    """Return the runs without those whose every entry in the history of their device was withdrawn.
+
+    ConfigError: the history of one of the devices cannot be read.
+    """
+    found, root, gone = list(found), Path(devices), set[tuple[str, str | None]]()
+    for serial in {each.dut for each in found if each.dut and (root / each.dut).is_dir()}:
+        entries = DeviceStore(root).entries(serial)
+        names = withdrawn(entries)
+        stay = {each.run for each in entries if each.name not in names}
+        gone |= {(serial, each.run) for each in entries if each.run is not None and each.run not in stay}
+    return [each for each in found if (each.dut, each.recorded_as) not in gone]

@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from vcfbench.archive.compared import compare_runs, require_comparable
+from vcfbench.archive.keeping import not_withdrawn
 from vcfbench.archive.recorded import load_run
 from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_document
@@ -34,7 +35,8 @@ def compare(
     if runs and dut is not None:
         raise ConfigError("--dut chooses the runs: give no names of runs")
     require_comparable(max(2, len(runs or ())))  # before anything is read
-    found = () if runs else run_summaries(directory, dut=dut, status=None if dut is None else "complete")
+    found = [] if runs else list(run_summaries(directory, dut=dut, status=None if dut is None else "complete"))
+    found = found if dut is None else not_withdrawn(found, devices)
     counts = Counter(each.procedure for each in found)
     twice = next((each.procedure for each in reversed(found) if counts[each.procedure] > 1), None)
     alike = [each.directory for each in found if dut is None or each.procedure == twice]
