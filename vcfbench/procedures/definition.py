@@ -65,42 +65,6 @@ DEFINING: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """Settings that define values, and the kinds of these, or last parts of their names."""
 
-CONDITIONS: Final = frozenset(("positive_rail_v", "negative_rail_v", "temperature_c"))
-"""Settings that are conditions of all values."""
-
-CIRCUMSTANCES: Final = frozenset(
-    (
-        *("station", "dut", "devices", "outdated", "validity_days", "wanted_u95_ppm", "max_drift_ppm", "health"),
-        *("acceleration_deg_s2", "rate_deadline_s", "rate_tolerance_deg_s", "rail_current_limit_a", "rail_tolerance_v"),
-        *("drive", "k_vc_guess_deg_s_per_v", "meter_range_v", "samples", "settle_s", "warm_up_s", "v_vc_range_v"),
-        *("order", "zeros", "repeat", "axis_tilt_deg", "cycles", "match_iterations", "match_windows"),
-        *("match_rates_deg_s", "curve_order", "exchange", "k_vc", "k_vc_u_deg_s_per_v", "k_vc_deg_s_per_v"),
-        *("scale_factor_u_v_per_deg_s", "powered_s", "noise_bandwidth_hz", "u_noise_bandwidth_hz"),
-        *("noise_bandwidth_nplc", "burst_readings", "shortest_s", "longest_s", "window_s", "bias_instability_deg_h"),
-        *("sine_amplitude_v", "record_samples", "frequencies_hz", "around_split", "split_guess_hz"),
-        *("in_phase_split_hz", "low_pass_hz", "low_pass_order", "closed_form_ppm", "ring_down_v_vc_v"),
-        *("sense_ring_downs", "drive_ring_downs", "v_vc_v", "difference_hz", "records", "rotation_records"),
-        *("target_deg", "most_cycles", "orders", "log_s", "rails_varied", "rail_step_v", "power_cycles", "growth"),
-        *("resolution_deg_s", "room_c", "window_k", "chamber_takes_s", "longest_soak_s", "steady_ppm_min"),
-        *("soak_window_s", "split", "u_temperature_k", "u_each_temperature_k", "positive_rail_ohm"),
-        *("negative_rail_ohm", "v_vc_ohm", "output_ohm", "lead_ohm", "ohm_readings", "polarity_rate_deg_s"),
-        *(
-            "polarity_v_vc_v",
-            "at_most_s",
-            "axes",
-            "turn_s",
-            "tilt_deg",
-            "heading_deg",
-            "mounting_deg",
-            "mount_s",
-            "vibration_hz",
-        ),
-        *("vibration_amplitude_v", "split_hz", "u_split_hz", "q", "u_q", "in_phase_share", "u_in_phase_share"),
-        *("modulation_hz", "virtual_rate_deg_s"),
-    )
-)
-"""Settings whose effects are in u, or are missing in it; those that only choose which values there are; all else."""
-
 
 def defined(
     values: Iterable[Value], settings: ProcedureSettings, metadata: RunMetadata, drive: Drive | None = None

@@ -42,7 +42,6 @@ from vcfbench.values.value import Unstated, Value
 _CERTIFIES = "kvc"
 _OFF_S = 10.0
 """Without power before a part that wants to see it come: rails, drive and sense modes are at rest by then."""
-_TWO_SIDED = 1.96
 _SEE_POWER_COME = frozenset({"warmup", "power"})
 _SCALE_FACTOR, _U_SCALE_FACTOR = "scale_factor_v_per_deg_s", "scale_factor_u_v_per_deg_s"
 
