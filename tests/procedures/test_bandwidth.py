@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,9 +13,11 @@ from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import LimitError, MeasurementError
+from vcfbench.procedures.bandwidth import BANDWIDTH, measured_phases, phase_channels
+from vcfbench.procedures.layers import settings_of
 from vcfbench.sim.simulation import physical_parameters
 from vcfbench.station.parts import Limits
-from vcfbench.steps import CaptureSines, SetSine
+from vcfbench.steps import CaptureSines, SetSine, SineRecord, SineRecords
 from vcfbench.testing import simulated
 
 if TYPE_CHECKING:
@@ -99,6 +102,18 @@ def test_phases_come_back_where_the_oscilloscope_sees_v_vc(tmp_path: Path) -> No
     again = vcfbench.load_run(run.directory)
     assert again.results == run.results
     assert "Phase of the output against V_Vc" in vcfbench.text_of(run.report())
+
+
+def test_phase_is_as_uncertain_as_the_mean_of_its_records() -> None:
+    settings = settings_of(BANDWIDTH, seen_on_the_oscilloscope())
+    channels = phase_channels(settings)
+    assert channels is not None
+    records = tuple(SineRecord(9.0, (1.0, 0.5), (0.0, phase_deg)) for phase_deg in (-10.0, -10.3, -9.7, -10.4))
+    step = CaptureSines(channels, (1.0, 1.0), len(records), records[0])
+    measured: Any = SimpleNamespace(found=lambda _: [(step, SineRecords(channels, records))])
+    (point,) = measured_phases(settings, measured, lambda _: -10.0)
+    assert point.phase_deg.value == pytest.approx(-10.1)
+    assert point.phase_deg.u == pytest.approx(math.sqrt((0.1**2 + 0.2**2 + 0.4**2 + 0.3**2) / 3.0 / 4.0))
 
 
 def test_phases_need_v_vc_and_output_on_oscilloscope() -> None:

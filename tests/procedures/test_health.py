@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs
+from scipy.stats import chi2
 
 import vcfbench
 from tests.procedures.test_kvc import LAB, truth, warm
@@ -214,6 +215,19 @@ def test_changed_modulator_shape_is_separated_from_output() -> None:
     found = bent(then, v_vc_v, outputs, noise, output)
     assert found == pytest.approx(now, rel=2e-3)
     assert not has_changed(*orders_of(found, v_vc_v, outputs, noise), output, seen)
+
+
+@pytest.mark.parametrize(("sizes", "changed"), [(0.99, False), (1.01, True)])
+def test_curve_has_changed_beyond_chi_square_of_one_in_thousand(sizes: float, *, changed: bool) -> None:
+    covariance, u = np.array([[4e-12, 1e-14], [1e-14, 9e-16]]), (1.5e-6, 2e-8)
+    then = Characteristics(
+        output_second_per_deg_s=Kept(value=8.4e-6, u=u[0]), output_third_per_deg_s2=Kept(value=-2.6e-8, u=u[1])
+    )
+    both = covariance + np.diag(np.square(u))
+    for angle in np.linspace(0.0, 2.0 * np.pi, 9):
+        off = np.linalg.cholesky(both) @ [np.cos(angle), np.sin(angle)] * sizes * math.sqrt(chi2.isf(1e-3, 2))
+        output = np.array([8.4e-6, -2.6e-8])
+        assert has_changed(output + off, covariance, output, then) is changed
 
 
 @pytest.mark.parametrize("rest_v", [-0.4, 0.0, 0.3])

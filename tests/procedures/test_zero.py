@@ -414,6 +414,14 @@ def test_a_demodulator_that_is_dead_ends_a_record_at_rest(procedure: str, *, tab
         vcfbench.run(procedure, dead, seed=3, settings=settings, runs=None)
 
 
+@pytest.mark.parametrize("rate_deg_s", [2e30, -2e30])
+def test_record_with_an_impossible_rate_is_refused(rate_deg_s: float) -> None:
+    rates = np.random.default_rng(4).standard_normal(1000)
+    rates[500] = rate_deg_s
+    with pytest.raises(ConfigError, match="larger than any gyroscope's"):
+        record_noise(rates, Sampling.without_gaps(1.0), corrected=False, u_bandwidth_hz=0.0, meter_deg_s=0.0)
+
+
 @pytest.mark.parametrize("period_s", [40.0, 150.0, 500.0])
 @pytest.mark.parametrize("size_deg_s", [0.3, 1.0])
 def test_white_noise_beside_a_vibration_has_a_bound_of_n_above_it(size_deg_s: float, period_s: float) -> None:

@@ -35,17 +35,7 @@ def test_runs_state_what_they_stated(name: str) -> None:
     assert values.differing(values.noisy_runs(name), values.kept()[name]) == []
 
 
-@pytest.mark.parametrize(
-    "held",
-    [
-        pytest.param(
-            each,
-            id=each.procedure,
-            marks=[pytest.mark.exhaustive] * (each.procedure in {"online", "phase", "threshold"}),
-        )
-        for each in OF_TABLE
-    ],
-)
+@pytest.mark.parametrize("held", OF_TABLE, ids=[held.procedure for held in OF_TABLE])
 def test_what_the_table_of_parts_holds_is_stated(held: Held) -> None:
     gyroscope = held.gyroscopes[0]
     assert values.differing(values.of_run(held.run(gyroscope)), values.kept()[held.key(gyroscope)]) == []
