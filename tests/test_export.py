@@ -285,7 +285,7 @@ def test_a_format_without_its_extra_says_which_to_install(
         ({"format": "ods"}, "format: expected one of csv, parquet, hdf5, xlsx, mat, got 'ods'"),
         ({"file": "out.txt"}, "which format is not known"),
         ({}, "which format is not known"),
-        ({"file": "no/such/place.csv"}, "no/such/place.csv: it cannot be written: No such file"),
+        ({"file": "no/such/place.csv"}, "no/such/place.csv: cannot be written: No such file"),
     ],
 )
 def test_what_cannot_be_written_is_refused(asked: dict[str, str], words: str, run: Run) -> None:

@@ -44,6 +44,27 @@ def failing_as(kind: type[BenchError], words: str) -> Iterator[None]:
         raise kind(f"{words}: {error.strerror or error}") from error
 
 
+@contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """Yield a draft that takes the name of `path` at the end of the block; after an error that file is as it was.
+
+    ConfigError: it cannot be written, is write-protected, or no regular file.
+    """
+    if path.exists() and not path.is_file():  # replacing it would take a device away
+        raise ConfigError(f"{shown(path)}: expected a regular file to replace, got something else")
+    target = path.resolve()
+    draft = target.with_name(f".{path.name}.draft")
+    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+        try:
+            yield draft
+            draft.replace(target)
+        finally:
+            with suppress(OSError):
+                draft.unlink()
+
+
 def read_file(path: Path | str, expected: str, most_bytes: int) -> bytes:
     """Return the bytes of a file that a user named.
 

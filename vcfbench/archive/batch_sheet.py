@@ -3,6 +3,7 @@
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from datetime import datetime
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from statistics import mean, stdev
 from types import MappingProxyType
@@ -17,9 +18,8 @@ from vcfbench.archive.run import Run
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.archive.value_columns import SLOPES, ValueColumn, columns_of, of_one_definition
 from vcfbench.archive.written import write_document
-from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import failing_as, shown
+from vcfbench.files import replaced
 from vcfbench.records.schema import Status
 from vcfbench.reports.document import Column, Heading, Notice, Part, Report, Table, Text, heads
 from vcfbench.station.acceptance import Acceptance
@@ -413,6 +413,7 @@ def write_sheet(
         book.active.append([*(values[name] for name in names), *(cell for three in stated for cell in three)])
         for cell in book.active[book.active.max_row]:
             cell.data_type = "s" if isinstance(cell.value, str) else cell.data_type  # a text is no formula
-    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
-        book.save(path)
+    book.save(data := BytesIO())
+    with replaced(path) as draft:
+        draft.write_bytes(data.getbuffer())
     return (path,)

@@ -12,7 +12,7 @@ from vcfbench.archive.recorded import directory_of
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import ConfigError
-from vcfbench.files import failing_as, shown
+from vcfbench.files import replaced, shown
 from vcfbench.records.amendments import amended, amendments_at
 from vcfbench.records.directory import RunDirectory
 from vcfbench.records.journal import read_header
@@ -79,15 +79,8 @@ def export_run(
     columns = (readings if raw else points)(directory.journal)
     table = ExportTable("readings" if raw else "points", columns, _about(directory), progress)
     path = Path(f"{directory.run}-{table.name}.{written_as}" if file is None else file)
-    if path.exists() and not path.is_file():  # replacing it would take a device away
-        raise ConfigError(f"{shown(path)}: expected a regular file to replace, got something else")
-    draft = path.with_name(f".{path.name}.draft")
-    with failing_as(ConfigError, f"{shown(path)}: it cannot be written"):
-        try:
-            WRITERS[written_as](table, draft)
-            draft.replace(path)
-        finally:
-            draft.unlink(missing_ok=True)
+    with replaced(path) as draft:
+        WRITERS[written_as](table, draft)
     return Exported(path, written_as, table.name, tuple(each.name for each in table.columns), table.rows)
 
 

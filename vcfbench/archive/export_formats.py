@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module
+from io import BytesIO
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -182,7 +183,7 @@ def _parquet(table: ExportTable, path: Path) -> None:
 def _hdf5(table: ExportTable, path: Path) -> None:
     """Write a data set a column, unit and meaning in its attributes, and the record's facts in those of the file."""
     h5py = need("h5py", "export", "an export to HDF5")
-    with h5py.File(path, "w") as file:
+    with h5py.File(data := BytesIO(), "w") as file:
         for key, value in table.about.items():
             if isinstance(value, str) and len(value.encode()) > _LARGEST_ATTRIBUTE:
                 file[f"about/{key}"] = value
@@ -191,8 +192,9 @@ def _hdf5(table: ExportTable, path: Path) -> None:
         group = file.create_group(table.name)
         for each in table.columns:
             packed = {"compression": "gzip", "compression_opts": 1, "shuffle": True} if table.rows else {}
-            data = group.create_dataset(each.name, data=each.values, **packed)
-            data.attrs.update({"unit": each.unit, "meaning": each.meaning})
+            column = group.create_dataset(each.name, data=each.values, **packed)
+            column.attrs.update({"unit": each.unit, "meaning": each.meaning})
+    path.write_bytes(data.getbuffer())
 
 
 def _xlsx(table: ExportTable, path: Path) -> None:
@@ -216,7 +218,8 @@ def _xlsx(table: ExportTable, path: Path) -> None:
     about = book.create_sheet("about")
     for key, value in table.about.items():
         about.append([_as_text(openpyxl, about, key), _as_text(openpyxl, about, value)])
-    book.save(path)
+    book.save(data := BytesIO())  # on a full disk its own errors say less
+    path.write_bytes(data.getbuffer())
 
 
 _LONGEST_CELL: Final = 32_767

@@ -12,7 +12,7 @@ from vcfbench.archive.reported import full_report, title_of
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.extras import need
-from vcfbench.files import failing_as, read_file, shown
+from vcfbench.files import read_file, replaced, shown
 from vcfbench.reports.document import Figure, Report
 from vcfbench.reports.html_page import page_of
 from vcfbench.reports.markdown import markdown_of
@@ -73,8 +73,8 @@ def write_certificate(
     if document is not None and not document[1].startswith(b"%PDF"):
         raise ConfigError(f"{shown(Path(embed or ''))}: expected a report as PDF", hint="vcfbench report -o REPORT.pdf")
     written = dcc_of(run, certificate_words(run, words), document)
-    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
-        path.write_bytes(written)
+    with replaced(path) as draft:
+        draft.write_bytes(written)
     return path
 
 
@@ -114,18 +114,18 @@ def write_document(report: Report, title: str, name: str, path: Path, logo: str 
     suffix = path.suffix.lower()
     if suffix not in _SUFFIXES:
         raise ConfigError(f"{shown(path)}: expected a name that ends in {', '.join(_SUFFIXES)}")
-    with failing_as(ConfigError, f"{shown(path)}: cannot be written"):
-        if logo:  # a picture becomes an address that holds it
-            kind = _PICTURES.get(Path(logo).suffix.lower())
-            if kind is None:
-                raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
-            picture = b64encode(read_file(Path(logo), "a logo", _LARGEST_LOGO)).decode()
-            logo = f"data:{kind};base64,{picture}"
-        if suffix == ".md":
-            return _markdown(report, path)
-        page = page_of(report, f"{title} ({name})", name, printed=suffix == ".pdf", logo=logo)
-        path.write_bytes(_pdf(page) if suffix == ".pdf" else page.encode())
-        return (path,)
+    if logo:  # a picture becomes an address that holds it
+        kind = _PICTURES.get(Path(logo).suffix.lower())
+        if kind is None:
+            raise ConfigError(f"logo {logo!r}: expected a name that ends in {', '.join(_PICTURES)}")
+        picture = b64encode(read_file(Path(logo), "a logo", _LARGEST_LOGO)).decode()
+        logo = f"data:{kind};base64,{picture}"
+    if suffix == ".md":
+        return _markdown(report, path)
+    page = page_of(report, f"{title} ({name})", name, printed=suffix == ".pdf", logo=logo)
+    with replaced(path) as draft:
+        draft.write_bytes(_pdf(page) if suffix == ".pdf" else page.encode())
+    return (path,)
 
 
 def _pdf(page: str) -> bytes:
@@ -149,5 +149,7 @@ def _markdown(report: Report, path: Path) -> tuple[Path, ...]:
         pictures.append(picture)
         return quote(picture.name)
 
-    path.write_bytes(markdown_of(report, place).encode())
+    text = markdown_of(report, place)
+    with replaced(path) as draft:
+        draft.write_bytes(text.encode())
     return (path, *pictures)

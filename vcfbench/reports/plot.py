@@ -6,7 +6,7 @@ The same figure gives the same bytes: no dates, no names of versions, and nothin
 import re
 from collections.abc import Sequence
 from importlib import import_module
-from io import StringIO
+from io import BytesIO, StringIO
 from itertools import cycle
 from pathlib import Path
 from typing import Any, Final
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vcfbench.analysis.regression import LineFit, line_so_far
 from vcfbench.errors import ConfigError
-from vcfbench.files import shown
+from vcfbench.files import replaced, shown
 from vcfbench.records.schema import Point
 from vcfbench.reports.document import Axis, Figure, Series
 from vcfbench.reports.typography import in_unicode, marked_up_in_svg
@@ -88,10 +88,13 @@ def save_figure(figure: Figure, path: Path) -> None:
     """
     with _settings(path.stem):
         drawing = _drawing(figure, _SIZE_IN, titled=True)
+        kind = path.suffix[1:].lower()
         try:
-            drawing.savefig(path, dpi=200, metadata=_METADATA.get(path.suffix[1:].lower()))
-        except (ValueError, OSError) as error:
+            drawing.savefig(data := BytesIO(), format=kind, dpi=200, metadata=_METADATA.get(kind))
+        except ValueError as error:
             raise ConfigError(f"{shown(path)}: no picture can be written: {error}") from error
+    with replaced(path) as draft:
+        draft.write_bytes(data.getbuffer())
 
 
 def line_of(points: Sequence[Point], step: int) -> tuple[list[int], LineFit | None]:
