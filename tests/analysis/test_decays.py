@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vcfbench.analysis.decays import _let_go, fit_decays, fit_release
+from vcfbench.analysis.decays import _let_go, _line, _Samples, fit_decays, fit_release
 from vcfbench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -36,6 +36,15 @@ def test_two_modes_beside_a_carrier_come_back() -> None:
     assert anti_phase.amplitude_v == pytest.approx(1.0, rel=0.01)
     assert in_phase.frequency_hz == pytest.approx(3342.0, abs=5e-3)
     assert in_phase.q == pytest.approx(900.0, rel=5e-3)
+
+
+@pytest.mark.parametrize("rate_s", [20.0, 60.0])
+@pytest.mark.parametrize("offset_hz", [-150.0, -24.8, 40.0])
+def test_line_of_a_decay_has_its_offset_and_half_its_rate(rate_s: float, offset_hz: float) -> None:
+    t = 2.5e-5 * np.arange(20_000)
+    decay = np.exp(-rate_s * t) * np.cos(2.0 * math.pi * (CARRIER_HZ + offset_hz) * t + 0.4)
+    found = _line(decay, _Samples(decay, 2.5e-5), CARRIER_HZ, {0.0: 2.0})
+    assert found == pytest.approx((offset_hz, 0.5 * rate_s), abs=0.2 + 0.1 * rate_s)
 
 
 def test_a_single_mode_above_the_carrier_is_one() -> None:

@@ -184,7 +184,7 @@ def _line(
     place = int(np.where(free, level, 0.0).argmax())
     if not level[place] > _SEEN * float(np.median(level)):
         return None
-    # A decay's line is sqrt(3) r / pi wide at half its height
+    # A decay's line is sqrt(3) r / pi wide at half its height; the fit starts from half of that r
     high = np.flatnonzero((level < 0.5 * level[place]) & free)
     low, up = high[high < place], high[high > place]
     wide_hz = offset_hz[up[0]] - offset_hz[low[-1]] if low.size and up.size else 0.0
