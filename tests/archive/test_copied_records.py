@@ -10,6 +10,7 @@ from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
+from vcfbench.archive.amending import amend_run
 from vcfbench.archive.batch_sheet import device_parts, device_rows, sheet_rows
 from vcfbench.archive.summary import run_summaries
 from vcfbench.cli.main import app
@@ -61,3 +62,19 @@ def test_renamed_record_is_no_copy(runs: Path, tmp_path: Path) -> None:
     for each in run_summaries(folder):
         (folder / each.run).rename(folder / f"renamed{each.seed}")
     assert [(each.run, each.copies) for each in run_summaries(folder)] == [("renamed1", ()), ("renamed2", ())]
+
+
+@pytest.mark.parametrize("name", few(NAMES, NAMES[0], NAMES[-1]))
+def test_amended_copy_counts_for_its_record(name: str, runs: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    shutil.copytree(runs, folder)
+    first, second = run_summaries(folder)
+    copy = name.format(first.run)
+    shutil.copytree(folder / first.run, folder / copy)
+    amend_run(folder / copy, {"dut": "G-8"}, reason="label misread", by="P")
+    assert {each.run: (each.dut, each.copies) for each in run_summaries(folder)} == {
+        copy: ("G-8", (first.run,)),
+        second.run: ("G-7", ()),
+    }
+    assert [each.drift_ppm for each in device_rows("G-7", folder, tmp_path)] == [None]
+    assert [each.run for each in device_rows("G-8", folder, tmp_path)] == [copy]

@@ -123,13 +123,16 @@ def run_summaries(
 
 
 def _once(found: Iterable[RunSummary]) -> Iterator[RunSummary]:
-    """Yield each record once, under its own name, of directories that are copies of one; a damaged one is none."""
+    """Yield each record once, of its copies the one that was amended last, else under its own name.
+
+    A damaged one is no copy.
+    """
     same = defaultdict[object, list[RunSummary]](list)
     for each in found:
         whole = each.recorded_as if each.damage is None else None
         same[whole or each.directory, each.started].append(each)
     for alike in same.values():
-        first, *others = sorted(alike, key=lambda each: (each.run != each.recorded_as, each.run))
+        first, *others = sorted(alike, key=lambda each: (-each.revision, each.run != each.recorded_as, each.run))
         yield replace(first, copies=tuple(each.run for each in others)) if others else first
 
 
