@@ -21,6 +21,7 @@ from tests.seals import sealed
 from tests.test_resume import cut
 from tests.test_streams import FAULTS, LEFT_ALONE, TABLE
 from vcfbench.archive.lot import spreads_of
+from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
 from vcfbench.drivers.streams.reader import StreamReader
@@ -31,6 +32,7 @@ from vcfbench.procedures.bench_file import checked_bench, parse_bench
 from vcfbench.procedures.layers import asked_in_python
 from vcfbench.records.metadata import metadata_of
 from vcfbench.records.schema import Status
+from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
 from vcfbench.runs.conduct import conduct
 from vcfbench.runs.needs import what_can_run
@@ -138,6 +140,16 @@ def test_devices_are_calibrated_together_each_as_alone(whole: Run, tmp_path: Pat
         assert each.directory is not None
         assert verify_run(each.directory).wrong is None
     assert all(verify_run(str(each.directory)).notes == verify_run(str(alone.directory)).notes for each in run.devices)
+
+
+def test_record_of_each_says_what_that_of_all_says(whole: Run) -> None:
+    own = {"run", "utc", "bench", "settings", "identities", "metadata", "equipment", "devices", "seal"}
+    assert whole.header["simulated"] is True
+    for each in whole.devices:
+        assert {name: each.header[name] for name in whole.header if name not in own} == {
+            name: said for name, said in whole.header.items() if name not in own
+        }
+        assert "SIMULATED" in text_of(full_report(each))
 
 
 @pytest.mark.parametrize("lost", few([1, 2], 2))

@@ -23,7 +23,7 @@ class _PreparedDevice(Prepared):
         super().__init__(whole.request)
         self.procedure, self.name = whole.procedure, whole.name
         self.description, self.settings, self.metadata = device.description, device.settings, device.metadata
-        self.seed, self.began_s = whole.seed, whole.began_s
+        self.seed, self.simulated, self.began_s = whole.seed, whole.simulated, whole.began_s
         self._entries = header
 
     def header_entries(self) -> dict[str, Any]:
