@@ -346,7 +346,7 @@ def test_errors_of_generator_ranges_are_moved_levels(k_vc: float) -> None:
     settings: Any = SimpleNamespace(station=SimpleNamespace(sources=sources))
     v_vc_v = np.array([0.1, -0.1, 0.3, -0.3, 0.7, -0.7, 1.3, -1.3])
     rates = np.polynomial.polynomial.polyval(v_vc_v, [0.05, k_vc, 1.5, -2.0])
-    of_rate, of_v = np.diag(np.geomspace(1e-6, 1e-4, 8)), 1e-30 * np.eye(8)
+    of_rate, of_v = np.diag(np.geomspace(1e-6, 1e-4, 8)), np.diag(np.geomspace(1e-10, 1e-9, 8))
     own, found = _as_set(settings, fitted(rates, v_vc_v, of_rate, of_v), v_vc_v, {"noise": of_rate}, {"none": of_v})
 
     def moved(by_v: Any) -> Any:

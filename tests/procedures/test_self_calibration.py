@@ -623,7 +623,6 @@ def test_shift_on_the_way_is_in_u95_from_first_day(tmp_path: Path) -> None:
     assert second.drift.last.change_ppm.u < 30.0
 
 
-@pytest.mark.exhaustive
 def test_temperatures_that_were_told_are_compared_and_k_vc_corrected(quiet: tuple[Path, dict[str, Any]]) -> None:
     """By the coefficient that was measured, or else by that of silicon; without either nothing is known."""
     where, settings = quiet
