@@ -362,7 +362,9 @@ def test_errors_of_generator_ranges_are_moved_levels(k_vc: float) -> None:
     expected[RESOLUTION] = sum(np.outer(*[moved(row)] * 2) for row in np.diag(digits_v))
     assert found.keys() == expected.keys()
     for name, part in expected.items():
-        assert found[name] == pytest.approx(part, rel=1e-3, abs=1e-6 * float(np.abs(part).max())), name
+        u = np.sqrt(np.diag(part))
+        assert np.sqrt(np.diag(found[name])) == pytest.approx(u, rel=1e-3), name
+        assert found[name] / np.outer(u, u) == pytest.approx(part / np.outer(u, u), abs=1e-3), name
     assert np.array(own.covariance) == pytest.approx(sum(expected.values()), rel=1e-3, abs=1e-9)
 
 
