@@ -184,6 +184,14 @@ def in_unit(run: Run, unit: str) -> Run:
     return structs.replace(run, _values=values)
 
 
+@pytest.mark.parametrize("name", ["scale_factor", "bias", "nonlinearity"])
+def test_bound_and_value_are_named_by_their_figures(name: str, wide: Run) -> None:
+    then = wide.values[name]
+    bound = structs.replace(then, value=None, u=None, u95=None, dof=None, form="below", low=0.0, high=1.0, parts=())
+    said = Pair(Compared(wide), Compared(wide)).change(then, bound).reason
+    assert said == f"of another measurand: {then} and {bound}"
+
+
 @pytest.mark.parametrize("unit", ["LSB", "deg/s", "LSB/s"])
 def test_values_in_other_units_are_never_subtracted(unit: str, wide: Run, narrow: Run) -> None:
     for first, other in ((in_unit(wide, unit), narrow), (wide, in_unit(narrow, unit)), (wide, in_unit(wide, unit))):

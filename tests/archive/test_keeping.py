@@ -91,3 +91,15 @@ def test_a_withdrawn_certificate_is_none_as_a_file_either(store: DeviceStore, tm
 def test_contributions_are_printed_with_their_size() -> None:
     found = measurand(1.0, "deg/s", [UncertaintyPart("gravity", -2.1e-7)])
     assert made_of(found) == "gravity 2.1e-07"
+
+
+def test_run_without_entry_is_refused_with_the_cause(tmp_path: Path) -> None:
+    for procedure, dut, said in (
+        ("turntable", "G-1", "turntable makes none"),
+        ("zero", None, "run it with --dut SERIAL"),
+    ):
+        settings = {"samples": 60} if procedure == "zero" else {"rates_deg_s": (100.0, 0.0, -100.0), "samples": 2}
+        run = vcfbench.run(procedure, seed=1, settings=settings, metadata={"dut": dut}, runs=tmp_path)
+        with pytest.raises(ConfigError) as refused:
+            keep_of_device(str(run.directory), devices=tmp_path / "devices")
+        assert str(refused.value).endswith(f"has no entry for the device history; {said}")

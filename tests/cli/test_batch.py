@@ -196,6 +196,7 @@ def test_untried_devices_are_named_and_not_counted(folder: Path) -> None:
     asked = read_batch(folder / "plan.toml")
     first, second = asked.rows(folder / "runs", {"G-1": "it does not answer"})
     text = text_of(batch_sheet("b7", [first, second]))
+    assert not [line for line in text.splitlines() if line.strip() == "."]  # of no values nothing is said
     assert "Yield: 0 of 1 devices" in text
     assert "Not measured yet: G-2." in text
     assert "No device has been measured yet." in text_of(batch_sheet("b7", [second]))
@@ -249,6 +250,8 @@ def test_serial_numbers_are_read_until_an_empty_line(folder: Path, monkeypatch: 
     ("was", "now", "words"),
     [
         ('"G-2"]', '"G-1"]', "devices: G-1 is listed twice"),
+        ('"G-2"]', '"G-2,G-3"]', "plan.toml: devices[1]: serial number 'G-2,G-3': expected letters A to Z"),
+        ('"G-1"', '"../G"', "plan.toml: devices[0]: serial number '../G': expected letters A to Z"),
         ("samples = 3", "sample = 3", "runs[0].settings"),
         ("[[runs]]", "[[run]]", "run"),
         ("[[runs]]", '[[runs]]\nprocedure = "turntable"\n[[runs]]', "runs: turntable is listed twice"),

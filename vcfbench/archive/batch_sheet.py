@@ -282,7 +282,7 @@ def batch_sheet(batch: str, rows: Sequence[SheetRow], left_out: Mapping[str, str
             own = columns_of([each.values for each in of])
             cells = [[each.device, *_cells(own, each, notes), *[each.operator or "-"] * several] for each in of]
             columns = [Column("device", align="left", verbatim=True), *_heads(own), *operator]
-            parts += [_said(own), Table(columns, cells)]
+            parts += [*([_said(own)] if own else []), Table(columns, cells)]
         parts += _footnotes(of_procedure, notes)
         if limits := dict.fromkeys(limit for each in of_procedure for limit in each.limits):
             not_kept = [f"{each.device} ({', '.join(each.not_kept)})" for each in of_procedure if each.not_kept]

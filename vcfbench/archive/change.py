@@ -169,7 +169,8 @@ class Pair(Struct, frozen=True):
         definitions = then.definition, now.definition
         unlike = definitions[0].unlike(definitions[1])
         if (then.kind, then.form) != (now.kind, now.form):
-            unlike = f"{then.named.words} and {now.named.words}"
+            both = (then, now) if then.kind == now.kind else (then.named.words, now.named.words)
+            unlike = f"{both[0]} and {both[1]}"
         elif then.unit == now.unit and not unlike and None in {then.value, now.value, then.u, now.u, then.u95, now.u95}:
             return Difference(plain)
         lines = then.kind == now.kind == "scale_factor" and definitions[0].choices == definitions[1].choices

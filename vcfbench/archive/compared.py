@@ -263,10 +263,10 @@ def _explained(comparison: RunComparison, letters: Sequence[str]) -> Iterator[Te
         ppm, words = 1e6 / each.values[0], _named(each)[0]
         for letter, value, d in zip(letters[1:], each.values[1:], each.differences, strict=True):
             if d.value is not None and d.u95 is not None and d.e_n is not None:
-                parts = [f"{ppm * part:+.0f} ppm by {why}" for why, part in d.explained]
-                left = f"{ppm * d.value:+.0f}±{grouped(abs(ppm) * d.u95)} ppm"
+                parts = [f"{round(ppm * part):+d} ppm by {why}" for why, part in d.explained]
+                left = f"{round(ppm * d.value):+d}±{grouped(abs(ppm) * d.u95)} ppm"
                 if parts:
-                    changed = f"changed by {ppm * (value - each.values[0]):+.0f} ppm"
+                    changed = f"changed by {round(ppm * (value - each.values[0])):+d} ppm"
                     left = "; ".join([changed, *parts, f"left are {left}"])
                 else:
                     left = f"changed by {left}"

@@ -39,7 +39,8 @@ def keep_of_device(run: str | Path, runs: str | Path = "runs", devices: Path | N
     made = Provenance.of(record.header, directory.run, finished, evaluation.verdict)
     kept = None if chosen.entry is None else chosen.entry(settings, evaluation.results, made)
     if kept is None:
-        raise ConfigError(f"{directory.run} has no entry for the device history", hint="run it with --dut SERIAL")
+        hint = f"{chosen.name} makes none" if chosen.entry is None else "run it with --dut SERIAL"
+        raise ConfigError(f"{directory.run} has no entry for the device history", hint=hint)
     now = amended(metadata_from(record.header), amendments_of(record.lines)).dut
     if now is not None and now != kept.record.serial:
         raise ConfigError(

@@ -467,7 +467,7 @@ def require_serial(serial: str) -> None:
     """See that `serial` can be the serial number of a device; ConfigError when it cannot."""
     if not _SERIAL.fullmatch(serial) or _RESERVED.fullmatch(serial):
         raise ConfigError(
-            f"serial number {serial!a}: expected letters, digits, '-', '_' and '.' within: it names a directory"
+            f"serial number {serial!a}: expected letters A to Z, digits, '-', '_' and '.' within: it names a directory"
         )
 
 

@@ -21,6 +21,7 @@ from vcfbench.procedures.bench_file import described
 from vcfbench.procedures.catalogue import is_file
 from vcfbench.procedures.layers import settings_of
 from vcfbench.procedures.own_code import file_of
+from vcfbench.records.devices import require_serial
 from vcfbench.records.journal import read_header
 from vcfbench.records.metadata import RunMetadata
 from vcfbench.records.schema import Status
@@ -232,6 +233,11 @@ def read_batch(file: Path | str, operator: str | None = None, store: Path | None
             f"{source}: bench: expected a bench with one gyroscope, {bench} has several ([[device]])",
             hint="a batch mounts one after another: `vcfbench run --dut A,B` measures them together",
         )
+    for place, serial in enumerate(said.devices):
+        try:
+            require_serial(serial)
+        except ConfigError as error:
+            raise ConfigError(f"{source}: devices[{place}]: {error.what}") from None
     runs = []
     for number, each in enumerate(said.runs):
         named = path.parent / each.procedure if is_file(each.procedure) else each.procedure

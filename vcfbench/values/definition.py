@@ -63,7 +63,7 @@ class Definition(Struct, frozen=True):
             if mine.get(name) != yours.get(name)
         ]
         if not alike(self.levels_deg_s, other.levels_deg_s):
-            said.append(f"rates: {self.levels_words} and {other.levels_words}")
+            said.append(f"rates: {self.levels_words or 'none'} and {other.levels_words or 'none'}")
         return "; ".join(said)
 
 
