@@ -14,6 +14,7 @@ import msgspec
 import pytest
 from simrack.faults import Fault
 from simrack_tests.cells import few
+from typer.testing import CliRunner
 
 import vcfbench
 from tests import warm
@@ -24,6 +25,7 @@ from vcfbench.archive.lot import spreads_of
 from vcfbench.archive.reported import full_report
 from vcfbench.archive.verified import verify_run
 from vcfbench.bench.check import check_bench
+from vcfbench.cli.main import app
 from vcfbench.drivers.streams.reader import StreamReader
 from vcfbench.drivers.together import Outputs
 from vcfbench.errors import BenchError, ConfigError, DeadlineExceeded, LinkLost, PlanError
@@ -150,6 +152,23 @@ def test_record_of_each_says_what_that_of_all_says(whole: Run) -> None:
             name: said for name, said in whole.header.items() if name not in own
         }
         assert "SIMULATED" in text_of(full_report(each))
+
+
+@pytest.mark.parametrize("procedure", few(["turntable", "zero"], "turntable"))
+def test_readings_of_all_are_never_one_table(procedure: str, tmp_path: Path) -> None:
+    settings: dict[str, Any] = QUICK if procedure == "turntable" else {"samples": 120}
+    run = vcfbench.run(procedure, several(2), seed=1, settings=settings, runs=tmp_path)
+    for raw in (True, False):
+        with pytest.raises(ConfigError, match=r"not exported: it is of 2 devices, each of which has a record"):
+            vcfbench.export_run(run, tmp_path / "all.csv", raw=raw)
+    with pytest.raises(ConfigError, match="readings of its own"):
+        _ = run.readings
+    assert not (tmp_path / "all.csv").exists()
+    for each in run.devices:
+        times = [reading.t_s for reading in each.readings]
+        assert len(times) == len(set(times)) == vcfbench.export_run(each, tmp_path / "own.csv", raw=True).rows
+    listed = CliRunner().invoke(app, ["device", "--runs", str(tmp_path), "--devices", str(tmp_path / "devices")])
+    assert listed.stdout == "G-1  no entry, complete runs: 1\nG-2  no entry, complete runs: 1\n"
 
 
 @pytest.mark.parametrize("lost", few([1, 2], 2))

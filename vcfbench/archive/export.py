@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Struct
 
 from vcfbench.archive.recorded import directory_of
+from vcfbench.archive.results import of_several
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import summary_of
 from vcfbench.errors import ConfigError
@@ -57,8 +58,8 @@ def export_run(
         progress: is called with the rows written and all of them, while a table is written as CSV or xlsx.
 
     Raises:
-        ConfigError: there is no such record, it is damaged, the format is unknown or needs the extra ``export``, the
-            table is too long for it, or the file cannot be written.
+        ConfigError: there is no such record, it is damaged or of several devices, the format is unknown or needs the
+            extra ``export``, the table is too long for it, or the file cannot be written.
 
     >>> vcfbench.export_run("last", "points.csv").columns
     ('step', 'rate_deg_s', 'v_vc_v', 'output_v', 'std_v', 'n')
@@ -69,6 +70,8 @@ def export_run(
     directory = directory_of(where, runs)
     if outline_of(directory.journal) is None and (damage := directory.read().damage) is not None:
         raise ConfigError(f"{shown(directory.journal)}: the record is damaged, so it is not exported: {damage}")
+    if (several := of_several(read_header(directory.journal))) is not None:
+        raise ConfigError(f"{directory.run} is not exported: {several}")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format: expected one of {', '.join(FORMATS)}, got {format!r}")
     written_as = format or (None if file is None else _SUFFIXES.get(Path(file).suffix.lower()))

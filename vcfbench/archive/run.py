@@ -136,10 +136,12 @@ class Run(Struct, frozen=True, eq=False):
         ``pandas.DataFrame(run.readings)`` makes a table of them.
 
         Raises:
-            ConfigError: the record cannot be read any more.
+            ConfigError: the record cannot be read any more, or is of several devices: each of `devices` has its own.
         """
         if self.directory is None:
             return ()
+        if "devices" in self.header:
+            raise ConfigError(f"{self.name} is of several devices, each of which has readings of its own")
         record = read_journal(self.directory / "journal.jsonl")
         found = []
         try:

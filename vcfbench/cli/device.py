@@ -256,7 +256,8 @@ def _plot(serial: str, entries: tuple[Entry, ...], calibrations: Sequence[SheetR
 
 def _list(store: DeviceStore, runs: Path, *, json: bool) -> None:
     lines, failed = [], {}
-    ran = Counter(each.dut for each in run_summaries(runs, status=Status.COMPLETE) if each.dut)
+    found = run_summaries(runs, status=Status.COMPLETE)
+    ran = Counter(each.dut for each in found if each.dut and "," not in each.dut)  # each of several has its own record
     serials = sorted({*store.serials(), *ran})
     for serial in serials:
         if serial not in store.serials():
