@@ -38,6 +38,7 @@ def ran(name: str, off: float, tmp_path: Path, k_vc: tuple[float, float] | None 
             ("g-sensitivity", (145.0, 155.0), 0.1, 0.2),
             ("g-sensitivity", None, 9.9, 10.1),
         ],
+        ("zero", None, 0.0999, 0.1001),
         ("g-sensitivity", None, 9.9, 10.1),
     ),
 )

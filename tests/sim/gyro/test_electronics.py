@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 from simrack.oscillation import Oscillation
-from simrack.sources import Drive
+from simrack.sources import Approach, Drive, Ripple, Sine
 
 from vcfbench.sim.gyro.design import paper_bench
-from vcfbench.sim.gyro.electronics import OutputLimits, amplify, modulate, passage, rail_current_a
+from vcfbench.sim.gyro.electronics import OutputLimits, Pin, amplify, modulate, passage, rail_current_a
 from vcfbench.sim.gyro.thermal import WarmUp, resonance_at
 
 PAPER = paper_bench()
@@ -81,3 +81,14 @@ def test_several_sines_stay_exact_through_the_modulators_curvature() -> None:
     v = node.at(times)
     np.testing.assert_allclose(modulate(path, node).at(times), 0.01 + v + 0.02 * v**2 + 0.03 * v**3, atol=1e-8)
     np.testing.assert_allclose(node.later(0.3).at(times), node.at(times + 0.3), atol=1e-12)
+
+
+def test_rail_has_its_ripple_and_the_sines_beside_it() -> None:
+    beside = (Sine(2e-3, 300.0, 0.7), Sine(1e-3, 1234.5, -0.2))
+    pin = Pin(1.0, Approach(9.7), Ripple(0.3e-3, 100.0, 0.4, beside))
+    elapsed_s = np.linspace(0.0, 0.02, 41)
+    t = 3.3 + elapsed_s
+    expected = 9.7 + math.sqrt(2.0) * 0.3e-3 * np.cos(2.0 * np.pi * 100.0 * t + 0.4)
+    for sine in beside:
+        expected += sine.amplitude_v * np.sin(2.0 * np.pi * sine.frequency_hz * t + sine.phase_rad)
+    assert pin.voltage(3.3).at(elapsed_s) == pytest.approx(expected, abs=1e-12)
