@@ -22,6 +22,8 @@ from vcfbench.cli import batch as module
 from vcfbench.cli.conduct import RunOptions
 from vcfbench.cli.main import app
 from vcfbench.errors import ConfigError, MeasurementError, NotSafe
+from vcfbench.records.device_values import Characteristics, Conditions
+from vcfbench.records.devices import Characterisation, DeviceStore
 from vcfbench.records.schema import Status
 from vcfbench.reports.text import text_of
 from vcfbench.runs.batch import read_batch
@@ -102,6 +104,28 @@ def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> Non
     assert "G-1: measured already" in done.stderr
     assert [each.dut for each in summaries(folder)] == ["G-1", "G-2"]
     assert summaries(folder)[0].run == first.run
+
+
+def test_device_whose_entry_was_withdrawn_is_measured_again(folder: Path) -> None:
+    batch(folder)
+    first, second = summaries(folder)
+    store = DeviceStore(folder / "devices")
+    of_run = Conditions(bench="paper", run=second.run, simulated=True, positive_rail_v=10.0, negative_rail_v=-10.0)
+    none = Characteristics()
+    made = Characterisation(
+        serial="G-2", done=second.started, procedure="turntable", conditions=of_run, characteristics=none
+    )
+    entry = store.add(made)
+    assert "G-2: measured already" in batch(folder).stderr
+    store.withdraw("G-2", entry.name, reason="wrong leads", by="P")
+    done = batch(folder)
+    assert "G-1: measured already" in done.stderr
+    assert "G-2: turntable: complete" in done.stdout + done.stderr
+    said = " ".join(done.stdout.split())
+    assert f"Left out: {second.run}, G-2, turntable: its entry in the history of the device was withdrawn." in said
+    assert [each.dut for each in summaries(folder)] == ["G-1", "G-2", "G-2"]
+    assert summaries(folder)[0].run == first.run
+    assert "G-2: measured already" in batch(folder).stderr
 
 
 @pytest.mark.exhaustive

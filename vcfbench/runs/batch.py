@@ -10,6 +10,7 @@ from msgspec.json import decode, encode
 from msgspec.structs import replace
 
 from vcfbench.archive.batch_sheet import SheetRow, last_runs, sheet_rows
+from vcfbench.archive.keeping import not_withdrawn
 from vcfbench.archive.summary import RunSummary, run_summaries
 from vcfbench.clock import utc_now
 from vcfbench.devices.device import KnownDeviceSettings
@@ -133,8 +134,12 @@ class Batch(Struct, frozen=True):
 
     def _found(self, runs: Path, serial: str | None) -> list[tuple[RunSummary, str]]:
         """Return the records with the tag, oldest first, each with its difference from the plan."""
-        found = run_summaries(runs, dut=serial, tags={TAG: self.name})
-        return [(each, self._other(each)) for each in found if each.dut and each.procedure]
+        found = [each for each in run_summaries(runs, dut=serial, tags={TAG: self.name}) if each.dut and each.procedure]
+        counting = not_withdrawn(found, self.kept_in) if found else []
+        gone = "its entry in the history of the device was withdrawn"
+        return [
+            (each, self._other(each) if each in counting else f"{each.dut}, {each.procedure}: {gone}") for each in found
+        ]
 
     def _other(self, found: RunSummary) -> str:
         """Return the difference of a record from the run of the plan; empty if there is none.
