@@ -93,6 +93,17 @@ def test_protected_file_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monk
     assert file.read_text() == "issued"
 
 
+def test_figures_of_protected_report_stay(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "r.md"
+    write(runs, file)
+    drawn = tmp_path / "r-1.svg"
+    drawn.write_text("issued")
+    monkeypatch.setattr(os, "access", lambda path, _: Path(path) != file)
+    with pytest.raises(ConfigError, match=r"r\.md: cannot be written: Permission denied"):
+        write(runs, file)
+    assert drawn.read_text() == "issued"
+
+
 def test_link_still_leads_to_file(tmp_path: Path) -> None:
     file, link = tmp_path / "r.html", tmp_path / "link.html"
     link.symlink_to(file)

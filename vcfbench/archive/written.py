@@ -149,7 +149,6 @@ def _markdown(report: Report, path: Path) -> tuple[Path, ...]:
         pictures.append(picture)
         return quote(picture.name)
 
-    text = markdown_of(report, place)
     with replaced(path) as draft:
-        draft.write_bytes(text.encode())
+        draft.write_bytes(markdown_of(report, place).encode())
     return (path, *pictures)
