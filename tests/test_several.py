@@ -144,6 +144,15 @@ def test_devices_are_calibrated_together_each_as_alone(whole: Run, tmp_path: Pat
     assert all(verify_run(str(each.directory)).notes == verify_run(str(alone.directory)).notes for each in run.devices)
 
 
+def test_unreadable_record_beside_them_is_passed_over(whole: Run, tmp_path: Path) -> None:
+    assert whole.directory is not None
+    folder = tmp_path / "runs"
+    copytree(whole.directory.parent, folder)
+    (folder / "odd" / "journal.jsonl").mkdir(parents=True)
+    again = vcfbench.load_run(folder / whole.directory.name)
+    assert [each.metadata.dut for each in again.devices] == ["G-1", "G-2"]
+
+
 def test_record_of_each_says_what_that_of_all_says(whole: Run) -> None:
     own = {"run", "utc", "bench", "settings", "identities", "metadata", "equipment", "devices", "seal"}
     assert whole.header["simulated"] is True

@@ -1,6 +1,7 @@
 """Records read back: everything is made again from the journal."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import date
 from pathlib import Path
 
@@ -136,7 +137,9 @@ def _of_run(directory: RunDirectory) -> tuple[Run, ...]:
     """Return the runs of the several devices of a run that are recorded beside it, by their names."""
     found = []
     for each in recorded_runs(directory.path.parent):
-        of = read_header(each.journal).get("several")
+        of = None
+        with suppress(ConfigError):  # one that cannot be read says of no run that it is of that
+            of = read_header(each.journal).get("several")
         if isinstance(of, dict) and of.get("run") == directory.run:
             found.append(recorded_run(each, each.read()))
     return tuple(sorted(found, key=lambda run: run.metadata.dut or ""))
