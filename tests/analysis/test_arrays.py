@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 from typing import Any
 
@@ -66,3 +67,50 @@ def test_what_is_no_number_is_refused(given: Any, words: str) -> None:
     if "masked" not in words and "finite" not in words:
         with pytest.raises(ConfigError, match=words):
             vcfbench.allan_deviation(given, 1.0)
+
+
+@pytest.mark.parametrize("kind", ["Series", "DataFrame", "Index", "array"])
+@pytest.mark.parametrize("dtype", ["float64", "float32", "Float64"])
+def test_columns_of_pandas_are_taken_as_arrays(kind: str, dtype: str) -> None:
+    pandas = pytest.importorskip("pandas", reason="pip install 'vcfbench[dev]'")
+
+    def column(values: Any) -> Any:
+        return getattr(pandas, kind)(values, dtype=dtype)
+
+    found = vcfbench.characterise(column(RATES), column(OUTPUTS), column([1e-3, 2e-3, 1e-3]))
+    assert found.line.scale_factor == pytest.approx(-0.0125)
+    assert found.type_a is not None
+    assert found.type_a.u_scale_factor == pytest.approx(1e-3 * math.sqrt(2.0) / 200.0)
+    record = np.array([0.02, -0.01, 0.03, 0.0, -0.02])
+    assert vcfbench.allan_deviation(column(record), 1.0)[0].deviation == pytest.approx(
+        vcfbench.allan_deviation(record, 1.0)[0].deviation
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        (-1e-4, "expected uncertainties of 0 or more, got -0.0001"),
+        ([1e-4, math.nan, 1e-4], "expected uncertainties of 0 or more, got nan"),
+        ([1e-4, 1e-4, math.inf], "expected uncertainties of 0 or more, got inf"),
+        ([1e-4, 1e-4], "expected one uncertainty, or 3, got 2"),
+        ([], "expected one uncertainty, or 3, got 0"),
+    ],
+)
+def test_impossible_uncertainties_are_refused(given: Any, words: str) -> None:
+    with pytest.raises(ConfigError, match=words):
+        vcfbench.characterise(RATES, OUTPUTS, given)
+
+
+@pytest.mark.parametrize("confidence", [0.0, 1.0, 95.0, -0.5, math.nan])
+def test_an_impossible_confidence_is_refused(confidence: float) -> None:
+    with pytest.raises(ConfigError, match="expected a confidence between 0 and 1"):
+        vcfbench.allan_deviation([0.02, -0.01, 0.03], 1.0, confidence=confidence)
+
+
+def test_a_record_that_cannot_be_overwritten_is_copied() -> None:
+    record = np.array([0.02, -0.01, 0.03, 0.0, -0.02])
+    expected = vcfbench.allan_deviation(record, 1.0)
+    record.flags.writeable = False
+    again = vcfbench.allan_deviation(record, 1.0, overwrite=True)
+    assert [each.deviation for each in again] == pytest.approx([each.deviation for each in expected])

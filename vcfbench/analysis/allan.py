@@ -100,7 +100,8 @@ def allan_deviation(
     `overwrite` this one.
 
     Raises:
-        ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time.
+        ConfigError: the record is too short for a factor, holds what is no finite number, or its interval is no time;
+            `confidence` is no probability.
 
     >>> points = vcfbench.allan_deviation([0.02, -0.01, 0.03, 0.0, -0.02, 0.01] * 9, interval_s=0.1)
     >>> [f"{point.tau_s:g} s: {point.deviation:.4f}" for point in points[:2]]
@@ -114,6 +115,7 @@ def allan_deviation(
     chosen = list(averaging_factors(values.size) if factors is None else factors)
     edfs = [equivalent_dof(values.size, factor) for factor in chosen]
     # The running sum from 0; the mean is taken out first, which no difference sees, to keep its digits
+    overwrite = overwrite and values.flags.writeable
     phase = values if overwrite else np.zeros(values.size + 1)
     sums = phase[phase.size - values.size :]
     np.subtract(values, values.mean(), out=sums)
@@ -145,7 +147,13 @@ def equivalent_dof(samples: int, factor: int, noise: PhaseNoise = WHITE_NOISE) -
 
 
 def confidence_interval(edf: float, confidence: float = 0.6827) -> tuple[float, float]:
-    """Return the factors on a deviation that bound the true one with `confidence`, equal tails of chi-square."""
+    """Return the factors on a deviation that bound the true one with `confidence`, equal tails of chi-square.
+
+    Raises:
+        ConfigError: `confidence` is no probability between 0 and 1.
+    """
+    if not 0.0 < confidence < 1.0:
+        raise ConfigError(f"expected a confidence between 0 and 1, got {confidence:g}")
     from scipy.special import chdtri  # noqa: PLC0415 - SciPy costs more to import than all the rest
 
     tail = (1.0 - confidence) / 2.0

@@ -33,7 +33,7 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
             raise ConfigError(f"{what}: expected a unit such as {unit}, got {written}") from error
         values = converted.magnitude if hasattr(converted, "magnitude") else converted.value
     masked = getattr(values, "mask", False)
-    if np.any(masked):
+    if not callable(masked) and np.any(masked):  # pandas has a method of that name
         raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; remove them, or the part from them on")
     found = np.asarray(values)
     if found.dtype.kind not in "fiubO" or (found.dtype.kind == "O" and any(isinstance(e, complex) for e in found.flat)):

@@ -98,6 +98,16 @@ class ScaleFactorResult(Struct, frozen=True):
         return found
 
 
+def _uncertainties(given: ArrayLike, points: int) -> Floats:
+    """Return the uncertainties of so many points, from one for all or one for each."""
+    found = np.atleast_1d(plain_numbers(given, "uncertainties", "V"))
+    if found.size not in {1, points}:
+        raise ConfigError(f"expected one uncertainty, or {points}, got {found.size}")
+    if (wrong := found[~(np.isfinite(found) & (found >= 0.0))]).size:
+        raise ConfigError(f"expected uncertainties of 0 or more, got {wrong[0]:g}")
+    return np.broadcast_to(found, (points,))
+
+
 def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLike | None = None) -> ScaleFactorResult:
     """Characterise one column of outputs.
 
@@ -107,7 +117,8 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         u_output_v: standard uncertainty of each mean (or one for all), V; None when unknown.
 
     Raises:
-        ConfigError: the points do not determine a line, or the output does not follow the rate at all.
+        ConfigError: the points do not determine a line, the output does not follow the rate at all, or an uncertainty
+            is none.
 
     >>> found = vcfbench.characterise([-100.0, 0.0, 100.0], [1.21, -0.04, -1.30], u_output_v=1e-4)
     >>> f"{1e3 * found.line.scale_factor:.2f} mV/(deg/s)"
@@ -118,10 +129,8 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
     if line.scale_factor == 0.0:
         raise ConfigError("the output does not follow the rate at all (scale factor 0)")
     type_a = None
-    if (
-        u_output_v is not None
-    ):  # the noise of the points through the least-squares sums, each with its own weight in them
-        variance = np.broadcast_to(plain_numbers(u_output_v, "uncertainties", "V") ** 2, rate.shape)
+    if u_output_v is not None:  # noise of the points through the least-squares sums, each with its own weight in them
+        variance = _uncertainties(u_output_v, rate.size) ** 2
         slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
         bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
         mean_variance = float(variance.mean())
