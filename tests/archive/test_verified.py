@@ -183,6 +183,17 @@ def test_a_signature_sees_what_seals_alone_cannot(key: str, tmp_path: Path) -> N
     assert verified().verdict == "FAIL"
 
 
+def test_signed_record_is_not_amended_without_a_key(key: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The record would have failed for good: no later signature may vouch for an amendment that has none."""
+    run = vcfbench.run("turntable", "ideal", settings=QUICK, runs=tmp_path / "runs")
+    assert run.directory is not None
+    monkeypatch.delenv("VCFBENCH_SIGNING_KEY")
+    with pytest.raises(ConfigError, match="the amendment was not written: the record is signed") as refused:
+        amend_run(run.directory, {"dut": "G-018"}, reason="label")
+    assert "VCFBENCH_SIGNING_KEY" in (refused.value.hint or "")
+    assert verify_run(run.directory, keys=[key]).verdict == "PASS"
+
+
 def test_a_killed_record_that_the_watchdog_signed_shows_a_cut(key: str, record: Path, tmp_path: Path) -> None:
     from vcfbench.records.signing import SigningKey  # noqa: PLC0415
 

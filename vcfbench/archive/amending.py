@@ -50,11 +50,15 @@ def amend_run(
     record = directory.read()
     by = logged_in() if by is None else by
     key = named_key(None)  # no key that the record names: whose it is nobody knows
+    is_signed = record.header.get("signed_by") is not None
+    if key is None and is_signed:  # no later signature could vouch for it
+        hint = "VCFBENCH_SIGNING_KEY=FILE names the key that signs it"
+        raise ConfigError(f"{directory.run}: the amendment was not written: the record is signed", hint=hint)
     if key is not None:
         found, last = verify_run(directory.path), record.lines[-1:]
         unsigned = "what was amended last is not signed" if last and last[0].get("type") == "amendment" else None
         if (why := found.wrong or unsigned) is not None:  # a signature would vouch for that, too
-            hint = "see to it, or amend it without a key: VCFBENCH_SIGNING_KEY unset"
+            hint = "see to it" + ("" if is_signed else ", or amend it without a key: VCFBENCH_SIGNING_KEY unset")
             raise ConfigError(f"{directory.run}: the amendment was not written: {why}", hint=hint)
     made = amend(directory.journal, record, changes, reason=reason, by=by, key=key)
     device = next((each.was for each in made.changes if each.field == "dut"), None)
