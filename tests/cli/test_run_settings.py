@@ -235,3 +235,21 @@ def test_a_file_whose_name_is_taken_is_refused(tmp_path: Path) -> None:
     done = call(str(path), "--dry-run")
     assert done.exit_code == 2
     assert "own.py: its procedure is called 'turntable', a name taken by vcfbench itself" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "values"),
+    [
+        (["analyze", "log.csv"], "--unit", ["gyro=dps", "gyro=mdps"]),
+        (["analyze", "log.csv"], "--unit", ["dps", "mdps"]),
+        (["report", "last"], "--set", ["customer=A", "customer=B"]),
+        (["runs", "amend", "last", "--reason", "label"], "--set", ["dut=G-1", "dut=G-2"]),
+        (["bench", "new", "x.toml"], "--set", ["limits.max_rate_deg_s=1", "limits.max_rate_deg_s=2"]),
+        (["runs", "list"], "--tag", ["lot=1", "lot=2"]),
+    ],
+)
+def test_key_given_twice_to_an_option_is_refused(command: list[str], option: str, values: list[str]) -> None:
+    done = CliRunner().invoke(app, [*command, *(word for each in values for word in (option, each))])
+    assert done.exit_code == 2
+    assert f"{option} {values[1]}: " in done.stderr
+    assert "is given twice" in done.stderr

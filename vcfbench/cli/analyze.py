@@ -1,6 +1,7 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
 import sys
+from collections.abc import Sequence
 from csv import reader
 from json import dumps
 from pathlib import Path
@@ -16,7 +17,7 @@ from vcfbench.archive.analyzed_record import RecordAnalysis, analyze_record, is_
 from vcfbench.archive.analyzed_temperature import TemperatureAnalysis, analyze_temperature
 from vcfbench.archive.table_files import opened_table
 from vcfbench.archive.written import write_document
-from vcfbench.cli.options import Json_, argument, flag, key_and_value, option, output_option
+from vcfbench.cli.options import Json_, argument, flag, key_and_value, keys_and_values, option, output_option
 from vcfbench.errors import ConfigError
 from vcfbench.files import shown
 from vcfbench.reports.text import text_of
@@ -77,7 +78,7 @@ def analyze(  # noqa: PLR0917  # options of a command
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
     names = () if columns is None else tuple(name.strip() for name in next(reader([columns], skipinitialspace=True)))
-    units = dict(key_and_value("--unit", each, "gyro=mdps") if "=" in each else ("", each) for each in unit or ())
+    units = _units_of_columns(unit or ())
     only = None if rows is None else key_and_value("--rows", rows, "sensor=gyro")
     layout = Layout(names, skip, units, time, separator, decimal, only)
     with opened_table(file) as raw:
@@ -107,3 +108,14 @@ def analyze(  # noqa: PLR0917  # options of a command
 
 def _progress(part: float) -> None:
     typer.echo(f"\r{100.0 * part:3.0f} % read" if part < 1.0 else "\r\x1b[K", err=True, nl=False)
+
+
+def _units_of_columns(given: Sequence[str]) -> dict[str, str]:
+    """Return the unit of each column that ``--unit`` names; that of all others stands under no name."""
+    units = keys_and_values("--unit", (each for each in given if "=" in each), "gyro=mdps")
+    for each in given:
+        if "=" not in each:
+            if "" in units:
+                raise ConfigError(f"--unit {each}: the unit of all columns is given twice")
+            units[""] = each
+    return units

@@ -68,7 +68,7 @@ def new(
     Enter accepts what is proposed. All else is in the file with its meaning: put in yours, or give it with --set.
     """
     require_free(file)
-    texts = dict(options.key_and_value("--set", each, "limits.max_rate_deg_s=100") for each in settings or ())
+    texts = options.keys_and_values("--set", settings or (), "limits.max_rate_deg_s=100")
     given = {key: plain_value(text, f"--set {key}") for key, text in texts.items()}
     draft = Draft(str(file))
     with options.tracing(trace):

@@ -131,14 +131,20 @@ def key_and_value(option: str, text: str, example: str) -> tuple[str, str]:
     return key.strip(), value.strip()
 
 
+def keys_and_values(option: str, given: Iterable[str], example: str) -> dict[str, str]:
+    """Return the values of an option by their keys; ConfigError as `key_and_value`, or a key is given twice."""
+    values: dict[str, str] = {}
+    for each in given:
+        key, value = key_and_value(option, each, example)
+        if key in values:
+            raise ConfigError(f"{option} {each}: {key} is given twice")
+        values[key] = value
+    return values
+
+
 def tags_of(given: Iterable[str]) -> dict[str, str]:
     """Return the values of each ``--tag``; ConfigError: one has no key or no value, or a key is given twice."""
-    tags: dict[str, str] = {}
-    for each in given:
-        key, equals, value = (part.strip() for part in each.partition("="))
-        if not (key and equals and value):
-            raise ConfigError(f"--tag {each}: expected KEY=VALUE, as in --tag batch=7")
-        if key in tags:
-            raise ConfigError(f"--tag {each}: {key} is given twice")
-        tags[key] = value
+    tags = keys_and_values("--tag", given, "batch=7")
+    if without := [key for key, value in tags.items() if not value]:
+        raise ConfigError(f"--tag {without[0]}=: expected KEY=VALUE, as in --tag batch=7")
     return tags

@@ -10,7 +10,7 @@ from vcfbench.archive.recorded import load_run
 from vcfbench.archive.run import Run
 from vcfbench.archive.summary import run_summaries
 from vcfbench.archive.written import write_certificate, write_report
-from vcfbench.cli.options import Run_, Runs_, flag, key_and_value, option, output_option, tags_of
+from vcfbench.cli.options import Run_, Runs_, flag, keys_and_values, option, output_option, tags_of
 from vcfbench.errors import ConfigError
 from vcfbench.files import parse_toml, read_text, shown
 
@@ -49,7 +49,7 @@ def report(  # noqa: PLR0917  # options of a command
         if other := [key for key, value in said.items() if not isinstance(value, str)]:
             raise ConfigError(f"{template}: expected texts by key, got something else for {', '.join(other)}")
         said |= {"logo": str(template.parent / said["logo"])} if "logo" in said else {}  # which lies beside it
-    said |= dict(key_and_value("--set", each, "customer=ACME") for each in words or ())
+    said |= keys_and_values("--set", words or (), "customer=ACME")
     if not every:
         recorded = load_run(run, runs)
         _write(recorded, output or Path(f"{recorded.name}.{'xml' if dcc else 'html'}"), said, embed, dcc=dcc)

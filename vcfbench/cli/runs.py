@@ -24,7 +24,7 @@ from vcfbench.cli.options import (
     Runs_,
     argument,
     flag,
-    key_and_value,
+    keys_and_values,
     option,
     output_option,
     run_names,
@@ -208,7 +208,7 @@ def amend(
     json: Json_ = False,
 ) -> None:
     """Amend the metadata of a run, by a line that is added to its record. No reading can be changed."""
-    changes = dict(key_and_value("--set", each, "dut=G-018") for each in set_)
+    changes = keys_and_values("--set", set_, "dut=G-018")
     done = amend_run(run, changes, reason=reason, by=by, runs=runs)
     for words in done.stays:
         typer.echo(f"vcfbench: {words}", err=True)
