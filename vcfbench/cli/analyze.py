@@ -1,7 +1,6 @@
 """``vcfbench analyze``: the whole analysis of a table that was measured somewhere else."""
 
 import sys
-from collections.abc import Sequence
 from csv import reader
 from json import dumps
 from pathlib import Path
@@ -78,7 +77,11 @@ def analyze(  # noqa: PLR0917  # options of a command
 ) -> None:
     """Analyse a calibration table, or with --rate the noise of a record at rest: Allan deviation, N, B, K, R."""
     names = () if columns is None else tuple(name.strip() for name in next(reader([columns], skipinitialspace=True)))
-    units = _units_of_columns(unit or ())
+    of_all = [each for each in unit or () if "=" not in each]
+    if len(of_all) > 1:
+        raise ConfigError(f"--unit {of_all[1]}: the unit of all columns is given twice")
+    units = keys_and_values("--unit", (each for each in unit or () if "=" in each), "gyro=mdps")
+    units |= zip([""], of_all, strict=False)  # that of all others stands under no name
     only = None if rows is None else key_and_value("--rows", rows, "sensor=gyro")
     layout = Layout(names, skip, units, time, separator, decimal, only)
     with opened_table(file) as raw:
@@ -108,14 +111,3 @@ def analyze(  # noqa: PLR0917  # options of a command
 
 def _progress(part: float) -> None:
     typer.echo(f"\r{100.0 * part:3.0f} % read" if part < 1.0 else "\r\x1b[K", err=True, nl=False)
-
-
-def _units_of_columns(given: Sequence[str]) -> dict[str, str]:
-    """Return the unit of each column that ``--unit`` names; that of all others stands under no name."""
-    units = keys_and_values("--unit", (each for each in given if "=" in each), "gyro=mdps")
-    for each in given:
-        if "=" not in each:
-            if "" in units:
-                raise ConfigError(f"--unit {each}: the unit of all columns is given twice")
-            units[""] = each
-    return units
