@@ -34,6 +34,10 @@ def test_u_without_u95_gets_factor_by_degrees_of_freedom() -> None:
     assert Value("own", 1.0, u=0.1, u95=0.37).coverage_factor == pytest.approx(3.7)
 
 
+def test_one_missing_contribution_may_be_a_text() -> None:
+    assert str(Value("own", 1.0, "V", missing="meter")).endswith("INCOMPLETE without meter")
+
+
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -44,11 +48,19 @@ def test_u_without_u95_gets_factor_by_degrees_of_freedom() -> None:
         {"value": 1.0, "form": "below"},
         {"value": 50.0, "form": "size-below", "high": 35.0},
         {"value": 7.4, "unit": "ppm", "kind": "scale_factor"},
+        {"value": 1.0, "form": "plus minus"},
     ],
 )
 def test_what_no_value_can_be_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="own: "):
         Value("own", **wrong)
+
+
+@pytest.mark.parametrize("dof", [-2.0, -0.5, 0, 0.0, 1e-300, 1e-3])
+def test_a_factor_by_no_degrees_of_freedom_is_refused(dof: float) -> None:
+    with pytest.raises(ConfigError, match=r"expected at least 0\.01 degrees of freedom, got "):
+        Value("own", 1.0, u=0.1, dof=dof)
+    assert Value("own", 1.0, u=0.1, u95=0.37, dof=dof).u95 == 0.37
 
 
 def test_each_key_of_acceptance_is_that_of_a_kind() -> None:

@@ -3,6 +3,8 @@
 import math
 from statistics import NormalDist
 
+from vcfbench.errors import ConfigError
+
 _TINY = 1e-300
 _ENOUGH = 1e-14
 _CLEARLY = 1e-6
@@ -22,7 +24,12 @@ def t_quantile(tail: float, degrees: float) -> float:
 
     By Newton's method. The tail bends one way for t > 0, so from the left it comes nearer with every step. With many
     degrees of freedom, or infinitely many, from the normal distribution (Abramowitz and Stegun 26.7.5).
+
+    Raises:
+        ConfigError: `degrees` is below 0.01, where t is beyond 1e127.
     """
+    if degrees < 0.01:
+        raise ConfigError(f"expected at least 0.01 degrees of freedom, got {degrees:g}")
     if degrees > _MANY_DEGREES:
         x = -NormalDist().inv_cdf(0.5 * tail)
         terms = (

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self, get_args
 
 from msgspec import Struct, structs
 from msgspec.structs import force_setattr
@@ -50,8 +50,8 @@ class Value(Struct, frozen=True):
     without `u95` gets the factor of Student's t for its `dof` (None: as many as one likes).
 
     Raises:
-        ConfigError: a number is not finite, an uncertainty negative, the form lacks its ends, or the kind has another
-            unit.
+        ConfigError: a number is not finite, an uncertainty negative, a `u` without `u95` has no degrees of freedom, the
+            form is unknown or lacks its ends, or the kind has another unit.
 
     >>> value = run.values["scale_factor"]
     >>> f"{value}, U95 {value.u95:.2g} {value.unit}"
@@ -82,7 +82,7 @@ class Value(Struct, frozen=True):
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         force_setattr(self, "parts", tuple(self.parts))
-        force_setattr(self, "missing", tuple(self.missing))
+        force_setattr(self, "missing", (self.missing,) if isinstance(self.missing, str) else tuple(self.missing))
         for name in ("value", "u", "dof", "u95", "low", "high"):  # numpy's become plain ones
             if (number := getattr(self, name)) is not None and type(number) is not float:
                 force_setattr(self, name, float(number))
@@ -96,7 +96,8 @@ class Value(Struct, frozen=True):
             of = self.kind if kind is None else f"{kind.words} in {kind.si or 'no unit'}"
             raise ConfigError(f"{self.name}: expected {of}, got {self.unit!r}")
         if self.u is not None and self.u95 is None and self.form == "plus-minus":
-            force_setattr(self, "u95", t_quantile(_UNCOVERED, self.dof or math.inf) * self.u)
+            dof = math.inf if self.dof is None else self.dof
+            force_setattr(self, "u95", t_quantile(_UNCOVERED, dof) * self.u)
         low, high = self.ends
         within = self.value is None or low <= abs(self.value) <= high if self.form == "size-below" else True
         if self.form == "interval":
@@ -119,8 +120,10 @@ class Value(Struct, frozen=True):
                 return low, math.inf
             case "interval":
                 return low, high
-        value, u95 = self.value or 0.0, self.u95 or 0.0
-        return value - u95, value + u95
+            case "plus-minus":
+                value, u95 = self.value or 0.0, self.u95 or 0.0
+                return value - u95, value + u95
+        raise ConfigError(f"{self.name}: expected a form of {', '.join(get_args(Form))}, got {self.form!r}")
 
     @property
     def coverage_factor(self) -> float | None:
