@@ -106,6 +106,15 @@ def test_uncertainty_stands_beside_its_column(tmp_path: Path, marked: str) -> No
     assert found["out [mV]"].type_a is not None
 
 
+@pytest.mark.parametrize("first", [0.0, -4.0, 0.5])
+def test_a_scatter_of_no_readings_is_refused(tmp_path: Path, first: float) -> None:
+    rates = np.linspace(-100.0, 100.0, 11)
+    numbers = first + np.arange(11.0)  # as the row numbers of a table are
+    columns = {"rate [dps]": rates, "out [mV]": 2.0 * rates, "std_out [mV]": 0.1 + 0.0 * rates, "n": numbers}
+    with pytest.raises(ConfigError, match=r"column std_out \[mV\]: .*, or of less than 1 reading$"):
+        analyze(written(tmp_path / "t.csv", columns))
+
+
 def test_output_that_does_not_follow_is_asked_for(tmp_path: Path) -> None:
     random = np.random.default_rng(9)
     rates = np.linspace(-100.0, 100.0, 11)

@@ -9,7 +9,7 @@ from msgspec.structs import asdict
 from numpy.typing import ArrayLike
 
 from vcfbench.analysis import regression
-from vcfbench.analysis.arrays import Floats, plain_numbers
+from vcfbench.analysis.arrays import Floats, plain_uncertainties
 from vcfbench.analysis.column import CalibrationColumn, CubicFit, FittedValue, Nonlinearity, Pair, TypeA
 from vcfbench.analysis.nonlinearity import PAPER_DECIMALS, nonlinearity_ppm
 from vcfbench.errors import ConfigError
@@ -98,16 +98,6 @@ class ScaleFactorResult(Struct, frozen=True):
         return found
 
 
-def _uncertainties(given: ArrayLike, points: int) -> Floats:
-    """Return the uncertainties of so many points, from one for all or one for each."""
-    found = np.atleast_1d(plain_numbers(given, "uncertainties", "V"))
-    if found.size not in {1, points}:
-        raise ConfigError(f"expected one uncertainty, or {points}, got {found.size}")
-    if (wrong := found[~(np.isfinite(found) & (found >= 0.0))]).size:
-        raise ConfigError(f"expected uncertainties of 0 or more, got {wrong[0]:g}")
-    return np.broadcast_to(found, (points,))
-
-
 def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLike | None = None) -> ScaleFactorResult:
     """Characterise one column of outputs.
 
@@ -130,7 +120,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         raise ConfigError("the output does not follow the rate at all (scale factor 0)")
     type_a = None
     if u_output_v is not None:  # noise of the points through the least-squares sums, each with its own weight in them
-        variance = _uncertainties(u_output_v, rate.size) ** 2
+        variance = plain_uncertainties(u_output_v, rate.size, "V") ** 2
         slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
         bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
         mean_variance = float(variance.mean())

@@ -235,9 +235,12 @@ def read_table(
         name, u_output = head.names[place], None
         if place in uncertainties:
             u, readings = uncertainties[place]
-            u_output = of(u) if readings is None else of(u) / np.sqrt(np.maximum(of(readings), 1.0))
-            if (u_output < 0.0).any():
-                raise ConfigError(f"{file}, column {head.names[u].written}: an uncertainty is below 0")
+            numbers = np.ones(len(values)) if readings is None else of(readings)
+            if (of(u) < 0.0).any() or (numbers < 1.0).any():
+                raise ConfigError(
+                    f"{file}, column {head.names[u].written}: an uncertainty is below 0, or of less than 1 reading"
+                )
+            u_output = of(u) / np.sqrt(numbers)
         unit = "V" if name.unit is None else name.unit.kind.value
         found[name.written] = TableColumn(of(rate), of(place), u_output, unit)
     return found
