@@ -55,6 +55,15 @@ def names(found: tuple[vcfbench.RunSummary, ...]) -> list[int]:
     return [NAMES.index(each.run) for each in found]
 
 
+def test_pandas_makes_a_table_of_the_summaries(runs: Path) -> None:
+    pandas = pytest.importorskip("pandas", reason="pip install 'vcfbench[dev]'")
+    summaries = vcfbench.run_summaries(runs)
+    table = pandas.json_normalize([each.as_json() for each in summaries])
+    assert list(table["dut"]) == [each.dut for each in summaries]
+    found = [each.results["scale_factor"].u95 for each in summaries if "scale_factor" in each.results]
+    assert list(table["results.scale_factor.u95"].dropna()) == found
+
+
 def test_a_summary_says_what_the_run_does(runs: Path) -> None:
     [summary] = vcfbench.run_summaries(runs, dut="G-1")
     run = vcfbench.load_run(runs / NAMES[0])

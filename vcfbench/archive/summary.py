@@ -95,7 +95,7 @@ def run_summaries(
     """Return summaries of the runs of :func:`list_runs`, oldest first, without reading whole records.
 
     Arguments and errors are those of :func:`list_runs`.
-    ``pandas.DataFrame(vcfbench.run_summaries())`` makes a table of them.
+    ``pandas.json_normalize([each.as_json() for each in vcfbench.run_summaries()])`` makes a table of them.
 
     >>> [(summary.dut, summary.verdict) for summary in vcfbench.run_summaries(status="complete")]
     [('G-0042', 'pass')]
