@@ -7,6 +7,7 @@ from functools import cache, wraps
 from inspect import Parameter, Signature, signature
 from numbers import Integral, Real
 from pathlib import Path
+from sys import modules
 from types import FunctionType, NoneType, UnionType
 from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
@@ -24,6 +25,8 @@ _WORDS: Final[dict[Any, str]] = {
     bool: "true or false",
     date: "a date",
     Mapping: "a mapping",
+    dict: "a mapping",
+    tuple: "a tuple",
     Callable: "a function",
     NoneType: "None",
 }
@@ -76,13 +79,28 @@ def checked(function: Any) -> Any:
             value = given[name]
             several = parameters.parameters[name].kind is Parameter.VAR_POSITIONAL
             for each in value if several else (value,):
-                if not _fits(each, hints[name]):
-                    came = words(each) if isinstance(each, str | int | float | None) else type(each).__name__
-                    raise refusal(name, " or ".join(dict.fromkeys(_said(hints[name]))), came)
+                _require(name, each, hints[name])
         return function(*positional, **named)
 
     call.__module__ = "vcfbench"  # where pickle finds it
     return call
+
+
+def require_fields(made: Any, *names: str) -> None:
+    """Hold fields of a value that somebody made against their annotations, as :func:`checked` does arguments.
+
+    Raises:
+        ConfigError: one is of another type; it names the field, the expected types and what came.
+    """
+    hints = get_type_hints(type(made), localns=_Names(vars(modules[type(made).__module__])))
+    for name in names:
+        _require(name, getattr(made, name), hints[name])
+
+
+def _require(name: str, value: Any, hint: Any) -> None:
+    if not _fits(value, hint):
+        came = words(value) if isinstance(value, str | int | float | None) else type(value).__name__
+        raise refusal(name, " or ".join(dict.fromkeys(_said(hint))), came)
 
 
 def _fits(value: Any, hint: Any) -> bool:

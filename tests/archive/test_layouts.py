@@ -30,6 +30,19 @@ def log(head: str, row: str = "{t:.2f},{x}", count: int = 80, *, comma: bool = F
     return head + "".join((each.replace(".", ",") if comma else each) + "\n" for each in rows)
 
 
+@pytest.mark.parametrize(
+    ("field", "wrong"),
+    [
+        *((field, 3.5) for field in Layout.__struct_fields__),
+        *((field, "gz") for field in ("columns", "skip", "units", "rows")),
+        ("rows", ("sensor", "=", "GYRO")),
+    ],
+)
+def test_a_wrong_kind_of_layout_is_refused(field: str, wrong: Any) -> None:
+    with pytest.raises(ConfigError, match=f"^{field}: expected .*, got "):
+        Layout(**{field: wrong})
+
+
 RIGHT: dict[str, tuple[str, dict[str, Any], float | None]] = {
     "comments": (log("# logger 3\n# rate 100 Hz\ngyro [deg/s]\n", "{x}"), {}, 100.0),
     "savetxt": (log("# t_s,gyro [deg/s]\n"), {}, None),

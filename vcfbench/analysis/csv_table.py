@@ -19,11 +19,12 @@ from typing import IO
 
 import numpy as np
 from msgspec import Struct
-from msgspec.structs import replace
+from msgspec.structs import force_setattr, replace
 
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.cells import NO_VALUE, clock_s, decimals, is_any_number, is_clock, is_number, number
 from vcfbench.analysis.column_names import ColumnName, column_name, known_unit, unit_of
+from vcfbench.arguments import require_fields
 from vcfbench.errors import ConfigError
 
 _HEAD = 1 << 16
@@ -72,6 +73,11 @@ class Layout(Struct, frozen=True):
 
     def __post_init__(self) -> None:
         """Refuse words that mean nothing."""
+        if isinstance(self.columns, list):
+            force_setattr(self, "columns", tuple(self.columns))
+        require_fields(self, *self.__struct_fields__)
+        if self.rows is not None and len(self.rows) != 2:
+            raise ConfigError(f"rows: expected a column and a word, got {self.rows!r}")
         for what, given, known in (("separator", self.separator, _SEPARATORS), ("decimal", self.decimal, _DECIMALS)):
             if given is not None and given not in known and (what == "decimal" or len(given) != 1):
                 words = ", ".join(each for each in known if len(each) > 1)
