@@ -121,6 +121,12 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
         ('        yield Settle(1.0, "for nothing")', "        yield 1 / 0", "wait.py, line 22: ZeroDivisionError"),
         ('        yield Settle(1.0, "for nothing")', "        yield 7", "step 1: expected a step, the plan yields 7"),
         ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, got None"),
+        ("def plan(settings: WaitSettings)", "def plan(settings, bench)", "expected a plan that takes the settings: "),
+        (
+            "plan=plan, results=results)\n",
+            "plan=7, results=results)\n",
+            "expected a plan that takes the settings: 'int' object",
+        ),
         (
             "    times: A",
             "    def contradictions(self):\n        return self.x\n\n    times: A",

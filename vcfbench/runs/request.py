@@ -192,7 +192,11 @@ class Prepared:
         return LinearGyros.together({each.name: each.settings.expected_gyro() for each in self.devices})
 
     def _plan_by(self, settings: ProcedureSettings) -> Plan:
-        plan = self.procedure.plan(settings)
+        try:
+            plan = self.procedure.plan(settings)
+        except TypeError as error:
+            said = PlanError(f"procedure {self.procedure.name!r}: expected a plan that takes the settings: {error}")
+            raise mistake_of(self.procedure, error) or said from error
         if not isinstance(plan, Generator):
             raise PlanError(f"procedure {self.procedure.name!r}: expected a plan that yields steps, got {plan!r}")
         return plan
