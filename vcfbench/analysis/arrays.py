@@ -50,14 +50,14 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
 
 
 def plain_uncertainties(values: Any, points: int, unit: str = "") -> Floats:
-    """Return the uncertainties of so many points, from one for all or one for each.
+    """Return the uncertainties of so many points: one for all, or one for each.
 
     Raises:
         ConfigError: those of :func:`plain_numbers`, another number of them, below 0, or not finite.
     """
-    found = np.atleast_1d(plain_numbers(values, "uncertainties", unit))
+    found = plain_numbers(values, "uncertainties", unit)
     if found.size not in {1, points}:
         raise ConfigError(f"expected one uncertainty, or {points}, got {found.size}")
     if (wrong := found[~(np.isfinite(found) & (found >= 0.0))]).size:
         raise ConfigError(f"expected uncertainties of 0 or more, got {wrong[0]:g}")
-    return np.broadcast_to(found, (points,))
+    return found

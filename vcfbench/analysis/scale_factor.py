@@ -120,7 +120,7 @@ def characterise(rate_deg_s: ArrayLike, output_v: ArrayLike, u_output_v: ArrayLi
         raise ConfigError("the output does not follow the rate at all (scale factor 0)")
     type_a = None
     if u_output_v is not None:  # noise of the points through the least-squares sums, each with its own weight in them
-        variance = plain_uncertainties(u_output_v, rate.size, "V") ** 2
+        variance = np.broadcast_to(plain_uncertainties(u_output_v, rate.size, "V") ** 2, rate.shape)
         slope_weight = (rate - line.rate_mean_deg_s) / line.sxx
         bias_weight = 1.0 / rate.size - line.rate_mean_deg_s * slope_weight
         mean_variance = float(variance.mean())
