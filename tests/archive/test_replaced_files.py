@@ -31,6 +31,12 @@ NAMES = (
     *("r.html", "r.md", "r.pdf", "r.xml", "c.html", "f.svg", "f.png", "f.pdf", "s.html", "s.xlsx"),
     *(f"e.{each}" for each in FORMATS if each != "xlsx"),  # whose library writes to another disk first
 )
+NEEDS = {
+    "r.pdf": ("weasyprint",),
+    "s.xlsx": ("openpyxl",),
+    "e.parquet": ("pandas", "pyarrow"),
+    "e.hdf5": ("h5py",),
+}
 LIMITED = """
 import resource, sys
 from pathlib import Path
@@ -66,14 +72,15 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of files")
 @pytest.mark.parametrize("name", few(NAMES, "r.html", "s.xlsx"))
 def test_full_disk_leaves_file_as_it_was(name: str, runs: Path, tmp_path: Path) -> None:
-    if name == "r.pdf":
-        pytest.importorskip("weasyprint")
+    for library in NEEDS.get(name, ()):
+        pytest.importorskip(library)
     file = tmp_path / name
     write(runs, file)
     before = {each.name: each.read_bytes() for each in tmp_path.iterdir()}
     command = [sys.executable, "-B", "-c", LIMITED, str(runs), str(file)]
     root = Path(__file__).parents[2]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root)  # noqa: S603  # it is Python
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join([str(root / "simrack"), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=root, env=found)  # noqa: S603
     assert "ConfigError" in done.stderr.strip().splitlines()[-1]
     assert "written" in done.stderr
     assert "ignored" not in done.stderr
