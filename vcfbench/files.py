@@ -46,7 +46,7 @@ def failing_as(kind: type[BenchError], words: str) -> Iterator[None]:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[Path]:
-    """Yield a draft that takes the name of `path` at the end of the block; after an error that file is as it was.
+    """Yield a draft that takes name and mode of `path` at the end of the block; after an error that file is as it was.
 
     ConfigError: it cannot be written, is write-protected, or no regular file.
     """
@@ -59,6 +59,8 @@ def replaced(path: Path) -> Iterator[Path]:
             raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
         try:
             yield draft
+            with suppress(FileNotFoundError):  # a report that only its owner reads stays so
+                draft.chmod(stat.S_IMODE(target.stat().st_mode))
             draft.replace(target)
         finally:
             with suppress(OSError):

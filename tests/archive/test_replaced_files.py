@@ -118,3 +118,12 @@ def test_link_still_leads_to_file(tmp_path: Path) -> None:
         draft.write_text("anew")
     assert link.is_symlink()
     assert file.read_text() == "anew"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no modes of files")
+def test_replaced_file_keeps_its_mode(tmp_path: Path) -> None:
+    file = tmp_path / "r.html"
+    file.touch(0o640)
+    with replaced(file) as draft:
+        draft.write_text("anew")
+    assert file.stat().st_mode & 0o777 == 0o640
