@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import importlib.metadata
+import re
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING
 
 import pytest
+from msgspec import structs
 
 import vcfbench
 from vcfbench.errors import BenchError, ConfigError, PlanError
@@ -94,6 +96,7 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         ("def f():\n    return 1 / 0\nf()\n", "wait.py, line 2: ZeroDivisionError: division by zero"),
         ("x = 1\n", "wait.py: expected a file with one Procedure, got none"),
         (GOOD + MAKE.format("more"), "wait.py: expected a file with one Procedure, got 2: wait, more"),
+        (GOOD + MAKE.format("wait"), "wait.py: expected a file with one Procedure, got 2: wait, wait"),
         (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
         (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', got 'w w'"),
         (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': give a title of one line"),
@@ -237,6 +240,18 @@ def test_built_in_procedure_keeps_its_name(
     assert vcfbench.dry_run("turntable").procedure == "turntable"
     assert "That of a package (acme_of_a_test:WAIT) has to be renamed" in PROCEDURES.title("turntable")
     assert "renamed" not in PROCEDURES.title("virtual-coriolis")
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_an_object_of_a_built_in_name_is_refused(name: str, write: Write) -> None:
+    own = procedure(write(GOOD))
+    taken = f"a Procedure is called '{name}', a name taken by vcfbench itself; rename it"
+    with pytest.raises(ConfigError, match=f"^{re.escape(taken)}$"):
+        procedure(structs.replace(own, name=name))
+    known = procedure(name)
+    assert procedure(known) is known
+    with pytest.raises(ConfigError, match="rename it"):
+        procedure(structs.replace(known, title="Another."))
 
 
 def test_built_in_procedure_is_found_without_scanning_packages(

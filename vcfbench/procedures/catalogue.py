@@ -126,6 +126,10 @@ def procedure(name: str | Path | AnyProcedure) -> AnyProcedure:
 
         if not isinstance(name, Procedure):
             raise PlanError(f"expected a procedure's name, its file or a Procedure, got {name!r}")
+        if name.name in PROCEDURES and PROCEDURES[name.name] != name:  # its records would be read as that one's
+            raise ConfigError(
+                f"a Procedure is called {name.name!r}, a name taken by {PROCEDURES.origin(name.name)}", hint="rename it"
+            )
         return name
     if not isinstance(name, str) or is_file(name):
         from vcfbench.procedures.own_code import procedure_in  # noqa: PLC0415

@@ -29,12 +29,15 @@ def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure
     except (Exception, SystemExit) as error:
         del sys.modules[name]
         raise ConfigError(f"{shown(path)} cannot be run: {mistake_in(error)}") from error
-    found = {each.name: each for each in vars(module).values() if isinstance(each, Procedure)}
-    own = [each for each in found.values() if not origin(each.name)]
+    found: list[AnyProcedure] = []
+    for each in vars(module).values():
+        if isinstance(each, Procedure) and each not in found:
+            found.append(each)
+    own = [each for each in found if not origin(each.name)]
     if len(own) == 1:
         return own[0]
     if found and not own:
-        known = next(iter(found))
+        known = found[0].name
         raise ConfigError(f"{shown(path)}: its procedure is called {known!r}, a name taken by {origin(known)}")
     came = f"{len(own)}: {', '.join(each.name for each in own)}" if own else "none"
     raise ConfigError(f"{shown(path)}: expected a file with one Procedure, got {came}")

@@ -239,7 +239,7 @@ class Resumed(Prepared):
         self.earlier.require_readable()
         self.name = str(header.get("procedure"))
         self.metadata = amended(metadata_from(header), amendments_of(self.earlier.record.lines))
-        self.procedure = chosen = catalogue.procedure(asked) if isinstance(asked, str | Path) else asked
+        self.procedure = chosen = catalogue.procedure(asked)
         if chosen.name != self.name:
             raise ConfigError(f"{run} is a run of {self.name!r}, not of {chosen.name!r}")
         if chosen.in_one_piece:
