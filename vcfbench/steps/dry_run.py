@@ -28,6 +28,10 @@ class PlannedStep(Struct, frozen=True):
     step: Step
 
 
+_MOST_STEPS = 1_000_000
+"""More than any calibration has: a plan that goes on beyond is taken to be one without an end."""
+
+
 def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
     """Yield the steps of `plan` as `gyro` would let it go; their durations add up to the estimate of the bench time."""
     t_s, number = 0.0, 0
@@ -37,6 +41,11 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
             number += 1
             if not isinstance(step, Step):
                 raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
+            if number > _MOST_STEPS:
+                raise PlanError(
+                    f"the plan has more than {_MOST_STEPS} steps, the last {step.describe()}",
+                    hint="look for a loop in it that does not end",
+                )
             # Refuse a step that is never over, or takes time back: all times behind it would be nonsense
             if not 0.0 <= step.duration_s < math.inf:
                 raise PlanError(
