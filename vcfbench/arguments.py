@@ -79,7 +79,7 @@ def checked(function: Any) -> Any:
             value = given[name]
             several = parameters.parameters[name].kind is Parameter.VAR_POSITIONAL
             for each in value if several else (value,):
-                _require(name, each, hints[name])
+                require(name, each, hints[name])
         return function(*positional, **named)
 
     call.__module__ = "vcfbench"  # where pickle finds it
@@ -94,10 +94,11 @@ def require_fields(made: Any, *names: str) -> None:
     """
     hints = get_type_hints(type(made), localns=_Names(vars(modules[type(made).__module__])))
     for name in names:
-        _require(name, getattr(made, name), hints[name])
+        require(name, getattr(made, name), hints[name])
 
 
-def _require(name: str, value: Any, hint: Any) -> None:
+def require(name: str, value: Any, hint: Any) -> None:
+    """Raise ConfigError, which says what came for `name`, unless `value` may be meant by the annotation `hint`."""
     if not _fits(value, hint):
         came = words(value) if isinstance(value, str | int | float | None) else type(value).__name__
         raise refusal(name, " or ".join(dict.fromkeys(_said(hint))), came)
@@ -114,7 +115,8 @@ def _fits(value: Any, hint: Any) -> bool:
         return True
     if getattr(kind, "_is_protocol", False) and not kind.__module__.startswith(("collections", "typing")):
         own = [name for name in vars(kind) if name == "__call__" or not name.startswith("_")]
-        return any(hasattr(value, name) for name in own)  # one that lacks some is told by who calls it
+        # one that lacks some is told by who calls it
+        return not isinstance(value, type) and any(hasattr(value, name) for name in own)
     if not isinstance(value, kind) or (kind in _SEVERAL and isinstance(value, str | bytes)):
         return False
     items: Any = value

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack_tests.ports import PLENTY_S
 
 from vcfbench.clock import WallClock
-from vcfbench.errors import Aborted, PlanError
+from vcfbench.errors import Aborted, ConfigError, PlanError
 from vcfbench.safety.control import RunControl, RunState
 from vcfbench.safety.signals import StopSignals
 
@@ -84,6 +84,22 @@ def test_stop_before_begin_acts_at_begin(control: RunControl, told: list[tuple[s
     with control.of_run(signals), pytest.raises(Aborted, match=r"^stopped by Ann$"):
         signals.safe_point()
     assert told == [("stopping", "Ann"), ("stopping", "Bob"), ("over", "")]
+
+
+@pytest.mark.parametrize("by", ["", None, 0, 3, "Ann"])
+def test_a_stop_or_pause_by_anybody_is_heard(by: Any) -> None:
+    stopped, paused = RunControl(), RunControl()
+    stopped.stop(by)
+    with pytest.raises(Aborted, match=f"stopped by {by or 'the program'}"), stopped.of_run(signals := StopSignals()):
+        signals.safe_point()
+    paused.pause(by)
+    assert paused.pause_by == str(by or "the program")
+
+
+@pytest.mark.parametrize("listener", [None, 3, "print", [print]])
+def test_a_listener_that_cannot_be_called_is_refused(control: RunControl, listener: Any) -> None:
+    with pytest.raises(ConfigError, match="listener: expected a function, got "):
+        control.tell(listener)
 
 
 def test_each_run_needs_a_control_of_its_own(control: RunControl) -> None:

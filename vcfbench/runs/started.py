@@ -1,12 +1,14 @@
 """A run in a thread of its own: begun, controlled from any other, and waited for."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from threading import Thread
+from threading import TIMEOUT_MAX, Event, Thread
 from typing import Any
 
 from vcfbench.archive.run import Run
+from vcfbench.arguments import require
 from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import Operator
 from vcfbench.records.metadata import RunMetadata
@@ -15,6 +17,7 @@ from vcfbench.safety.control import RunControl, RunState
 from vcfbench.safety.trust import Trust
 from vcfbench.station.description import BenchDescription
 from vcfbench.steps.events import Observer
+from vcfbench.strict import refusal
 
 
 class StartedRun(RunControl):
@@ -32,6 +35,7 @@ class StartedRun(RunControl):
         super().__init__()
         self._run: Run | None = None
         self._error: BaseException | None = None
+        self._ended = Event()  # a join that Ctrl-C breaks off would take the thread for ended
 
         def work() -> None:
             try:
@@ -41,19 +45,22 @@ class StartedRun(RunControl):
             with self._changed:
                 if self._state is not RunState.OVER:  # it failed while it was prepared
                     self._set(RunState.OVER, "")
+            self._ended.set()
 
-        self._thread = Thread(target=work, name="vcfbench run")
-        self._thread.start()
+        Thread(target=work, name="vcfbench run").start()
 
     def result(self, timeout_s: float | None = None) -> Run:
         """Wait for the end of the run, at most `timeout_s` (wall time, None: as long as it takes), and return it.
 
         Raises:
             TimeoutError: it goes on.
+            ConfigError: `timeout_s` is no time.
             BenchError: it did not come to its end, as of :func:`vcfbench.run`.
         """
-        self._thread.join(timeout_s)
-        if self._thread.is_alive():
+        require("timeout_s", timeout_s, float | None)
+        if timeout_s is not None and math.isnan(timeout_s):
+            raise refusal("timeout_s", "a number or None", "nan")
+        if not self._ended.wait(None if timeout_s is None else min(timeout_s, TIMEOUT_MAX)):
             raise TimeoutError(f"the run is not over: it is {self.state}")
         if self._error is not None:
             raise self._error

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import contextmanager, suppress
 from enum import StrEnum
 from threading import Condition
 from typing import TYPE_CHECKING
 
+from vcfbench.arguments import require
 from vcfbench.errors import PlanError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
     from vcfbench.safety.signals import StopSignals
 
@@ -65,6 +67,7 @@ class RunControl:
 
     def stop(self, by: str = "the program") -> None:
         """Stop the run as Ctrl-C does: at its next safe point, the bench made safe; `by` names its author."""
+        by = _named(by)
         with self._changed:
             self.stop_by = self.stop_by or by  # of a run that is over too: the next one of its device must not begin
             if self._state is RunState.OVER:
@@ -75,6 +78,7 @@ class RunControl:
 
     def pause(self, by: str = "the program") -> None:
         """Pause the run after the present step: table at rest, V_Vc 0, rails on."""
+        by = _named(by)
         with self._changed:
             if self._state in {RunState.BEGINNING, RunState.RUNNING}:
                 self.pause_by = by
@@ -82,6 +86,7 @@ class RunControl:
 
     def go_on(self, by: str = "the program") -> None:
         """Continue a run that pauses, or is about to."""
+        by = _named(by)
         with self._changed:
             if self._state in {RunState.PAUSING, RunState.PAUSED}:
                 self.pause_by, self._on_by = "", by
@@ -89,6 +94,7 @@ class RunControl:
 
     def tell(self, listener: Callable[[RunState, str], None]) -> None:
         """Call `listener` at each new state with its source, in any thread."""
+        require("listener", listener, Callable)
         self._listeners.append(listener)
 
     @contextmanager
@@ -140,3 +146,8 @@ class RunControl:
         for each in self._listeners:
             with suppress(Exception):  # a display may fail as it likes
                 each(state, by)
+
+
+def _named(by: str) -> str:
+    """Return who wants something, in words: a stop by nobody would not be heard."""
+    return str(by) if by else "the program"
