@@ -13,7 +13,7 @@ from typing import Any, Final, Union, get_args, get_origin, get_type_hints
 
 from vcfbench.strict import refusal, words
 
-_UNIONS: Final = (Union, UnionType)
+UNIONS: Final = (Union, UnionType)
 _NUMBERS: Final[dict[Any, Any]] = {int: Integral, float: Real}
 """What counts as a number: numpy's are registered there."""
 _SEVERAL: Final = (Sequence, Collection, Iterable)
@@ -92,9 +92,20 @@ def require_fields(made: Any, *names: str) -> None:
     Raises:
         ConfigError: one is of another type; it names the field, the expected types and what came.
     """
-    hints = get_type_hints(type(made), localns=_Names(vars(modules[type(made).__module__])))
+    hints = hints_of(type(made))
     for name in names:
         require(name, getattr(made, name), hints[name])
+
+
+def hints_of(kind: type) -> dict[str, Any]:
+    """Return what the fields of a class are annotated with."""
+    return get_type_hints(kind, localns=_Names(vars(modules[kind.__module__])))
+
+
+def require_types(made: Any, called: str, types: Mapping[str, Any]) -> None:
+    """Hold fields of a value that somebody made against `types`, as :func:`require` does."""
+    for name, expected in types.items():
+        require(f"{called}: {name}", getattr(made, name), expected)
 
 
 def require(name: str, value: Any, hint: Any) -> None:
@@ -107,7 +118,7 @@ def require(name: str, value: Any, hint: Any) -> None:
 def _fits(value: Any, hint: Any) -> bool:
     """Return True if `value` may be meant by `hint`; what numpy declares is left to who takes it."""
     kind, inner = get_origin(hint) or hint, get_args(hint)
-    if kind in _UNIONS:
+    if kind in UNIONS:
         return any(_fits(value, each) for each in inner)
     if kind in _NUMBERS:
         return isinstance(value, _NUMBERS[kind]) and not isinstance(value, bool)
@@ -125,7 +136,7 @@ def _fits(value: Any, hint: Any) -> bool:
 
 def _said(hint: Any) -> Iterator[str]:
     kind = get_origin(hint) or hint
-    if kind in _UNIONS:
+    if kind in UNIONS:
         for each in get_args(hint):
             yield from _said(each)
     elif kind in _SEVERAL:

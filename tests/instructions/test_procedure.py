@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import pytest
 
-from vcfbench.errors import PlanError
+from vcfbench.errors import ConfigError, PlanError
+from vcfbench.instructions.procedure import Procedure
 from vcfbench.procedures.catalogue import PROCEDURES, procedure
 from vcfbench.procedures.turntable import TURNTABLE
 from vcfbench.procedures.virtual_coriolis.plan import VIRTUAL_CORIOLIS
+from vcfbench.station.settings import ProcedureSettings
+
+TEXTS = {"name", "title", "method", "in_one_piece"}
 
 
 def test_the_catalogue_finds_procedures_by_their_names() -> None:
@@ -39,3 +44,13 @@ def test_what_was_done_is_told_in_whole_words() -> None:
     """A word that was broken at the end of a line of code is none in a report."""
     broken = {name: re.findall(r"[a-z]+- [a-z]+", str(PROCEDURES[name].method)) for name in PROCEDURES}
     assert {name: words for name, words in broken.items() if words} == {}
+
+
+@pytest.mark.parametrize("odd", [None, 3, "plan", 1.5, ["plan"]])
+@pytest.mark.parametrize("field", sorted({*Procedure.__struct_fields__} - {"watched"}))
+def test_a_part_of_another_type_is_refused_by_name(field: str, odd: Any) -> None:
+    if (odd is None and field in {"entry", "in_turn"}) or (odd == "plan" and field in TEXTS):
+        return
+    parts = {"name": "own", "title": "Own.", "settings": ProcedureSettings, "plan": print, "results": print}
+    with pytest.raises(ConfigError, match=f"procedure .*: ({field}: expected|expected {field})"):
+        Procedure(**{**parts, field: odd})

@@ -100,6 +100,10 @@ def test_a_file_may_use_procedures_that_come_along(write: Write) -> None:
         (GOOD.replace('"wait"', '"turntable"'), "its procedure is called 'turntable', a name taken by vcfbench itself"),
         (GOOD.replace('"wait"', '"w w"'), "expected a procedure's name of letters, digits, '-' and '_', got 'w w'"),
         (GOOD.replace('title="Wait.", ', ""), "procedure 'wait': give a title of one line"),
+        (
+            GOOD.replace("plan=plan", "plan=7"),
+            "ConfigError: procedure 'wait': plan: expected a function, got 7",
+        ),
         (GOOD.replace("settings=WaitSettings", "settings=int"), "expected settings that are ProcedureSettings"),
         ("\0", "wait.py cannot be run"),
     ],
@@ -125,11 +129,6 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
         ('        yield Settle(1.0, "for nothing")', "        yield 7", "step 1: expected a step, the plan yields 7"),
         ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, got None"),
         ("def plan(settings: WaitSettings)", "def plan(settings, bench)", "expected a plan that takes the settings: "),
-        (
-            "plan=plan, results=results)\n",
-            "plan=7, results=results)\n",
-            "expected a plan that takes the settings: 'int' object",
-        ),
         (
             "    times: A",
             "    def contradictions(self):\n        return self.x\n\n    times: A",

@@ -7,7 +7,7 @@ import pytest
 
 from vcfbench.analysis.csv_table import Layout
 from vcfbench.archive.analyzed import read_table
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, ConfigError
 from vcfbench.records.export import points_csv, write_text
 from vcfbench.records.schema import Point
 
@@ -48,5 +48,5 @@ def test_full_disk_leaves_no_partial_table(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize("value", [2e15, -2e15, float("nan"), float("inf"), 9.9e37])
 def test_unreadable_point_is_refused(value: float) -> None:
-    with pytest.raises(ValueError, match="output_v: expected a number within"):
+    with pytest.raises(ConfigError, match="output_v: expected a number within"):
         Point(1, 10.0, 0.0, value, 1e-6, 10)

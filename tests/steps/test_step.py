@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import msgspec
 import numpy as np
 import pytest
+from msgspec import Struct
 
 from tests.procedures.fakes import CALIBRATIONS, make_settings
 from vcfbench import steps
-from vcfbench.errors import LimitError, PlanError
+from vcfbench.errors import ConfigError, LimitError, PlanError
 from vcfbench.instructions import routines
 from vcfbench.procedures.catalogue import PROCEDURES
 from vcfbench.station.limits import LimitChecks
@@ -19,6 +21,7 @@ from vcfbench.station.parts import Limits, RailWiring
 from vcfbench.steps import Done, SetRate, Settle
 from vcfbench.steps.dry_run import dry_run
 from vcfbench.steps.step import _OF_PROCEDURES, Effect, Step, StepResult
+from vcfbench.typed import typed
 
 if TYPE_CHECKING:
     from vcfbench.station.linear_gyro import LinearGyro
@@ -164,3 +167,50 @@ def test_a_plan_may_count_with_numpy(step: Step, plain: Step) -> None:
     assert step == plain
     assert step.describe() == plain.describe()
     assert msgspec.json.encode(step) == msgspec.json.encode(plain)
+
+
+class Heat(Step, Struct, frozen=True):
+    """A custom step as a struct."""
+
+    watts: float | None = None
+    times: int = 1
+    words: str = ""
+    gently: bool = False
+    levels: tuple[float, ...] = ()
+
+
+@pytest.mark.parametrize("odd", [True, 1.5, "1", None, [1.0], np.array([1.0]), object()])
+@pytest.mark.parametrize("field", Heat.__struct_fields__)
+def test_a_field_that_no_record_could_give_back_is_refused(field: str, odd: Any) -> None:
+    try:
+        step = Heat(**{field: odd})
+    except ConfigError as error:
+        expected = {
+            "watts": "a number or None",
+            "times": "a whole number",
+            "words": "a text",
+            "gently": "true or false",
+        }
+        assert str(error).startswith(f"Heat: {field}: expected {expected[field]}, got ")  # noqa: PT017
+    else:
+        assert field == "levels" or typed(msgspec.to_builtins(step), Heat) == step
+
+
+def test_a_step_without_an_act_is_refused_before_anything_opens() -> None:
+    empty = type("Empty", (Step,), {})
+
+    def plan() -> Plan:
+        yield empty()
+
+    with pytest.raises(PlanError, match="step 1: the class Empty has neither a command nor a perform"):
+        dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)
+
+
+@pytest.mark.parametrize("odd", [math.nan, math.inf, -1e16])
+@pytest.mark.parametrize("field", ["rate_deg_s", "v_vc_v"])
+def test_a_point_at_no_rate_or_voltage_is_refused(field: str, odd: float) -> None:
+    def plan() -> Plan:
+        yield from routines.take(SETTINGS, 1, **{"rate_deg_s": 0.0, "v_vc_v": 0.0, field: odd})
+
+    with pytest.raises(ConfigError, match=f"{field}: expected a number within"):
+        dry_run(plan(), SETTINGS.expected_gyro(), CHECKS)

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
+from fractions import Fraction
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vcfbench.errors import ConfigError
 from vcfbench.values.kinds import KINDS, LIMITED
@@ -54,6 +59,29 @@ def test_one_missing_contribution_may_be_a_text() -> None:
 def test_what_no_value_can_be_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="own: "):
         Value("own", **wrong)
+
+
+_TEXTS = {"name", "unit", "form", "kind", "words", "of", "missing"}
+_NUMBERS = {"value", "u", "dof", "u95", "low", "high"}
+
+
+@pytest.mark.parametrize("odd", [True, 3, "1", 1j, b"1", [3], {1.0: "u"}, object()])
+@pytest.mark.parametrize("field", Value.__struct_fields__)
+def test_a_field_of_another_type_is_refused_by_name(field: str, odd: Any) -> None:
+    if (odd == "1" and field in _TEXTS) or (type(odd) is int and field in _NUMBERS):
+        return
+    with pytest.raises(ConfigError, match=f"{field}: expected|expected a form of"):
+        Value(**{"name": "own", "value": 1.0, field: odd})
+
+
+@pytest.mark.parametrize("number", [3, np.float32(3), np.int64(3), np.array(3.0), Fraction(3)])
+def test_numbers_of_any_kind_become_plain(number: Any) -> None:
+    assert type(Value("own", number, u=number).value) is float
+
+
+@given(st.floats(0.0, 1e300, exclude_min=True), st.floats(0.0, 1e300, exclude_min=True))
+def test_any_value_with_any_uncertainty_can_be_printed(number: float, u: float) -> None:
+    assert re.fullmatch(r"[0-9. ]+\([0-9. ]+(e\+\d+)?\)(e[+-]\d+)?", str(Value("own", number, u=u)))
 
 
 @pytest.mark.parametrize("dof", [-2.0, -0.5, 0, 0.0, 1e-300, 1e-3])

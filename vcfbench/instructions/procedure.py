@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from msgspec import Struct, field
 from msgspec.structs import force_setattr
 
+from vcfbench.arguments import require_types
 from vcfbench.errors import ConfigError
 from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.interfaces import ForcesTemperature, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
@@ -18,7 +19,7 @@ from vcfbench.reports.generic import generic_report
 from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
     from datetime import datetime
 
     from vcfbench.records.devices import NewEntry
@@ -26,6 +27,16 @@ if TYPE_CHECKING:
     from vcfbench.station.acceptance import Acceptance
     from vcfbench.steps.measured import Measured
     from vcfbench.steps.step import Plan, Step
+
+_TYPES: Mapping[str, Any] = MappingProxyType(
+    {
+        **dict.fromkeys(("name", "title", "method", "in_one_piece"), str),
+        **dict.fromkeys(("plan", "results", "report"), Callable),
+        **dict.fromkeys(("entry", "in_turn"), Callable | None),
+        **dict.fromkeys(("streams", "several"), bool),
+        "unforeseen": Mapping,
+    }
+)
 
 S = TypeVar("S", bound=ProcedureSettings)
 R = TypeVar("R")
@@ -116,6 +127,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         """Refuse a name that no table of the bench file or no record can have, and settings of another kind."""
+        require_types(self, f"procedure {self.name!r}", _TYPES)
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", self.name):
             raise ConfigError(f"expected a procedure's name of letters, digits, '-' and '_', got {self.name!r}")
         force_setattr(self, "title", self.title or BUILT_IN.get(self.name, ""))

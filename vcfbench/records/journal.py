@@ -299,7 +299,7 @@ def read_journal(path: Path) -> JournalRecord:
         _ = record.status, record.points, record.header.get("bench", {}).get("name")
         _ = None if (error := (record.footer or {}).get("error")) is None else error.get("what")
         return replace(record, damage=unreadable or first_damage(lines))
-    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError, ConfigError) as error:
         raise ConfigError(f"{shown(path)}: {unreadable or f'no record of this program: {error!r}'}") from error
 
 

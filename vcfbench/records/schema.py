@@ -90,10 +90,12 @@ class Point(Struct, frozen=True):
     moved_u_v: _Number = 0.0
 
     def __post_init__(self) -> None:
+        if self.step < 0:
+            raise ConfigError(f"step: expected a whole number from 0, got {self.step}")
         for name in self.__struct_fields__:
             value = getattr(self, name)
             if value is not None and not abs(value) <= _LARGEST:
-                raise ValueError(f"{name}: expected a number within +-{_LARGEST:g}, got {value:g}")
+                raise ConfigError(f"{name}: expected a number within +-{_LARGEST:g}, got {value:g}")
 
     def referred(self) -> Self:
         """Return the point as it would be, had the output not moved in pauses; `moved_u_v` stays."""

@@ -41,6 +41,9 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
             number += 1
             if not isinstance(step, Step):
                 raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
+            kind = type(step)
+            if kind.perform is Step.perform and kind.command is Step.command:
+                raise PlanError(f"step {number}: the class {kind.__name__} has neither a command nor a perform")
             if number > _MOST_STEPS:
                 raise PlanError(
                     f"the plan has more than {_MOST_STEPS} steps, the last {step.describe()}",

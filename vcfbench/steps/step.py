@@ -7,18 +7,21 @@ A custom step is a subclass in the file of its procedure, without any registrati
 
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import fields, is_dataclass
 from enum import Enum
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
-from typing import Any, ClassVar, Final, Self, TypeVar
+from itertools import chain
+from types import NoneType
+from typing import Any, ClassVar, Final, Self, TypeVar, get_args, get_origin
 
 from msgspec import Struct, field, to_builtins
 from msgspec.structs import force_setattr, replace
 
+from vcfbench.arguments import UNIONS, hints_of, require
 from vcfbench.bench.bench import Bench
 from vcfbench.errors import BenchError, FramingError, MeasurementError, PlanError
 from vcfbench.interfaces import Instrument, Operator, nobody
-from vcfbench.records.plain import field_names
 from vcfbench.records.schema import CHUNK_READINGS, CHUNK_S, Point
 from vcfbench.station.limits import LimitChecks
 from vcfbench.station.linear_gyro import LinearGyro
@@ -243,6 +246,28 @@ class Done(StepResult, Struct, frozen=True):
     """A step was performed and gave nothing to look at."""
 
 
+_SINGLE: Final[dict[Any, tuple[type, ...]]] = {
+    **{kind: (kind,) for kind in (int, str, bool, NoneType)},
+    float: (float, int),
+}
+"""What a field may be annotated with that is one number, text or truth value, with the types that are fine at once."""
+
+
+@cache
+def field_types(kind: type) -> tuple[tuple[str, Any, frozenset[type]], ...]:
+    """Return the fields of a kind of step, each with its annotation and types if it is one number, text or truth value.
+
+    Else its annotation is None: sequences may come as any.
+    """
+    hints, found = hints_of(kind), []
+    for name in [each.name for each in fields(kind)] if is_dataclass(kind) else getattr(kind, "__struct_fields__", ()):
+        parts = get_args(hints[name]) if get_origin(hints[name]) in UNIONS else (hints[name],)
+        single = all(each in _SINGLE for each in parts)
+        types = chain.from_iterable(_SINGLE[each] for each in parts) if single else ()
+        found.append((name, hints[name] if single else None, frozenset(types)))
+    return tuple(found)
+
+
 class Step:
     """Common base of all steps; each kind is its own frozen dataclass or msgspec struct.
 
@@ -277,10 +302,20 @@ class Step:
         _make_known(Step.kinds, cls)
 
     def __post_init__(self) -> None:
-        """Take numpy's numbers as Python's: plans count with numpy, records and commands have plain numbers."""
-        put: Any = force_setattr if isinstance(self, Struct) else object.__setattr__
-        for name in field_names(self) or ():
-            if (plain := unboxed(value := getattr(self, name))) is not value:
+        """Take numpy's numbers as Python's: plans count with numpy, records and commands have plain numbers.
+
+        Raises:
+            ConfigError: a number, a text or a truth value is none, so that no record of it could be read.
+        """
+        kind: Any = type(self)
+        for name, expected, types in field_types(kind):
+            if type(value := getattr(self, name)) in types:
+                continue
+            plain = unboxed(value)
+            if expected is not None and not (int in types and type(plain) is float and plain.is_integer()):
+                require(f"{kind.__name__}: {name}", plain, expected)
+            if plain is not value:
+                put: Any = force_setattr if isinstance(self, Struct) else object.__setattr__
                 put(self, name, plain)
 
     def describe(self) -> str:

@@ -22,7 +22,8 @@ def shorthand(value: float, u: float | None) -> str:
     figure, _, power = format(value, digits_of_value(value, u)).partition("e")
     if power and int(power) < second_digit(u):  # less than half a unit of the last digit of u
         figure, power = "0", f"{second_digit(u):03d}"
-    digits = format(u, ".1f") if second_digit(u) == -1 else f"{u * 10.0 ** -min(0, second_digit(u)):.0f}"
+    places = -min(0, second_digit(u))  # 10.0**324 is beyond a double
+    digits = format(u, ".1f") if places == 1 else f"{u * 10.0 ** min(places, 300) * 10.0 ** max(0, places - 300):.0f}"
     return f"{in_threes(figure)}({digits})" + (f"e{power}" if power else "")
 
 

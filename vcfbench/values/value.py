@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, Self, get_args
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Final, Literal, Self, get_args
 
 from msgspec import Struct, structs
 from msgspec.structs import force_setattr
@@ -41,6 +42,17 @@ class UncertaintyPart(Struct, frozen=True):
         return structs.asdict(self)
 
 
+_NUMBERS: Final = ("value", "u", "dof", "u95", "low", "high")
+_TYPES: Final[dict[str, Any]] = {
+    **dict.fromkeys(("name", "unit", "kind", "words", "of"), str),
+    "parts": UncertaintyPart,
+    "missing": str,
+    "definition": Definition,
+    "conditions": Conditions,
+}
+_USUAL: Final = ({str}, {UncertaintyPart}, Definition, Conditions)
+
+
 class Value(Struct, frozen=True):
     """A stated value of a run, in SI units but for rates (deg/s).
 
@@ -50,8 +62,8 @@ class Value(Struct, frozen=True):
     without `u95` gets the factor of Student's t for its `dof` (None: as many as one likes).
 
     Raises:
-        ConfigError: a number is not finite, an uncertainty negative, a `u` without `u95` has no degrees of freedom, the
-            form is unknown or lacks its ends, or the kind has another unit.
+        ConfigError: a field is of another type, a number not finite, an uncertainty negative, a `u` without `u95` has
+            no degrees of freedom, the form is unknown or lacks its ends, or the kind has another unit.
 
     >>> value = run.values["scale_factor"]
     >>> f"{value}, U95 {value.u95:.2g} {value.unit}"
@@ -81,16 +93,13 @@ class Value(Struct, frozen=True):
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
-        force_setattr(self, "parts", tuple(self.parts))
-        force_setattr(self, "missing", (self.missing,) if isinstance(self.missing, str) else tuple(self.missing))
-        for name in ("value", "u", "dof", "u95", "low", "high"):  # numpy's become plain ones
-            if (number := getattr(self, name)) is not None and type(number) is not float:
-                force_setattr(self, name, float(number))
-        numbers = (self.value, self.u, self.dof, self.u95, self.low, self.high)
-        if wrong := [each for each in numbers if each is not None and not math.isfinite(each)]:
-            raise ConfigError(f"{self.name}: expected finite numbers, got {wrong[0]}")
-        if wrong := [each for each in (self.u, self.u95) if each is not None and each < 0.0]:
-            raise ConfigError(f"{self.name}: expected an uncertainty of 0 or more, got {wrong[0]:g}")
+        force_setattr(self, "parts", _several(self.parts))
+        force_setattr(self, "missing", _several(self.missing))
+        _hold_numbers(self)
+        texts = (self.name, self.unit, self.kind, self.words, self.of, *self.missing)
+        parts = {UncertaintyPart, *map(type, self.parts)}
+        if ({*map(type, texts)}, parts, type(self.definition), type(self.conditions)) != _USUAL:
+            _hold_types(self)
         kind = KINDS.get(self.kind)
         if self.kind and not fits(self.kind, self.unit):
             of = self.kind if kind is None else f"{kind.words} in {kind.si or 'no unit'}"
@@ -191,6 +200,36 @@ class Value(Struct, frozen=True):
         numbers = {"value": self.value, "u": self.u, "dof": self.dof, "u95": self.u95, "form": self.form, "ends": ends}
         holds = {"definition": self.definition.as_json(), "conditions": self.conditions.as_json()}
         return {**said, **numbers, "low": self.low, "high": self.high, "missing": list(self.missing), **holds}
+
+
+def _hold_numbers(value: "Value") -> None:
+    for name in _NUMBERS:
+        number = getattr(value, name)
+        if number is not None and type(number) is not float:  # numpy's become plain ones
+            number = number.tolist() if hasattr(number, "tolist") else number
+            if not isinstance(number, Real) or isinstance(number, bool):
+                raise _refused(value, name, "a number or None", number)
+            force_setattr(value, name, number := float(number))
+        if number is not None and not math.isfinite(number):
+            raise ConfigError(f"{value.name}: expected finite numbers, got {number}")
+        if name in {"u", "u95"} and number is not None and number < 0.0:
+            raise ConfigError(f"{value.name}: expected an uncertainty of 0 or more, got {number:g}")
+
+
+def _hold_types(value: "Value") -> None:
+    for name, kind in _TYPES.items():
+        given = getattr(value, name)
+        for each in given if isinstance(given, tuple) else (given,):
+            if not isinstance(each, kind):
+                raise _refused(value, name, "a text" if kind is str else kind.__name__, each)
+
+
+def _refused(value: "Value", name: str, expected: str, came: object) -> ConfigError:
+    return ConfigError(f"{value.name}: {name}: expected {expected}, got {came!r:.60}")
+
+
+def _several(given: Any) -> tuple[Any, ...]:
+    return (given,) if isinstance(given, str) or not hasattr(given, "__iter__") else tuple(given)
 
 
 class Measurand(Value, frozen=True):
