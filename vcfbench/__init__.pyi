@@ -54,6 +54,7 @@ from vcfbench.errors import MeasurementError as MeasurementError
 from vcfbench.errors import NotSafe as NotSafe
 from vcfbench.errors import OutOfSync as OutOfSync
 from vcfbench.errors import PlanError as PlanError
+from vcfbench.errors import SettingChanged as SettingChanged
 from vcfbench.errors import TransportError as TransportError
 from vcfbench.errors import WrongInstrument as WrongInstrument
 from vcfbench.instructions.procedure import Procedure as Procedure

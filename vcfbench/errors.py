@@ -283,6 +283,21 @@ class InstrumentError(BenchError):
         self.words = words
 
 
+class SettingChanged(InstrumentError):
+    """Something else has changed a setting that a run relies on from its first reading to its last.
+
+    Nobody knows since when, so such a run has no results and cannot be resumed.
+
+    >>> bench.multimeter.configure_dc_voltage(10.0, 10.0)
+    >>> bench.multimeter.session.write("VOLT:DC:NPLC 0.02")  # as a person, or another program, would
+    >>> try:
+    ...     bench.multimeter.check_settings()
+    ... except vcfbench.SettingChanged as error:
+    ...     print(error.what)
+    something else has changed a setting: it reads 0.02 and was 10
+    """
+
+
 class WrongInstrument(InstrumentError):
     """Another model or specimen than the bench file says answers at the resource.
 

@@ -17,8 +17,9 @@ from vcfbench.cli.answer import given, not_seen, print_json, print_not_seen, pri
 from vcfbench.cli.ending import SignalsWithoutBench
 from vcfbench.cli.keys import Keys
 from vcfbench.cli.person import agreed, at_the_terminal, somebody_there
-from vcfbench.errors import BenchError
+from vcfbench.errors import BenchError, SettingChanged
 from vcfbench.records.metadata import metadata_of
+from vcfbench.records.schema import Status
 from vcfbench.reports.document import Report
 from vcfbench.reports.progress import LineProgress
 from vcfbench.reports.shielded import NoProgress
@@ -167,7 +168,11 @@ def _show(run: Run, options: RunOptions) -> None:
             if not options.verbose:
                 last = run.devices[0].name if run.devices else "last"
                 typer.echo(f"more: -v, vcfbench runs show {last} (points, budget), vcfbench report {last}")
-            if run.error is not None:
+            if (
+                run.error is not None
+                and run.status is not Status.COMPLETE
+                and not isinstance(run.error, SettingChanged)
+            ):
                 typer.echo(f"the rest: vcfbench resume {run.name}, once the cause is removed")
         if run.device_entry is not None:
             typer.echo(f"device: {run.device_entry}")

@@ -64,6 +64,7 @@ class Agilent33220A(ScpiInstrument):
         level = decimal(voltage_v)
         self._write_source("FUNC DC", f"VOLT:OFFS {level}")
         found_v = self._level_v(level)
+        self._kept[f"{self.source}FUNC?"] = self._session.query, "DC"
         self._configured = True
         return found_v
 
@@ -95,6 +96,7 @@ class Agilent33220A(ScpiInstrument):
         self._read_back(f"{self.source}FREQ?", frequency, FREQUENCY_STEP_HZ, "Hz", form=form)
         self._read_back(f"{self.source}VOLT?", amplitude, _fourth_digit(amplitude_vpp), "Vpp", form=form)
         self._offset_v(offset)
+        self._kept[f"{self.source}FUNC?"] = self._session.query, "SIN"
         self._configured = True
 
     def _write_source(self, *commands: str) -> None:
@@ -114,6 +116,7 @@ class Agilent33220A(ScpiInstrument):
         self._take_over(self.left)
         self._session.write(f"{self.output}:LOAD INF")
         load_ohm = self._session.query_ohms(f"{self.output}:LOAD?")
+        self._kept[f"{self.output}:LOAD?"] = self._session.query_ohms, math.inf
         if not math.isinf(load_ohm):
             raise self._disagreement(f"{self.output}:LOAD?", "a high-impedance load", f"{load_ohm:g} ohm")
 

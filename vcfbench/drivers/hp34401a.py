@@ -138,8 +138,9 @@ class Hp34401A(ScpiInstrument):
         self._take_over(self.left, header=header, mains=f"{self._mains_hz:g}")
         said = (each.format(**values) for each in self.function_words)
         self._session.write(*filter(None, said), deadline=self._reading_deadline())
+        self._kept.clear()
         for question, wanted in ((f"{header}:RANG?", end), (f"{header}:NPLC?", nplc)):
-            self._read_back(question, decimal(wanted), 1e-6 * wanted)
+            self._kept[question] = self._session.query_number, self._read_back(question, decimal(wanted), 1e-6 * wanted)
         self._nplc = nplc
 
     def _reading_deadline(self) -> Deadline:

@@ -12,7 +12,15 @@ from vcfbench.drivers.conversation import OverWire
 from vcfbench.drivers.replies import ANY_NUMBER, NumberForm
 from vcfbench.drivers.session import Session
 from vcfbench.drivers.wire import SerialLine
-from vcfbench.errors import BenchError, ConnectFailed, FramingError, InstrumentError, LimitError, WrongInstrument
+from vcfbench.errors import (
+    BenchError,
+    ConnectFailed,
+    FramingError,
+    InstrumentError,
+    LimitError,
+    SettingChanged,
+    WrongInstrument,
+)
 from vcfbench.interfaces import Identity, Instrument, SafeReport, UnprovedCommand
 from vcfbench.models import HP_MAKERS, bare_model
 
@@ -83,6 +91,7 @@ class ScpiInstrument(OverWire):
         super().__init__(session)
         self._session = session
         self._taken_over: set[str] = set()
+        self._kept: dict[str, tuple[Callable[[str], object], object]] = {}
         if self.error_question == "*ESR?":
             session.use_event_status()
         # Take over the instrument as it stands: end an earlier exchange, check the identity, drop old errors
@@ -185,6 +194,14 @@ class ScpiInstrument(OverWire):
     def check_errors(self) -> None:
         """Read the error queue until it is empty; raise InstrumentError with the first entry if there was any."""
         self._session.check_errors()
+
+    def check_settings(self) -> None:
+        """Ask once more for what was set for a whole run; raise SettingChanged where something else has changed it."""
+        for question, (ask, kept) in self._kept.items():
+            if (found := ask(question)) != kept:
+                read, was = (f"{each:g}" if isinstance(each, float) else str(each) for each in (found, kept))
+                what = f"something else has changed a setting: it reads {read} and was {was}"
+                raise self._error(SettingChanged, what, question)
 
     def answers(self) -> dict[str, str]:
         """Send each query once; return the answers by query.

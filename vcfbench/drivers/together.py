@@ -46,6 +46,10 @@ class Outputs:
         """See that none has an error."""
         self._have_each(lambda each: each.check_errors())
 
+    def check_settings(self) -> None:
+        """See that each is still set as it was."""
+        self._have_each(_check_settings)
+
     def configure_dc_voltage(self, range_v: float, nplc: float) -> None:
         """Set range and integration time of each."""
         self._have_each(lambda each: each.configure_dc_voltage(range_v, nplc))
@@ -73,6 +77,12 @@ class Outputs:
         """Close each."""
         for each in self._of.values():
             each.close()
+
+
+def _check_settings(output: Any) -> None:
+    """Check what can be checked: a stream has no settings."""
+    if (check := getattr(output, "check_settings", None)) is not None:
+        check()
 
 
 def read_together(meters: Mapping[str, Any], clock: Clock, within_s: float = math.inf) -> dict[str, float | BenchError]:

@@ -16,7 +16,7 @@ from vcfbench.archive.run import Run
 from vcfbench.bench.bench import Bench
 from vcfbench.bench.ground import checked_pace
 from vcfbench.clock import utc_now
-from vcfbench.errors import BenchError, ConfigError
+from vcfbench.errors import BenchError, ConfigError, SettingChanged
 from vcfbench.files import dotted, shown
 from vcfbench.instructions.procedure import AnyProcedure
 from vcfbench.interfaces import Operator
@@ -128,6 +128,12 @@ def broken_off(run: str | Path | Run, runs: str | Path = "runs") -> "BrokenOff":
         raise ConfigError(f"{directory.run} is still running: resume it after its end")
     if record.status is Status.COMPLETE:
         raise ConfigError(f"{directory.run} is complete: there is nothing to resume")
+    error = (record.footer or {}).get("error") or {}
+    if error.get("kind") == SettingChanged.__name__:
+        raise ConfigError(
+            f"{directory.run} cannot be resumed: which of its readings are spoilt is unknown: {error.get('what')}",
+            hint="run it anew",
+        )
     if not record.header:
         raise ConfigError(f"{shown(directory.journal)}: the record has no whole line, so it cannot be resumed")
     before = record.header.get("resumed_from")

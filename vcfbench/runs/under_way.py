@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 from msgspec import Struct, field, to_builtins
+from msgspec.structs import replace
 
 from vcfbench.archive.results import Evaluation, evaluate, nothing, of_several
 from vcfbench.archive.run import Run, breaks
 from vcfbench.bench.bench import Bench
 from vcfbench.clock import today, utc_now
+from vcfbench.drivers.scpi_instrument import ScpiInstrument
 from vcfbench.drivers.together import Outputs
-from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe, PlanError
+from vcfbench.errors import BenchError, ConfigError, MeasurementError, NotSafe, PlanError, SettingChanged
 from vcfbench.files import read_text, shown
 from vcfbench.instructions.procedure import Provenance
 from vcfbench.instructions.titles import BUILT_IN
@@ -38,6 +40,7 @@ from vcfbench.safety.signals import StopSignals
 from vcfbench.safety.watchdog import Watchdog
 from vcfbench.station.description import BenchDescription
 from vcfbench.station.equipment import equipment_on
+from vcfbench.station.limits import driver_of
 from vcfbench.steps.events import Event, Observer, Paused, StepStarted
 from vcfbench.steps.executor import Execution, Executor
 from vcfbench.steps.measured import Measured
@@ -197,9 +200,13 @@ class UnderWay(Struct):
         for instrument in bench.instruments.values():  # a meter that is only read has been asked once, at its set-up
             try:
                 instrument.check_errors()
+                if isinstance(driver := driver_of(instrument), ScpiInstrument | Outputs):
+                    driver.check_settings()
             except BenchError as error:
                 error.step = error.step or "end of the run, all was measured"
                 self.take_error(error)
+                if isinstance(error, SettingChanged):
+                    self.execution = replace(self.execution, status=Status.ABORTED)
 
     def open_journal(
         self, identities: Mapping[str, Identity], began_s: float = 0.0, done_s: float = 0.0, *, planned: bool = True
