@@ -68,6 +68,26 @@ def test_a_wrong_type_is_told_with_what_is_expected(call: Any, said: str) -> Non
     assert str(refused.value).startswith(said)
 
 
+USUAL = {"output": "P6V", "voltage_v": 0, "wires": 2, "range_ohm": 100}
+"""Arguments for which 1 will not do."""
+
+
+@pytest.mark.parametrize("odd", ["3", None, True, [1.0], Odd()])
+def test_no_instrument_takes_what_is_no_number(odd: Any) -> None:
+    tried = 0
+    with vcfbench.open_bench("lab", seed=1) as bench:
+        for instrument in bench.instruments.values():
+            names = [name for name in dir(instrument) if name.startswith(("configure", "set", "start", "stop"))]
+            for act in (getattr(instrument, name) for name in names):
+                parameters = inspect.signature(act).parameters
+                for name in [key for key, each in parameters.items() if "float" in str(each)]:
+                    arguments = {key: USUAL.get(key, 1) for key in parameters}
+                    with pytest.raises(ConfigError, match="expected a number, got"):
+                        act(**{**arguments, name: odd})
+                    tried += 1
+    assert tried > 20
+
+
 def test_a_day_is_a_day_however_it_is_given(tmp_path: Path) -> None:
     for since in ("2026-01-15", date(2026, 1, 15), datetime(2026, 1, 15, tzinfo=UTC)):
         assert vcfbench.list_runs(tmp_path, since=since) == ()

@@ -115,6 +115,12 @@ def require(name: str, value: Any, hint: Any) -> None:
         raise refusal(name, " or ".join(dict.fromkeys(_said(hint))), came)
 
 
+def require_number(name: str, value: Any) -> None:
+    """Raise ConfigError unless `value` is a number; one of Python's costs nothing."""
+    if type(value) is not float:
+        require(name, value, float)
+
+
 def _fits(value: Any, hint: Any) -> bool:
     """Return True if `value` may be meant by `hint`; what numpy declares is left to who takes it."""
     kind, inner = get_origin(hint) or hint, get_args(hint)

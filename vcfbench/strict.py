@@ -25,7 +25,7 @@ _T = TypeVar("_T")
 _SOME = 8
 """Names that one line can hold and a person still reads."""
 _AT = re.compile(r" - at `\$(?P<path>.*)`$", re.DOTALL)
-_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+|\.\.\.)\]")
+_STEP = re.compile(r"\.(?P<key>[^.\[]+)|\[(?P<index>\d+)\]")
 _UNKNOWN = re.compile(r"unknown field `(?P<key>.*)`", re.DOTALL)
 _MISSING = re.compile(r"missing required field `(?P<key>.*)`")
 
@@ -75,8 +75,8 @@ def words(value: object) -> str:
 
 def _explain(message: str, raw: Any, kind: Any, naming: Naming) -> ConfigError:
     where = _AT.search(message)
-    steps = _STEP.finditer(where["path"] if where else "")
-    keys: Keys = tuple(step["key"] or int(step["index"]) for step in steps if step["index"] != "...")
+    steps = _STEP.finditer(where["path"].partition("[...]")[0] if where else "")  # behind that is in a mapping
+    keys: Keys = tuple(step["key"] or int(step["index"]) for step in steps)
     what = message[: where.start()] if where else message
     if unknown := _UNKNOWN.search(what):
         node = _type_at(kind, keys)

@@ -21,7 +21,8 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
         unit: that in which the numbers count; empty where any will do, as plain numbers.
 
     Raises:
-        ConfigError: masked, complex, of dates or words, of more than one dimension, or in a unit that is no such one.
+        ConfigError: masked, complex, truth values, dates or words, of more than one dimension, or in a unit that is no
+            such one.
     """
     if hasattr(values, "to") and (hasattr(values, "units") or hasattr(values, "unit")):
         written = str(getattr(values, "units", None) or getattr(values, "unit", ""))
@@ -36,7 +37,8 @@ def plain_numbers(values: Any, what: str, unit: str = "") -> Floats:
     if not callable(masked) and np.any(masked):  # pandas has a method of that name
         raise ConfigError(f"{what}: {int(np.sum(masked))} values are masked; remove them, or the part from them on")
     found = np.asarray(values)
-    if found.dtype.kind not in "fiubO" or (found.dtype.kind == "O" and any(isinstance(e, complex) for e in found.flat)):
+    odd = found.dtype.kind == "O" and any(isinstance(each, complex | bool) for each in found.flat)
+    if odd or found.dtype.kind not in "fiuO":
         raise ConfigError(f"{what}: expected real numbers, got {found.dtype}")
     try:
         numbers = np.asarray(found, dtype=np.float64)

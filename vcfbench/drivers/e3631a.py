@@ -116,7 +116,7 @@ class E3631A(ScpiInstrument):
     def _ratings(self, output: str) -> Output:
         try:
             return self.outputs[output]
-        except KeyError:
+        except (KeyError, TypeError):
             raise self._error(LimitError, f"there is no output {output!r}, only {', '.join(self.outputs)}") from None
 
     def enable_outputs(self) -> None:

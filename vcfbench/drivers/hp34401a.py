@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import ClassVar, Self
 
+from vcfbench.arguments import require_number
 from vcfbench.clock import Deadline
 from vcfbench.drivers import replies
 from vcfbench.drivers.scpi_instrument import Left, ScpiInstrument, VisaSettings, decimal, require_within, safely
@@ -147,6 +148,7 @@ class Hp34401A(ScpiInstrument):
         return self._session.deadline(self._session.timeout_s + self.reading_time_s)
 
     def _require_one_of(self, what: str, value: float, allowed: tuple[float, ...]) -> None:
+        require_number(what, value)
         if value not in allowed:
             raise self._error(
                 LimitError, f"{what} {value:g} is not one of {', '.join(f'{a:g}' for a in allowed)}, nothing was sent"

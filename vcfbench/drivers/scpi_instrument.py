@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Self
 
 from msgspec import Struct
 
+from vcfbench.arguments import require_number
 from vcfbench.clock import Deadline, WallClock, sleep
 from vcfbench.drivers import replies
 from vcfbench.drivers.conversation import OverWire
@@ -262,11 +263,13 @@ def _alike(found: str, wanted: str) -> bool:
 
 def decimal(value: float) -> str:
     """Return `value` as instruments read it: nine digits, shortest form (NRf)."""
+    require_number("a value", value)
     return f"{value + 0.0:.9g}"
 
 
 def require_within(instrument: Instrument, what: str, value: float, limits: tuple[float, float], unit: str) -> None:
     """Raise LimitError unless ``low <= value <= high``; not-a-number is never within."""
+    require_number(what, value)
     low, high = limits
     if not low <= value <= high:
         raise LimitError(

@@ -16,6 +16,7 @@ from vcfbench.instructions.titles import BUILT_IN
 from vcfbench.interfaces import ForcesTemperature, MeasuresWaveforms, PowersRails, ReadsVoltage, Rotates, SetsVoltage
 from vcfbench.models import ROLES
 from vcfbench.reports.generic import generic_report
+from vcfbench.station.layering import require_defaults
 from vcfbench.station.settings import ProcedureSettings
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ class Procedure(Struct, Generic[S, R], frozen=True, kw_only=True):
             raise ConfigError(f"procedure {self.name!r}: give a title of one line")
         if not isinstance(self.settings, type) or not issubclass(self.settings, ProcedureSettings):
             raise ConfigError(f"procedure {self.name!r}: expected settings that are ProcedureSettings, a class of them")
+        require_defaults(self.settings, f"procedure {self.name!r}: ")
         for asked, what in ((self.needs, "needs"), (self.either, "either"), (self.uses, "uses")):
             # Refuse unknown roles and capabilities: else they would fail with the bench
             roles = (*ROLES, "rate_table")

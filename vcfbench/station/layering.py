@@ -4,11 +4,14 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
-from msgspec import Struct
+from msgspec import NODEFAULT, UNSET, Struct, structs, to_builtins
 
 from vcfbench.files import dotted, unfit_numbers
 from vcfbench.station.settings import ProcedureSettings
 from vcfbench.strict import Keys, Naming, converted, refusal, unknown_key
+from vcfbench.typed import unboxed
+
+_OURS = f"{__name__.partition('.')[0]}."
 
 S = TypeVar("S", bound=ProcedureSettings)
 
@@ -34,6 +37,20 @@ class Layer(Struct, frozen=True):
 def setting_keys(kind: type[ProcedureSettings]) -> tuple[str, ...]:
     """Return the keys that can be set."""
     return tuple(key for key in kind.__struct_encode_fields__ if key != "station")
+
+
+def require_defaults(kind: type[ProcedureSettings], called: str) -> None:
+    """Hold the defaults of somebody's own settings against their types; ConfigError: one is none of its own."""
+    if kind.__module__.startswith(_OURS):  # tests hold them
+        return
+    for each in structs.fields(kind):
+
+        def naming(keys: Keys, key: str = each.encode_name) -> str:
+            return f"{called}default of {dotted((key, *keys))}"
+
+        value = each.default if each.default_factory is NODEFAULT else each.default_factory()
+        if value is not NODEFAULT and value is not UNSET:
+            converted(to_builtins(value, enc_hook=unboxed), each.type, naming)
 
 
 def shared_settings(table: Mapping[str, Any], source: str) -> ProcedureSettings:

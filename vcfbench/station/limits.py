@@ -11,6 +11,7 @@ from typing import Any
 
 from msgspec import Struct
 
+from vcfbench.arguments import require, require_number
 from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, spoken
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import LimitError
@@ -60,6 +61,7 @@ class LimitChecks(Struct, frozen=True):
 
     def sine(self, frequency_hz: float, peak_v: float) -> None:
         """Check a sine of the generator about 0 V, into an open circuit."""
+        require_number("frequency", frequency_hz)
         self.v_vc(peak_v, "peak voltage")
         least_v, most_hz = self.sines
         if not peak_v >= least_v:
@@ -83,6 +85,8 @@ class LimitChecks(Struct, frozen=True):
 
     def rail(self, output: str, voltage_v: float) -> None:
         """Check the level of a supply output: 0 V is always allowed, outputs that feed no rail only that."""
+        require("output", output, str)
+        require_number("voltage", voltage_v)
         if voltage_v == 0.0:
             return
         polarity = {self.rails.positive: 1.0, self.rails.negative: -1.0}  # "none" is no output
@@ -97,6 +101,7 @@ class LimitChecks(Struct, frozen=True):
 
     def temperature(self, temperature_c: float, ramp_k_min: float) -> None:
         """Check a temperature of the air, and how fast it may go there."""
+        require_number("temperature", temperature_c)
         low, high = self.limits.of("min_temperature_c"), self.limits.of("max_temperature_c")
         if not low <= temperature_c <= high:
             raise LimitError(f"temperature {temperature_c:g} degC is outside the bench's {low:g} to {high:g} degC")
@@ -110,6 +115,7 @@ class LimitChecks(Struct, frozen=True):
 
 
 def _at_most(what: str, value: float, limit: float, unit: str) -> None:
+    require_number(what, value)
     if not abs(value) <= limit:
         raise LimitError(f"{what} {value:g} {unit} is beyond the bench's limit of {limit:g} {unit}")
 
@@ -191,6 +197,8 @@ class LimitedGenerator(_Limited, protocol=FunctionGenerator):
     def configure_sine(self, frequency_hz: float, amplitude_vpp: float, offset_v: float = 0.0) -> None:
         """Select a sine; LimitError when its peak, offset included, is beyond the limit."""
         with self._nothing_sent():
+            require_number("amplitude", amplitude_vpp)
+            require_number("offset", offset_v)
             self._checks.v_vc(abs(amplitude_vpp) / 2.0 + abs(offset_v), "peak voltage")
         self.driver.configure_sine(frequency_hz, amplitude_vpp, offset_v)
 
