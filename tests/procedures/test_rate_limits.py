@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench import steps
@@ -32,7 +33,7 @@ def run(bench: vcfbench.BenchDescription | str, **settings: Any) -> Any:
     return vcfbench.run("rate-limits", bench, seed=2, settings={**QUICK, **settings}, runs=None)
 
 
-@pytest.mark.parametrize(("by", "headroom_v"), [("v-vc", 1.5), ("table", 7.5)])
+@pytest.mark.parametrize(("by", "headroom_v"), few([("v-vc", 1.5), ("table", 7.5)], every=2))
 def test_limit_of_a_clipped_output_lies_where_the_line_exceeds(by: str, headroom_v: float) -> None:
     """The line's output at the limit times 1 - share is the clipped one; both ends of the interval hold it."""
     bench = ideal({"headroom_v": headroom_v})
@@ -84,6 +85,7 @@ def test_no_rate_is_beyond_the_limits_of_the_bench() -> None:
     assert max(abs(each.v_vc_v) for each in points) > 4.5
 
 
+@pytest.mark.exhaustive
 def test_v_vc_error_is_no_limit_of_gyroscope() -> None:
     """Ranges of the generator that are 2 % and 4 mV off are no limit of the gyroscope."""
     found = run("paper").results
@@ -95,6 +97,7 @@ def test_v_vc_error_is_no_limit_of_gyroscope() -> None:
         assert side.limit.missing == ("scale factor",)
 
 
+@pytest.mark.exhaustive
 def test_bound_by_levels_as_set_lacks_their_errors() -> None:
     """A bench that ends at 2 V: within 2 % of the lowest level and of the highest, and 4 mV of the lowest."""
     lab = vcfbench.load_bench("lab")
@@ -123,12 +126,14 @@ def test_output_that_does_not_recover_is_reported_with_size() -> None:
     def results(settings: Any, measured: Any) -> Any:
         return RATE_LIMITS.results(settings, Latched(measured, 0.05))  # type: ignore[arg-type]
 
-    done = vcfbench.run(structs.replace(RATE_LIMITS, results=results), "lab", seed=2, settings=QUICK, runs=None)
+    latched = structs.replace(RATE_LIMITS, name="latched", results=results)
+    done = vcfbench.run(latched, "lab", seed=2, settings=QUICK, runs=None)
     for side in (done.results.positive, done.results.negative):
         assert side.comes_back.value == pytest.approx(0.05 / -0.0125, abs=0.05)
         assert abs(side.comes_back.value) > side.comes_back.u95
 
 
+@pytest.mark.exhaustive
 def test_clipped_window_is_not_held_against_the_noise_of_others() -> None:
     """A lead that is off in the windows of the line is refused all the same: those are watched as ever."""
     kinds = {type(each.step) for each in vcfbench.dry_run("rate-limits", "lab", settings=QUICK).steps}
@@ -183,6 +188,7 @@ def test_noise_of_the_line_moves_its_limit_by_its_weights(rises: float, *, of_in
     assert found.weights(line, SHARE, of_input=of_input) == pytest.approx(moves, rel=1e-3, abs=1e-5)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("second_order_per_v", [0.03, -0.03])
 def test_output_bending_at_line_has_limits_beyond_line(second_order_per_v: float) -> None:
     """The line goes through both small rates; a square leaves one of them above it by 2 %, its opposite below."""
