@@ -14,14 +14,18 @@ if TYPE_CHECKING:
 _PARAM = type(pytest.param())
 
 
-def few(cells: Iterable[Any], *kept: Any) -> list[Any]:
-    """Return the parameters of a test, all but those `kept` marked ``exhaustive``; cells of several are tuples."""
+def few(cells: Iterable[Any], *kept: Any, every: int | None = None) -> list[Any]:
+    """Return the parameters of a test, all but those `kept` marked ``exhaustive``; cells of several are tuples.
+
+    With ``every=4`` the first cell is kept too, and each fourth after it.
+    """
     rows = [cell if isinstance(cell, _PARAM) else pytest.param(*_values(cell)) for cell in cells]
     wanted = [_values(cell) for cell in kept]
     missing = [cell for cell in wanted if cell not in [row.values for row in rows]]
     if missing:
         raise ValueError(f"expected cells of the matrix, got {missing}")
-    return [row if row.values in wanted else _exhaustive(row) for row in rows]
+    spaced = range(0, len(rows), every) if every is not None else ()
+    return [row if row.values in wanted or place in spaced else _exhaustive(row) for place, row in enumerate(rows)]
 
 
 def _values(cell: Any) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
-"""Cells of matrices: each exhaustive test is in one sixth."""
+"""Cells of matrices: which are kept, and each exhaustive test is in one sixth."""
 
 from __future__ import annotations
 
@@ -6,7 +6,15 @@ from typing import Any
 
 import pytest
 
-from simrack_tests.cells import of_other_sixths
+from simrack_tests.cells import few, of_other_sixths
+
+
+@pytest.mark.parametrize(("kept", "every"), [([], None), ([], 3), ([4], 3), ([1, 6], None)])
+def test_named_and_spaced_cells_are_kept(kept: list[int], every: int | None) -> None:
+    rows = few(range(7), *kept, every=every)
+    assert [row.values for row in rows] == [(cell,) for cell in range(7)]
+    spaced = [] if every is None else [0, 3, 6]
+    assert [row.values[0] for row in rows if not row.marks] == sorted({*kept, *spaced})
 
 
 @pytest.mark.exhaustive
