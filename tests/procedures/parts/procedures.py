@@ -27,8 +27,8 @@ class Held(NamedTuple):
     gyroscopes: tuple[str, ...] = ("paper's", "other")
     as_built: Callable[[BenchParameters], BenchParameters] = quiet
     file: str = "lab"
-    slow: int = 0
-    """1: figures are kept of the first gyroscope alone; 2: it too is for the exhaustive tests, as all others are."""
+    slow: bool = False
+    """Figures are kept of the first gyroscope alone, and it too is for the exhaustive tests, as all others are."""
 
     def key(self, gyroscope: str) -> str:
         """Return the name of the run of a gyroscope."""
@@ -62,18 +62,18 @@ def _k_vc(bench: Bench) -> dict[str, Any]:
 
 PROCEDURES = (
     Held("turntable", lambda _: _SWEEP),
-    Held("virtual-coriolis", lambda _: _SWEEP, slow=2),
-    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}, slow=2),
+    Held("virtual-coriolis", lambda _: _SWEEP, slow=True),
+    Held("kvc", lambda _: {**_FEW, "match_rates_deg_s": [20.0, 80.0, 200.0], "health": False}, slow=True),
     Held(
         "self-calibration",
         lambda bench: {**_FEW, "virtual_rates_deg_s": [20.0, 80.0, 200.0], "health": False, **_k_vc(bench)},
-        slow=1,
+        slow=True,
     ),
-    Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}, slow=2),
-    Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",), slow=2),
-    Held("resonance", lambda _: _SHORT, ("paper's",), slow=2),
-    Held("phase", lambda _: _WARM, slow=2),
-    Held("power", lambda bench: {**_WARM, **_FEW, **_scale(bench), "rails_varied": ["positive", "both"]}, slow=2),
+    Held("online", lambda bench: {**_WARM, "duration_s": 120.0, **_k_vc(bench)}, slow=True),
+    Held("bandwidth", lambda _: {**_SHORT, **_SPARSE}, ("paper's",), slow=True),
+    Held("resonance", lambda _: _SHORT, ("paper's",), slow=True),
+    Held("phase", lambda _: _WARM, slow=True),
+    Held("power", lambda bench: {**_WARM, **_FEW, **_scale(bench), "rails_varied": ["positive", "both"]}, slow=True),
     Held(
         "temperature",
         lambda bench: {
@@ -85,7 +85,7 @@ PROCEDURES = (
             "level_deg_s": 100.0,
             "bias_instability_deg_h": 0.5,
         },
-        slow=2,
+        slow=True,
     ),
     Held("electrical", lambda _: {}),
     Held(
@@ -97,7 +97,7 @@ PROCEDURES = (
             "q": 1224.0,
             "in_phase_share": 0.147,
         },
-        slow=2,
+        slow=True,
     ),
     Held("rate-limits", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}),
     Held("g-sensitivity", lambda bench: {**_WARM, "samples": 4, **_scale(bench)}, as_built=sensitive_to_g),
@@ -111,15 +111,15 @@ PROCEDURES = (
             "k_vc_u_deg_s_per_v": 0.02,
         },
         as_built=blind,
-        slow=2,
+        slow=True,
     ),
     Held(
         "warmup",
         lambda bench: {"shortest_s": 300.0, "longest_s": 400.0, "bias_instability_deg_h": 0.5, **_scale(bench)},
         as_built=noisy,
-        slow=2,
+        slow=True,
     ),
-    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 300.0, **_scale(bench)}, as_built=noisy, slow=2),
+    Held("zero", lambda bench: {"powered_s": 10.0, "duration_s": 300.0, **_scale(bench)}, as_built=noisy, slow=True),
 )
 
 _PER_U = {

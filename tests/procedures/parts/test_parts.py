@@ -27,7 +27,7 @@ _NO_ROW = 0.05
 @pytest.mark.parametrize(
     ("held", "gyroscope"),
     [
-        pytest.param(held, each, id=held.key(each), marks=[pytest.mark.exhaustive] * (later > 0 or held.slow > 1))
+        pytest.param(held, each, id=held.key(each), marks=[pytest.mark.exhaustive] * (later > 0 or held.slow))
         for held in PROCEDURES
         for later, each in enumerate(held.gyroscopes)
     ],

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import pytest
+from simrack_tests.cells import few
 
 from tests.procedures.parts import values
-from tests.procedures.parts.procedures import PROCEDURES, Held
+from tests.procedures.parts.procedures import PROCEDURES
 
-LONG = (
-    "zero, with flicker",
-    "turntable, a loop between zeros",
-    "four steps, levels as they are set",
-    "K_Vc, and a self-calibration by it",
-    "temperature with the split",
-    "four steps, by both signs",
-    "four steps, by a curve",
-    "K_Vc, levels as they are set",
-    "bandwidth",
-)
+QUICK = ("repeatability", "turntable, there and back", "rate limits by the table")
+QUICK_OF_TABLE = ("kvc", "virtual-coriolis", "vibration")
+"""Of each kind one: the others are measured by tests of their procedures each time, and held here in turn."""
 
-OF_TABLE = [held for held in PROCEDURES if held.slow > 1 and held.procedure not in {"bandwidth", "resonance"}]
+OF_TABLE = {
+    held.procedure: held for held in PROCEDURES if held.slow and held.procedure not in {"bandwidth", "resonance"}
+}
 """Runs that the table of parts holds in the exhaustive tests alone, without the dear ones."""
 
 
@@ -27,16 +22,15 @@ def test_every_run_has_kept_figures() -> None:
     assert values.kept().keys() == values.jobs().keys()
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(each, marks=[pytest.mark.exhaustive] * (each in LONG)) for each in values.NOISY]
-)
+@pytest.mark.parametrize("name", few(values.NOISY, *QUICK))
 def test_runs_state_what_they_stated(name: str) -> None:
     """Where a number was changed on purpose: ``python -m tests.procedures.parts.values``."""
     assert values.differing(values.noisy_runs(name), values.kept()[name]) == []
 
 
-@pytest.mark.parametrize("held", OF_TABLE, ids=[held.procedure for held in OF_TABLE])
-def test_what_the_table_of_parts_holds_is_stated(held: Held) -> None:
+@pytest.mark.parametrize("procedure", few(OF_TABLE, *QUICK_OF_TABLE))
+def test_what_the_table_of_parts_holds_is_stated(procedure: str) -> None:
+    held = OF_TABLE[procedure]
     gyroscope = held.gyroscopes[0]
     assert values.differing(values.of_run(held.run(gyroscope)), values.kept()[held.key(gyroscope)]) == []
 
