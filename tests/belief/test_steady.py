@@ -288,6 +288,7 @@ def test_faults_of_the_multimeter_end_a_simulated_run(case: Case, each: int, tmp
             assert isinstance(run(case, 3, str(tmp_path)), MeasurementError), name
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("case", "fault"),
     [

@@ -62,7 +62,7 @@ def settings(known: Characteristics | None = None, **sources: float) -> Procedur
     return ProcedureSettings(station=Station(sources=Sources(**sources), characteristics=characteristics))
 
 
-@pytest.mark.parametrize("name", [each for each in BUILT_IN if each not in {"electrical", "temperature"}])
+@pytest.mark.parametrize("name", few([each for each in BUILT_IN if each not in {"electrical", "temperature"}], every=4))
 def test_every_plan_measures_the_drive_first_and_last(name: str) -> None:
     """`temperature` does at each temperature; `electrical` switches nothing on."""
     asked, bench = SETTINGS.get(name, {}), BENCHES.get(name, ("ideal",))[0]
@@ -78,7 +78,7 @@ LATE_S = {"turntable": 100.0, "kvc": 100.0, "zero": 1900.0}
 FAULTS = ("disconnect", "silent", "error", "garbled", "truncated")
 
 
-@pytest.mark.parametrize("kind", few(FAULTS, "disconnect", "error"))
+@pytest.mark.parametrize("kind", few(FAULTS, "disconnect"))
 @pytest.mark.parametrize("procedure", few(["turntable", "kvc", "zero"], "turntable"))
 def test_last_look_at_the_drive_costs_no_run_its_results(procedure: str, kind: str, tmp_path: Path) -> None:
     def build(description: BenchDescription, seed: int, clock: Clock) -> SimulatedBench:

@@ -53,7 +53,7 @@ def waited_s(name: str, value: float, *, expected: bool) -> float:
         return max(float(each.get("end_s", 0.0)) for each in lines)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     name=st.sampled_from(sorted(LONG)),
     off=st.one_of(st.floats(-3.0, -0.3), st.floats(0.2, 0.75), st.floats(1.4, 5.0)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 
 from vcfbench.cli.set_option import asked_by_command
 from vcfbench.procedures.bench_file import parse_bench
@@ -51,7 +52,7 @@ def waited_s(steps: Iterable[Step]) -> float:
     return sum(step.seconds for step in steps if isinstance(step, Settle))
 
 
-@pytest.mark.parametrize("name", sorted(set(PROCEDURES) - {"electrical"}))
+@pytest.mark.parametrize("name", few(sorted(set(PROCEDURES) - {"electrical"}), every=4))
 def test_rails_and_drive_are_seen_before_a_long_wait(name: str) -> None:
     settings = asked(name)
     steps = steps_of(PROCEDURES[name].plan(settings), settings)

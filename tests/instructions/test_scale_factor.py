@@ -82,7 +82,7 @@ def ended(name: str, tmp_path: Path, settings: dict[str, Any], window: list[floa
     return found.error
 
 
-@pytest.mark.parametrize("name", ["repeatability", "rate-limits"])
+@pytest.mark.parametrize("name", few(["repeatability", "rate-limits"], every=2))
 def test_another_gyroscope_of_which_nothing_is_told_costs_no_run(name: str, tmp_path: Path) -> None:
     """Its rates are by the paper's scale factor and incomplete; nothing of them is kept of the device."""
     bench = vcfbench.load_bench("paper")
@@ -122,6 +122,7 @@ def test_rates_at_rest_are_by_the_look_on_the_table(
     assert "not those of this gyroscope" not in vcfbench.text_of(run.report())
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("gain", "slope"), few([(10.0, -0.0131169), (5.0, -0.0065629)], (5.0, -0.0065629)))
 def test_power_states_biases_by_the_look_on_the_table(gain: float, slope: float, tmp_path: Path) -> None:
     """`slope` is that of `turntable` on the same bench."""

@@ -35,6 +35,7 @@ def test_values_are_those_of_the_v_vc_that_was_measured(run: Run[Any]) -> None:
     assert run.results.k_vc_u_generator == 0.0
 
 
+@pytest.mark.exhaustive
 def test_the_methods_are_seen_to_disagree(run: Run[Any]) -> None:
     """By 1.9 %: the modulator's odd order, which one point at 10 deg/s cannot see."""
     error = run.results.uncertainty.value("scale_factor_error_percent")

@@ -70,6 +70,7 @@ def test_gravity_is_that_of_wgs_84(latitude_deg: float | None, expected: float) 
     assert (u > 0.01) == (latitude_deg is None)
 
 
+@pytest.mark.exhaustive
 def test_unknown_earth_rate_and_warm_up_are_in_budget() -> None:
     def parts(warm_up_s: float) -> list[dict[str, float]]:
         settings = {**QUICK, "warm_up_s": warm_up_s}

@@ -116,7 +116,7 @@ def test_all_that_are_shipped_are_here() -> None:
 
 @pytest.mark.parametrize("kind", few(["turntable", "virtual-coriolis", "virtual-coriolis, measured"], "turntable"))
 @pytest.mark.parametrize("known", [{}, OTHER_THAN_0], ids=["its own", "other than 0"])
-@pytest.mark.parametrize("name", few(NAMES, "lab", "how-to"))
+@pytest.mark.parametrize("name", few(NAMES, "lab"))
 def test_no_uncertainty_shrinks_where_a_key_is_taken_away(name: str, kind: str, known: dict[str, float]) -> None:
     values, run = tomllib.loads(shipped()[name]), run_of(kind)
     values["uncertainty"] = {**values.get("uncertainty", {}), **known}
@@ -259,6 +259,7 @@ def test_room_beyond_18_to_28_degc_counts_per_kelvin(room: str, gain: float) -> 
     assert "room assumed within 18 to 28 degC" in silent.station.sources.meter_age_from
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", few(range(3), 0))
 def test_load_of_a_meter_is_within_u95_above_10_v(seed: int) -> None:
     """An output of up to 10 kohm: at the 34401A's 10 Mohm it would be read 1000 ppm low."""

@@ -104,6 +104,7 @@ def test_without_noise_and_errors_the_parameters_come_out(tmp_path: Path) -> Non
     assert found.curvature.third_per_v2 == pytest.approx(0.0145, rel=0.01)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("by", few(["v_vc_meter", "hand"], "v_vc_meter"))
 def test_what_is_measured_with_drawn_instruments_is_within_its_uncertainty(by: str, tmp_path: Path) -> None:
     errors = structs.replace(LAB.simulation.errors, rate_source="drawn")
@@ -136,6 +137,7 @@ def test_one_match_between_ranges_is_refused_with_what_cures_it() -> None:
         vcfbench.run("virtual-coriolis", bench, settings={"match_rate_deg_s": rate_deg_s}, seed=0, runs=None)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", few(range(6), 0))
 def test_a_rate_whose_level_no_range_of_the_generator_has_is_matched(seed: int) -> None:
     bench, rate_deg_s = between_ranges(seed)
@@ -167,6 +169,7 @@ def test_trusted_setting_has_accuracy_of_the_generator_ranges(seed: int, tmp_pat
     assert "setting" in told.v_vc_by
 
 
+@pytest.mark.exhaustive
 def test_the_certificate_is_written_when_the_run_is_over(tmp_path: Path) -> None:
     store = DeviceStore(tmp_path / "devices")
     settings = {"dut": "G-0042", "devices": str(store.root), "temperature_c": 21.5, **QUICK}

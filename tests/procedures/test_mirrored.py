@@ -155,6 +155,7 @@ def below_0(found: Any, path: str = "") -> Iterator[str]:
             yield from below_0(each, f"{path}[{place}]")
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("case", "mirror"), DRAWN)
 def test_no_uncertainty_of_a_mirrored_gyroscope_is_below_0(case: str, mirror: str) -> None:
     assert list(below_0(results(case, *MIRRORS[mirror]))) == []

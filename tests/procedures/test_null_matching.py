@@ -118,6 +118,7 @@ def test_the_levels_of_step_4_are_those_of_the_curve(runs: dict[str, Any]) -> No
     assert virtual == pytest.approx(QUICK["rates_deg_s"], abs=0.02)
 
 
+@pytest.mark.exhaustive
 def test_a_second_meter_measures_the_levels(tmp_path: Path) -> None:
     bench = still(vcfbench.load_bench("lab"), rate_source="drawn")
     found = vcfbench.run("virtual-coriolis", bench, settings={**QUICK, "k_vc_by": "curve"}, runs=tmp_path).results

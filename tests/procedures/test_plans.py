@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.fakes import CALIBRATIONS, make_settings
@@ -217,7 +218,7 @@ EVERY: list[tuple[str, dict[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "settings"), [each for each in EVERY if each[0] != "characterize"])
+@pytest.mark.parametrize(("name", "settings"), few([each for each in EVERY if each[0] != "characterize"], every=3))
 def test_each_step_is_told_what_those_before_it_have_set(name: str, settings: dict[str, Any]) -> None:
     """Ramps begin at the rate before, windows are of the rate and V_Vc that are on, after a change that has settled."""
     rate_deg_s = ramp_s = acceleration_deg_s2 = v_vc_v = settled_s = 0.0

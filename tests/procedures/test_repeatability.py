@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from scipy.special import chdtri
+from simrack_tests.cells import few
 
 import vcfbench
 from vcfbench.errors import ConfigError
@@ -56,7 +57,7 @@ def test_noise_alone_is_expected_as_it_comes(run: Any) -> None:
         assert (found.value / found.by_noise) ** 2 * 3 > chdtri(3, 0.9999)
 
 
-@pytest.mark.parametrize("by", ["v-vc", "table"])
+@pytest.mark.parametrize("by", few(["v-vc", "table"], every=2))
 def test_switch_ons_have_drawn_bias_and_gain(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise and errors of instruments what was drawn is all that differs."""
     drawn: list[course.SwitchOn] = []

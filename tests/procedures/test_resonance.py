@@ -104,6 +104,7 @@ def test_common_time_base_does_not_make_drive_frequencies_agree(run: vcfbench.Ru
     assert found.e_n_drive_hz > 3.0 * off_hz / (found.drive_hz.u95 + found.drive_ring_down_hz.u95)
 
 
+@pytest.mark.exhaustive
 def test_a_record_shows_what_the_run_showed(run: vcfbench.Run) -> None:
     assert run.directory is not None
     assert vcfbench.load_run(run.directory).results == run.results

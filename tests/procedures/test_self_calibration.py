@@ -122,11 +122,14 @@ def test_cold_gyroscope_errs_by_stated_warm_up(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "change",
-    [
-        {"output_stage": {"gain": 1.002}},
-        {"sense_anti_phase": {"frequency_hz": 3464.1 - 0.05}},
-        {"drive_loop": {"amplitude_m": 5.02e-6}, "sense_path": {"reference_amplitude_v": 2.008}},
-    ],
+    few(
+        [
+            {"output_stage": {"gain": 1.002}},
+            {"sense_anti_phase": {"frequency_hz": 3464.1 - 0.05}},
+            {"drive_loop": {"amplitude_m": 5.02e-6}, "sense_path": {"reference_amplitude_v": 2.008}},
+        ],
+        every=3,
+    ),
     ids=["output stage", "split", "drive amplitude"],
 )
 def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str, Any]) -> None:
@@ -147,6 +150,7 @@ def test_what_ages_is_seen(quiet: tuple[Path, dict[str, Any]], change: dict[str,
     assert drift.verdict == "fail"
 
 
+@pytest.mark.exhaustive
 def test_changed_combs_look_like_changed_gyroscope(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     fresh = still(LAB)
@@ -321,6 +325,7 @@ def test_a_certificate_that_is_out_of_date_is_refused(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.exhaustive
 def test_a_limit_of_the_drift_has_a_guard_band(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     settings = {**settings, "devices": str(fresh_store(where, "limited").root)}
@@ -380,6 +385,7 @@ def fresh_store(where: Path, name: str) -> DeviceStore:
     return store
 
 
+@pytest.mark.exhaustive
 def test_drift_limit_of_the_bench_file_fails_the_run(quiet: tuple[Path, dict[str, Any]]) -> None:
     where, settings = quiet
     limits = AcceptanceLimits(guard_band="U95", drift_ppm=(-200.0, 200.0), e_n=(0.0, 1.0))
@@ -393,6 +399,7 @@ def test_drift_limit_of_the_bench_file_fails_the_run(quiet: tuple[Path, dict[str
     assert not failed.verdict.passed
 
 
+@pytest.mark.exhaustive
 def test_a_drift_that_failed_stays_until_a_new_certificate(quiet: tuple[Path, dict[str, Any]]) -> None:
     """It is counted from the certificate, so that the same run again does not pass; nor does one that is back there."""
     where, settings = quiet
@@ -591,6 +598,7 @@ def dated_back(where: Path, settings: dict[str, Any], name: str, days: float, **
     return {**settings, "devices": str(where / name)}
 
 
+@pytest.mark.exhaustive
 def test_unseen_drift_widens_u95_with_time(quiet: tuple[Path, dict[str, Any]]) -> None:
     """Rectangular: 500 ppm a year are assumed, 0.95 of that is what U95 has of it alone."""
     where, settings = quiet
@@ -623,6 +631,7 @@ def test_shift_on_the_way_is_in_u95_from_first_day(tmp_path: Path) -> None:
     assert second.drift.last.change_ppm.u < 30.0
 
 
+@pytest.mark.exhaustive
 def test_temperatures_that_were_told_are_compared_and_k_vc_corrected(quiet: tuple[Path, dict[str, Any]]) -> None:
     """By the coefficient that was measured, or else by that of silicon; without either nothing is known."""
     where, settings = quiet
@@ -664,6 +673,7 @@ def warm_k(bench: BenchDescription) -> float:
     return truth(warm(structs.replace(parameters, thermal=hotter)))[0]
 
 
+@pytest.mark.exhaustive
 def test_zero_of_another_generator_leaves_scale_factor(quiet: tuple[Path, dict[str, Any]]) -> None:
     """The output is curved, 17 ppm a deg/s: the slope is stated at rate 0 of the certificate's curve."""
     where, settings = quiet

@@ -146,6 +146,7 @@ def test_the_coefficients_are_those_of_the_closed_form(run: Any) -> None:
     assert abs(found.frequency.value - true_hz) < 3.0 * found.frequency.u < 1.0
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("ppm_k", "drive_hz"), few(product((-30.0, 0.0, 45.0), (1200.0, 3488.9, 12_000.0)), (-30.0, 12_000.0))
 )

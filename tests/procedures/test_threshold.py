@@ -108,6 +108,7 @@ def found_of(half_deg_s: float, bench: str = "ideal", **settings: Any) -> Thresh
     return results
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("settings", few([{}, {"by": "table", "rate_tolerance_deg_s": 0.01}], {}))
 @pytest.mark.parametrize("half_deg_s", few([0.03, 0.3], 0.3))
 def test_noiseless_gyroscope_gives_size_of_dead_band(half_deg_s: float, settings: dict[str, Any]) -> None:

@@ -63,7 +63,6 @@ def turned(name: str, by: str | None, at: int, **told: float) -> tuple[int, bool
     few(
         [("repeatability", "v-vc"), ("rate-limits", "table"), ("temperature", "table"), ("warmup", None)],
         ("rate-limits", "table"),
-        ("repeatability", "v-vc"),
     ),
 )
 def test_output_lead_turned_in_mid_run_ends_it(name: str, by: str | None) -> None:

@@ -220,6 +220,7 @@ def test_a_bandwidth_of_another_integration_time_is_not_known() -> None:
     assert structs.replace(settings, nplc=1, noise_bandwidth_nplc=1, noise_bandwidth_hz=214.0).passed_hz == 214.0
 
 
+@pytest.mark.exhaustive
 def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
     assert hour.directory is not None
     again = vcfbench.load_run(hour.directory)

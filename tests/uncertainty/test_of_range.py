@@ -24,6 +24,7 @@ def ran(bench: Any, *rates: float) -> vcfbench.Run:
     return vcfbench.run("turntable", bench, seed=5, settings=settings, runs=None)
 
 
+@pytest.mark.exhaustive
 def test_declared_range_gives_same_value_for_different_plans(bench: Any) -> None:
     runs = [ran(bench, 200, 100, 0, -100, -200), ran(bench, 220, 150, 30, -80, -190)]
     found = [next(iter(run.values.values())) for run in runs]

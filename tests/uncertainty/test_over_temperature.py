@@ -12,7 +12,7 @@ AT_C = np.array([25.0, 40.0, 55.0, 70.0, 85.0, 70.0, 55.0, 40.0, 25.0])
 DRAWN = [tuple(np.random.default_rng(seed).uniform((1.0, -2e-3, -2e-6), (9.0, 2e-3, 2e-6))) for seed in range(8)]
 
 
-@pytest.mark.parametrize("drawn", few([(each,) for each in DRAWN], *((each,) for each in DRAWN[:3])))
+@pytest.mark.parametrize("drawn", few([(each,) for each in DRAWN], *((each,) for each in DRAWN[:1])))
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_coefficients_are_those_of_the_value_at_the_reference(drawn: tuple[float, ...], sign: float) -> None:
     """Not of the mean over temperatures that lie on one side of it."""

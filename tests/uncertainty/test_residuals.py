@@ -313,7 +313,7 @@ def test_a_straight_modulator_has_a_bound_and_no_value() -> None:
     assert "within the errors of the measurement" in bound.of
 
 
-@pytest.mark.parametrize("told", ["its time", "nothing of its time"])
+@pytest.mark.parametrize("told", few(["its time", "nothing of its time"], every=3))
 @pytest.mark.parametrize("signs", [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0)])
 def test_warm_up_enters_non_linearity(told: str, signs: tuple[float, float]) -> None:
     """Coefficients, warm-up and its time are drawn; the bench file tells their sizes, not their signs."""

@@ -147,6 +147,7 @@ def own_flicker(settings: SweepSettings, noises: NDArray[np.float64]) -> list[Fl
     return [WindowNoise.of(settings, moved(blank(settings), each), K).flicker for each in noises]
 
 
+@pytest.mark.exhaustive
 def test_b_of_zeros_has_true_square_and_scatter() -> None:
     settings = make_settings(zeros=Zeros.BRACKET, repeat=3, station=WHITE, samples=READINGS)
     every = [each for each in own_flicker(settings, flickering(settings, 40.0, 150)) if each is not None]
@@ -285,6 +286,7 @@ def test_added_earths_rate_leaves_the_bias(tmp_path: Path) -> None:
     assert tilt.u_source == pytest.approx(abs(measured.results.scale_factor.value) * left / math.sqrt(3.0), rel=1e-6)
 
 
+@pytest.mark.exhaustive
 def test_budget_holds_scale_factor_of_tilted_axis(tmp_path: Path) -> None:
     angle_deg = 2.0
     askew = simulated("ideal", errors="none", overrides=f"{STILL}misalignment_deg = {angle_deg}\n{NO_RIPPLE}")
@@ -303,6 +305,7 @@ def test_budget_holds_scale_factor_of_tilted_axis(tmp_path: Path) -> None:
     assert abs(away) > 3.0 * others
 
 
+@pytest.mark.exhaustive
 def test_the_four_steps_take_order_zeros_and_repeats_too(tmp_path: Path) -> None:
     settings = {**QUICK, "order": "abba", "zeros": "ends", "repeat": 2, "rates_deg_s": [100.0, 0.0, -100.0]}
     run = vcfbench.run("virtual-coriolis", simulated("ideal"), settings=settings, runs=tmp_path)
