@@ -8,6 +8,7 @@ import threading
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
@@ -43,7 +44,7 @@ def call(*arguments: object) -> Any:
     return CliRunner().invoke(app, [*map(str, arguments)])
 
 
-@pytest.mark.parametrize("killed", [False, True])
+@pytest.mark.parametrize("killed", few([False, True], every=2))
 def test_amendment_is_visible_everywhere_and_keeps_earlier_lines(record: Path, *, killed: bool) -> None:
     journal = record / "journal.jsonl"
     if killed:

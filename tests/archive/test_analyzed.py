@@ -49,7 +49,7 @@ def written(path: Path, columns: dict[str, object]) -> Path:
     return path
 
 
-@pytest.mark.parametrize(("rate", "drift"), few(product(RATES, (0.0, 1.0)), *zip(RATES[:2], (0.0, 1.0), strict=True)))
+@pytest.mark.parametrize(("rate", "drift"), few(product(RATES, (0.0, 1.0)), (RATES[0], 0.0)))
 def test_output_of_a_gyroscope_is_no_applied_rate(tmp_path: Path, rate: str, drift: float) -> None:
     random = np.random.default_rng(5)
     for other in OTHERS:

@@ -99,6 +99,7 @@ def test_the_last_two_calibrations_of_a_device_are_compared(tmp_path: Path) -> N
     assert f"{tmp_path}: {found}" in single.stderr
 
 
+@pytest.mark.exhaustive
 def test_run_of_another_directory_is_compared_by_path_or_copy(tmp_path: Path) -> None:
     page = (Path(__file__).parents[2] / "docs" / "howto" / "compare.md").read_text("utf-8")
     for seed, folder in ((1, "archive"), (2, "runs")):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from msgspec.structs import replace
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.archive.test_written import QUICK
@@ -172,7 +173,9 @@ def test_what_u95_lacks_is_said_with_the_verdict(lacking: Run) -> None:
     assert sheet.rows[0][-1] == "PASS*"
 
 
-@pytest.mark.parametrize("procedure", ["kvc", "self-calibration", pytest.param("online", marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize(
+    "procedure", few(["kvc", "self-calibration", pytest.param("online", marks=pytest.mark.exhaustive)], every=3)
+)
 def test_first_page_of_k_vc_procedures_names_missing_u95(procedure: str, tmp_path: Path) -> None:
     settings = {"k_vc": "150", **QUICK} if procedure == "self-calibration" else {"k_vc": "150"}
     if procedure == "kvc":

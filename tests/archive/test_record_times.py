@@ -47,7 +47,7 @@ READ: dict[str, tuple[str, Callable[[int], str]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", READ)
+@pytest.mark.parametrize("kind", few(READ, every=3))
 def test_times_go_on_over_their_period(tmp_path: Path, kind: str) -> None:
     head, cell = READ[kind]
     found = analyze_record(log(tmp_path / "a.csv", cell, head))
@@ -72,7 +72,7 @@ BEYOND: dict[str, Callable[[int], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", BEYOND)
+@pytest.mark.parametrize("kind", few(BEYOND, every=5))
 @pytest.mark.parametrize("rate_hz", [None, 100.0, 0.1, 1e-4])
 def test_seconds_of_no_date_are_refused(tmp_path: Path, kind: str, rate_hz: float | None) -> None:
     file = log(tmp_path / "a.csv", BEYOND[kind], "timestamp_s")
@@ -129,7 +129,7 @@ SOURCES: dict[str, tuple[str, list[str], bool]] = {
 }
 
 
-@pytest.mark.parametrize("kind", SOURCES)
+@pytest.mark.parametrize("kind", few(SOURCES, every=4))
 @pytest.mark.parametrize(
     ("separator", "longer"), few([(each, more) for each in ",;\t" for more in (False, True)], (";", True))
 )

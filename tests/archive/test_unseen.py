@@ -113,20 +113,25 @@ def test_jump_of_v_vc_meter_gain_is_refused(kvc: Run) -> None:
 
 @pytest.mark.parametrize(
     ("procedure", "settings"),
-    [
-        ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
-        pytest.param(
-            "g-sensitivity", {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0}, marks=pytest.mark.exhaustive
-        ),
-        pytest.param("repeatability", {"power_cycles": 3, "samples": 3}, marks=pytest.mark.exhaustive),
-        pytest.param("threshold", {"at_most_s": 60.0, "samples": 3}, marks=pytest.mark.exhaustive),
-        ("rate-limits", LIMITS),
-        *(
-            pytest.param(name, {}, marks=pytest.mark.exhaustive)
-            for name in ("power", "vibration", "virtual-coriolis", "kvc")
-        ),
-        pytest.param("temperature", {"temperatures_c": [20.0, 25.0, 30.0]}, marks=pytest.mark.exhaustive),
-    ],
+    few(
+        [
+            ("turntable", {"rates_deg_s": [100.0, 0.0, -100.0], "samples": 3}),
+            pytest.param(
+                "g-sensitivity",
+                {"samples": 4, "cycles": 1, "warm_up_s": 60.0, "turn_s": 5.0},
+                marks=pytest.mark.exhaustive,
+            ),
+            pytest.param("repeatability", {"power_cycles": 3, "samples": 3}, marks=pytest.mark.exhaustive),
+            pytest.param("threshold", {"at_most_s": 60.0, "samples": 3}, marks=pytest.mark.exhaustive),
+            ("rate-limits", LIMITS),
+            *(
+                pytest.param(name, {}, marks=pytest.mark.exhaustive)
+                for name in ("power", "vibration", "virtual-coriolis", "kvc")
+            ),
+            pytest.param("temperature", {"temperatures_c": [20.0, 25.0, 30.0]}, marks=pytest.mark.exhaustive),
+        ],
+        every=7,
+    ),
 )
 def test_list_compares_the_windows_that_the_run_compared(
     procedure: str, settings: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -193,6 +198,7 @@ def test_a_long_run_is_evaluated_some_dozen_times(settings: int, visits: int, mo
     assert spread <= len(seen) / len(together) if visits == 1 else spread == 0.0
 
 
+@pytest.mark.exhaustive
 def test_record_at_rest_states_effect_of_fault_within_it(tmp_path: Path) -> None:
     run = taken(tmp_path, "zero", duration_s=200.0)
     rows = unseen_of(run)
@@ -219,6 +225,7 @@ def test_what_is_above_the_list_of_a_record_is_named_by_it(kind: str) -> None:
     assert told >= 19
 
 
+@pytest.mark.exhaustive
 def test_fault_of_any_size_has_a_reason(limits: Tried) -> None:
     why = {each.why for each in limits.rows if each.size is None and each.unit not in {K_VC, V_VC_SET}}
     assert why == {"these windows are not compared with others", "it looks like the measured effect"}
@@ -286,6 +293,7 @@ def test_run_without_a_table_lists_what_k_vc_may_be(tmp_path: Path) -> None:
     assert row.effects["scale_factor"] == pytest.approx(1e-3 * abs(run.results.scale_factor.value), rel=0.01)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("on_v_vc", "size", "effect"),
     [(False, None, 1e-3), pytest.param(True, 0.1, 0.1, marks=pytest.mark.exhaustive)],

@@ -52,6 +52,7 @@ def test_told_scale_factor_has_the_size_from_which_it_is_refused(
         ran(name, 1.0 + 1.5 * row.size, tmp_path, k_vc)
 
 
+@pytest.mark.exhaustive
 def test_told_k_vc_of_a_threshold_is_in_its_list(tmp_path: Path) -> None:
     few = {"k_vc_deg_s_per_v": 150.0, "samples": 4, "steps_deg_s": [2.0, 1.0, 0.5], "at_most_s": 60.0, "cycles": 1}
     run = vcfbench.run("threshold", "lab", seed=1, settings=few, runs=tmp_path)

@@ -89,6 +89,7 @@ def test_a_report_says_who_what_and_by_what_means(quick: Run) -> None:
         assert said in words
 
 
+@pytest.mark.exhaustive
 def test_the_record_of_a_long_window_is_drawn(tmp_path: Path) -> None:
     settings = {"powered_s": 0.0, "duration_s": 200.0}
     run = vcfbench.run("zero", seed=1, settings=settings, runs=tmp_path)

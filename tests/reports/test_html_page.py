@@ -62,6 +62,7 @@ def test_the_same_report_gives_the_same_bytes(page: str) -> None:
     assert page_of(REPORT, "w", "r") == page
 
 
+@pytest.mark.exhaustive
 def test_first_page_style_needs_first_page(page: str) -> None:
     assert 'class="front"' not in page
     assert '<section class="front">\n<h1>' in page_of(REPORT, "w", "r", logo="")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import pyte
 import pytest
+from simrack_tests.cells import few
 
 from tests.procedures.fakes import FakeBench, MemoryJournal, make_settings
 from vcfbench.procedures.catalogue import PROCEDURES
@@ -207,7 +208,7 @@ def test_a_terminal_that_is_gone_disturbs_nothing(kind: type[LineProgress | Live
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no pseudo-terminals")
-@pytest.mark.parametrize("kind", [LineProgress, LiveProgress])
+@pytest.mark.parametrize("kind", few([LineProgress, LiveProgress], every=2))
 def test_a_terminal_that_stands_still_holds_nothing_up(kind: type[LineProgress | LiveProgress]) -> None:
     """Ctrl-S stops the output: whoever wrote there would wait until Ctrl-Q."""
     import pty  # noqa: PLC0415  # there is none on Windows

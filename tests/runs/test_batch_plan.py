@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from msgspec import structs, to_builtins
 from msgspec.json import decode, encode
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.procedures.test_own_code import GOOD
@@ -60,12 +61,15 @@ def test_run_as_planned_counts_as_done_for_any_seed(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("was", "now", "words"),
-    [
-        ("samples = 2", "samples = 200", "samples 2, the plan asks for 200"),
-        ("[-10, 0, 10]", "[-10, 0, 20]", "rates_deg_s"),
-        ('"ideal"', '"paper"', "bench ideal, the plan asks for paper"),
-        ('"turntable"', '"zero"', "the plan has no turntable"),
-    ],
+    few(
+        [
+            ("samples = 2", "samples = 200", "samples 2, the plan asks for 200"),
+            ("[-10, 0, 10]", "[-10, 0, 20]", "rates_deg_s"),
+            ('"ideal"', '"paper"', "bench ideal, the plan asks for paper"),
+            ('"turntable"', '"zero"', "the plan has no turntable"),
+        ],
+        every=2,
+    ),
 )
 def test_run_that_does_not_fit_the_plan_is_left_out(tmp_path: Path, was: str, now: str, words: str) -> None:
     done = measured(tmp_path)
@@ -135,6 +139,7 @@ def test_half_done_device_is_neither_done_nor_good(tmp_path: Path) -> None:
     assert "Not measured yet: G-1 (polarity)." in text
 
 
+@pytest.mark.exhaustive
 def test_failed_device_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO())

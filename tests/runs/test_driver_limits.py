@@ -72,6 +72,7 @@ def with_table(folder: Path, most: float) -> BenchDescription:
     return load_bench(folder / "lab.toml")
 
 
+@pytest.mark.exhaustive
 def test_profile_that_counts_otherwise_is_found_by_plan_and_check(tmp_path: Path) -> None:
     words = r"a rate of .* is beyond the 0\.1 deg/s of its profile \(units\.rate_max = 100, where 1000 are 1 deg/s\)"
     slow = with_table(tmp_path, 100)

@@ -36,7 +36,7 @@ class Setting:
         return datetime.now(tz or UTC) + self.moved  # noqa: TID251  # clock.utc_now calls it
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(after=st.integers(1, 40), by_s=MOVED_S)
 def test_clock_that_is_set_stands_in_the_record(after: int, by_s: float) -> None:
     setting = Setting(after, by_s)
