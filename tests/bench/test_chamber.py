@@ -54,6 +54,7 @@ SET = SetTemperature(60.0, 60.0, 0.5, 30.0)
 AWAIT = AwaitTemperature(60.0, 40.0, 30.0, 600.0)
 
 
+@pytest.mark.exhaustive
 def test_step_reaches_temperature_in_its_time() -> None:
     look = Builder()
     with open_bench(with_chamber(), build=look) as bench:

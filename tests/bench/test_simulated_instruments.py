@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 from simrack.serial_numbers import SERIAL_NUMBERS, is_simulated_serial
+from simrack_tests.cells import few
 
 import simrack
 import vcfbench
@@ -59,7 +60,7 @@ def test_one_such_number_elsewhere_may_be_a_laboratorys(numbers: list[str]) -> N
     assert len(simulated_roles(REAL, identities)) == (made_up if made_up > 1 else 0)
 
 
-@pytest.mark.parametrize("needs", [["oscilloscope"], ["power", "multimeter"]])
+@pytest.mark.parametrize("needs", few([["oscilloscope"], ["power", "multimeter"]], every=2))
 def test_served_bench_without_its_table_is_simulated(needs: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     with serve_simulated("paper") as lab:
         monkeypatch.setenv(CONTROL_VARIABLE, str(lab.control_port))

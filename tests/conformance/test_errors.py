@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack_tests.cells import few
 
 from tests.conformance import walk
 
@@ -227,7 +228,7 @@ NOISE = st.one_of(
 STRANGER = {model: walk.bench(model) for model in walk.MODELS}
 
 
-@pytest.mark.parametrize("model", walk.MODELS)
+@pytest.mark.parametrize("model", few(walk.MODELS, every=3))
 @settings(max_examples=50, deadline=None)
 @given(noise=NOISE)
 def test_one_command_makes_at_most_one_error(model: str, noise: bytes) -> None:
@@ -245,7 +246,7 @@ def test_one_command_makes_at_most_one_error(model: str, noise: bytes) -> None:
     assert (bench.ask("*OPC?") or "").strip() == "1"
 
 
-@pytest.mark.parametrize("model", walk.MODELS)
+@pytest.mark.parametrize("model", few(walk.MODELS, every=3))
 @settings(max_examples=40, deadline=None)
 @given(units=st.lists(st.one_of(NOISE, st.sampled_from([b"", b"\n", b"*OPC?", b":SYST:ERR?"])), max_size=6))
 def test_whatever_a_stream_of_messages_is_the_instrument_goes_on(model: str, units: list[bytes]) -> None:

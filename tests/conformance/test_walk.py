@@ -239,12 +239,15 @@ def test_power_on_state_is_the_reset_state(model: str) -> None:
 
 @pytest.mark.parametrize(
     ("model", "under_way"),
-    [
-        ("agilent33220a", "SWE:STAT ON"),
-        ("dso7104b", ":RUN"),
-        ("e3631a", "OUTP ON"),
-        *((meter, state) for meter in ("hp34401a", "keysight34461a") for state in ("*CLS", "SAMP:COUN 3;:INIT")),
-    ],
+    few(
+        [
+            ("agilent33220a", "SWE:STAT ON"),
+            ("dso7104b", ":RUN"),
+            ("e3631a", "OUTP ON"),
+            *((meter, state) for meter in ("hp34401a", "keysight34461a") for state in ("*CLS", "SAMP:COUN 3;:INIT")),
+        ],
+        every=3,
+    ),
 )
 def test_question_that_is_answered_at_once_begins_nothing(model: str, under_way: str) -> None:
     """So a server need not look for what comes next after one."""

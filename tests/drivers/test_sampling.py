@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.drivers.openings import NO_ERROR, opening
@@ -95,7 +96,8 @@ def sampler(bench: vcfbench.Bench) -> SamplesVoltage:
 
 
 @pytest.mark.parametrize(
-    ("model", "most"), [("34401A", 512), ("34461A", 10_000), ("34465A", 50_000), ("2000", 1024), ("DMM6500", 100_000)]
+    ("model", "most"),
+    few([("34401A", 512), ("34461A", 10_000), ("34465A", 50_000), ("2000", 1024), ("DMM6500", 100_000)], every=2),
 )
 def test_readings_of_one_integration_time_each_leave_no_gap(model: str, most: int) -> None:
     """That many integration times it takes, and the meter's arming."""

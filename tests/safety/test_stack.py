@@ -165,6 +165,7 @@ def test_instrument_that_uses_its_deadline_and_grace_is_safe(log: list[str]) -> 
     assert [report.safe for report in stack.make_safe()] == [True]
 
 
+@pytest.mark.exhaustive
 def test_telling_takes_half_a_second_however_many_hang(log: list[str]) -> None:
     over = threading.Event()
 

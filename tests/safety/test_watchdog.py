@@ -73,6 +73,7 @@ dog.require_ready()
 """A program whose watchdog finds of the package no more than what it has loaded."""
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(
     ("end", "why"),
     [

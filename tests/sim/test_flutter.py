@@ -43,6 +43,7 @@ def test_rate_and_angle_have_the_variances_of_the_closed_forms() -> None:
     assert np.mean([angle.var() for angle in angles]) == pytest.approx(Z / (4 * math.pi * F0), rel=0.06)
 
 
+@pytest.mark.exhaustive
 def test_flutter_density_falls_with_square_of_frequency() -> None:
     """Twelve specimens, octave by octave, against |2 z w0 s / (s^2 + 2 z w0 s + w0^2)|^2; 8 s resolve 0.1 Hz."""
     step, count = 1e-3, 8_000

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from simrack.serve import ControlError
+from simrack_tests.cells import few
 
 from vcfbench.bench.bench import open_bench
 from vcfbench.clock import sleep
@@ -54,17 +55,20 @@ def test_bench_without_faults_is_unchanged() -> None:
 
 @pytest.mark.parametrize(
     ("role", "kind", "settings", "error"),
-    [
-        ("multimeter", "overload", {}, MeasurementError),
-        ("multimeter", "late", {"delay_s": 60.0}, DeadlineExceeded),
-        ("multimeter", "silent", {}, DeadlineExceeded),
-        ("multimeter", "garbled", {}, FramingError),
-        ("multimeter", "garbage", {}, FramingError),
-        ("multimeter", "truncated", {}, (FramingError, DeadlineExceeded)),
-        ("multimeter", "disconnect", {}, LinkLost),
-        ("multimeter", "unreachable", {}, LinkLost),
-        ("multimeter", "error", {"number": -330}, InstrumentError),
-    ],
+    few(
+        [
+            ("multimeter", "overload", {}, MeasurementError),
+            ("multimeter", "late", {"delay_s": 60.0}, DeadlineExceeded),
+            ("multimeter", "silent", {}, DeadlineExceeded),
+            ("multimeter", "garbled", {}, FramingError),
+            ("multimeter", "garbage", {}, FramingError),
+            ("multimeter", "truncated", {}, (FramingError, DeadlineExceeded)),
+            ("multimeter", "disconnect", {}, LinkLost),
+            ("multimeter", "unreachable", {}, LinkLost),
+            ("multimeter", "error", {"number": -330}, InstrumentError),
+        ],
+        every=4,
+    ),
 )
 def test_multimeter_fault_gives_error_of_its_kind(
     role: str, kind: str, settings: dict[str, float], error: type[BenchError] | tuple[type[BenchError], ...]

@@ -55,7 +55,7 @@ def test_the_draws_reach_the_ends_of_their_ranges() -> None:
         assert {math.copysign(1.0, getattr(sheet, key)) for sheet in sheets} == {-1.0, 1.0}, key
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", few([0, 1], every=2))
 @pytest.mark.parametrize("imperfections", [False, True])
 def test_bench_of_drawn_gyroscope_suits_all_procedures(seed: int, *, imperfections: bool) -> None:
     for noise in (False, True):
@@ -87,7 +87,7 @@ def test_output_is_constant_after_settle_s(seed: int) -> None:
     assert np.ptp(means_v) < 5e-5 * sheet.range_deg_s * abs(sheet.scale_factor_v_per_deg_s)
 
 
-@pytest.mark.parametrize("seed", few(range(60), *range(6)))
+@pytest.mark.parametrize("seed", few(range(60), *range(2)))
 def test_largest_v_vc_does_not_clip_the_output(seed: int) -> None:
     text, sheet = drawn_bench(seed, noise=False), drawn_sheet(seed)
     level_deg_s = tomllib.loads(text)["procedure"]["power"]["level_deg_s"]

@@ -19,6 +19,7 @@ from simrack.rate_tables.mn_as import MnAsTable
 from simrack.rate_tables.ruya import RuyaTable
 from simrack.rate_tables.zaber import StepperErrors, ZaberTable
 from simrack.wires import serial_backend
+from simrack_tests.cells import few
 
 from tests.drivers.rate_table import DIALECTS, SHIPPED
 from vcfbench.clock import Deadline, VirtualClock, sleep
@@ -186,7 +187,7 @@ def test_a_lost_answer_is_not_a_wrong_one(name: str) -> None:
         assert bench.driver.rate_deg_s() == pytest.approx(10.0, abs=2e-3)
 
 
-@pytest.mark.parametrize("name", ANSWERING)
+@pytest.mark.parametrize("name", few(ANSWERING, every=5))
 @pytest.mark.parametrize("late_s", [1.95, 2.01, 2.1, 2.5, 3.9, 4.05])
 def test_a_late_answer_is_never_taken_for_another(name: str, late_s: float) -> None:
     bench = Bench(name)
@@ -279,7 +280,7 @@ def test_what_is_beyond_the_limits_does_not_reach_the_table(name: str, rate: flo
     assert bench.world.table.profile_rate_deg_s() == pytest.approx(1.0, abs=1e-3)
 
 
-@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("name", few(DIALECTS, every=4))
 def test_table_turns_on_without_host_and_can_be_stopped(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
@@ -408,7 +409,7 @@ def test_atl_without_the_prompt_after_jog(prompting: bool) -> None:  # noqa: FBT
 
 
 @pytest.mark.usefixtures("unhurried")
-@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("name", few(DIALECTS, every=4))
 def test_table_without_replies_is_stopped_and_reported_unsafe(name: str) -> None:
     bench = Bench(name)
     bench.driver.enable()
@@ -424,7 +425,7 @@ def test_table_without_replies_is_stopped_and_reported_unsafe(name: str) -> None
 
 
 @pytest.mark.usefixtures("unhurried")
-@pytest.mark.parametrize("name", DIALECTS)
+@pytest.mark.parametrize("name", few(DIALECTS, every=4))
 def test_the_words_come_through_behind_any_part_of_a_command(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is left of a torn message must not swallow them."""
     bench = Bench(name)

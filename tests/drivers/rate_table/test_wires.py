@@ -114,7 +114,7 @@ REFUSED: dict[str, Callable[[Any, TableLine, Deadline], object]] = {
 @pytest.mark.parametrize(
     ("paced", "name"),
     few(
-        product(WAYS, DIALECTS), *((way, name) for each, way in enumerate(WAYS) for name in [*DIALECTS][each % 2 :: 2])
+        product(WAYS, DIALECTS), *((way, name) for each, way in enumerate(WAYS) for name in [*DIALECTS][each % 8 :: 8])
     ),
     indirect=["paced"],
     ids=lambda each: each if isinstance(each, str) else " after ".join(each),

@@ -90,7 +90,7 @@ def gone(process: subprocess.Popen[str], end: str) -> None:
     process.wait(10)
 
 
-@pytest.mark.parametrize(("wire", "end"), [("tcp", "killed"), ("pty", "closed")])
+@pytest.mark.parametrize(("wire", "end"), few([("tcp", "killed"), ("pty", "closed")], every=2))
 @pytest.mark.parametrize("dialect", few(START, "acl", "aaaa"))
 def test_the_table_turns_on_when_its_host_has_gone(dialect: str, wire: str, end: str, tmp_path: Path) -> None:
     if wire == "pty" and sys.platform == "win32":

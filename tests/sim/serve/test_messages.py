@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simrack_tests.cells import few
 from simrack_tests.instruments.messages import UNITS, answers, errors, text, wrong_messages
 
 from vcfbench.testing import ServedLab, serve_simulated, simulated
@@ -91,7 +92,7 @@ def slow_lab() -> Iterator[ServedLab]:
         yield served
 
 
-@pytest.mark.parametrize("speed", ["lab", "slow_lab"])
+@pytest.mark.parametrize("speed", few(["lab", "slow_lab"], every=4))
 @pytest.mark.parametrize(("message", "answer"), COMPOUNDS)
 def test_a_measurement_is_answered_in_its_place(
     speed: str, message: str, answer: str, request: pytest.FixtureRequest
@@ -113,7 +114,7 @@ def test_any_message_is_answered_in_order_up_to_its_error(role: str, lab: Served
         assert [wire.error() for _ in [*errors(units), 0]] == [*errors(units), 0]
 
 
-@pytest.mark.parametrize("clear", CLEARS)
+@pytest.mark.parametrize("clear", few(CLEARS, every=4))
 @pytest.mark.parametrize(("role", "message"), WAITING)
 def test_device_clear_ends_busy_state_behind_converter(
     role: str, message: str, clear: str, slow_lab: ServedLab

@@ -33,7 +33,7 @@ WIRES = ["tcp", pytest.param("pty", marks=pytest.mark.skipif(sys.platform == "wi
 
 
 @pytest.mark.parametrize("wire", few(WIRES, "tcp"))
-@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("dialect", few(DIALECTS, every=4))
 def test_a_rate_is_reached_and_the_table_made_safe(dialect: str, wire: str, tmp_path: Path) -> None:
     settings: dict[str, Any] = {"steps_per_deg": STEPS} if dialect == "zaber" else {}
     said = "".join(f"\n{key} = {value}" for key, value in settings.items())
