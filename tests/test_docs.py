@@ -43,6 +43,8 @@ TUTORIALS = ROOT / "docs" / "tutorials"
 SITE = {each.name for folder in ("tutorials", "howto", "procedures") for each in (ROOT / "docs" / folder).iterdir()}
 LONG = {
     "bench-file.md",
+    "live.md",
+    "rate-tables.md",
     "console.md",
     "python.md",
     "records.md",

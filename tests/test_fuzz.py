@@ -16,6 +16,7 @@ from random import Random
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 
 import vcfbench
 from tests.records.test_devices import CERTIFICATE
@@ -129,7 +130,7 @@ READERS: dict[str, tuple[str, Callable[[Path], Any]]] = {
 }
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", few(READERS, every=4))
 def test_nearly_right_file_is_read_or_refused_in_a_sentence(name: str, written: Path, tmp_path: Path) -> None:
     place, read = READERS[name]
     source = written / place if (written / place).exists() else EXAMPLES / place
@@ -160,7 +161,7 @@ SESSIONS = {
 }
 
 
-@pytest.mark.parametrize("kind", SESSIONS)
+@pytest.mark.parametrize("kind", few(SESSIONS, every=2))
 def test_a_conversation_that_is_nearly_right_holds_nobody_up(
     kind: str, served: Served, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,6 +67,7 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return file
 
 
+@pytest.mark.exhaustive
 def test_four_steps_find_the_data_sheet(bench: Path) -> None:
     found = vcfbench.run("virtual-coriolis", bench, seed=3, runs=None)
     for name, truth in (("k_vc", 112.5), ("turntable.scale_factor", 0.008), ("turntable.bias", 2.5)):

@@ -153,11 +153,14 @@ def test_limits_judge_numbers_of_their_name_and_are_recorded(
 
 @pytest.mark.parametrize(
     ("results", "words"),
-    [
-        (lambda _s, _p: {"a": [float("nan")]}, r"results\.a\[0\]: expected a finite number or None, got nan"),
-        (lambda _s, _p: {"a": object()}, r"results\.a: expected numbers, texts, lists, .* got a object"),
-        (lambda _s, points: points[99], r".*test_own_results\.py, line \d+: IndexError: tuple index out of range"),
-    ],
+    few(
+        [
+            (lambda _s, _p: {"a": [float("nan")]}, r"results\.a\[0\]: expected a finite number or None, got nan"),
+            (lambda _s, _p: {"a": object()}, r"results\.a: expected numbers, texts, lists, .* got a object"),
+            (lambda _s, points: points[99], r".*test_own_results\.py, line \d+: IndexError: tuple index out of range"),
+        ],
+        every=3,
+    ),
 )
 def test_invalid_result_removes_results_not_record(
     results: Callable[[Any, Sequence[Point]], Any], words: str, tmp_path: Path

@@ -245,6 +245,7 @@ def test_simulated_time_in_a_pause_follows_the_wall(tmp_path: Path) -> None:
     assert still.went_on()[0].pause_s == 0.0
 
 
+@pytest.mark.exhaustive
 def test_a_stop_is_heard_at_once_in_a_long_wait() -> None:
     """Of a run in a thread, where no signal comes: three minutes of warm-up; on a busy machine once in three."""
     took_s = []

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 import vcfbench
@@ -62,7 +63,7 @@ def shift(directory: Path, change: Any) -> None:
     journal.write_bytes(sealed(json.dumps(values).encode() + b"\n" + b"".join(rest)))
 
 
-@pytest.mark.parametrize("points", [0, 1, 3])
+@pytest.mark.parametrize("points", few([0, 1, 3], every=3))
 def test_new_record_is_complete_and_marks_copied_steps(whole: Run, points: int, tmp_path: Path) -> None:
     directory = cut(whole, tmp_path, points)
     before = (directory / "journal.jsonl").read_bytes()
@@ -368,7 +369,7 @@ def test_unwritable_store_at_end_is_reported_with_cure(tmp_path: Path, monkeypat
         keep_of_device(cut(failed.value.run, tmp_path, 1))
 
 
-@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("when", few(["before", "after"], every=2))
 def test_two_signals_within_line_leave_resumable_record(
     when: str, whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -163,6 +163,7 @@ def test_record_of_each_says_what_that_of_all_says(whole: Run) -> None:
         assert "SIMULATED" in text_of(full_report(each))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("procedure", few(["turntable", "zero"], "turntable"))
 def test_readings_of_all_are_never_one_table(procedure: str, tmp_path: Path) -> None:
     settings: dict[str, Any] = QUICK if procedure == "turntable" else {"samples": 120}
@@ -199,6 +200,7 @@ def test_stream_lost_in_the_ramps_costs_its_latency_alone(
     assert len([each for each in tmp_path.iterdir() if each.is_dir()]) == 3
 
 
+@pytest.mark.exhaustive
 def test_one_pair_of_ramps_measures_the_latency_of_each(whole: Run, tmp_path: Path) -> None:
     counted = vcfbench.run("turntable", several(2, "adis16495"), seed=1, settings=QUICK, runs=tmp_path)
     ((_, seen),) = [found for found in counted.measured.found(EachResult) if found[1].kind == "LatencySeen"]
@@ -284,6 +286,7 @@ def test_a_device_that_jumps_ends_while_the_other_finishes(at_s: float, said: st
         vcfbench.resume(run.devices[1])
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("at_s", few([20.0, 0.0], 0.0))
 def test_where_all_have_failed_the_error_of_each_is_told(at_s: float, tmp_path: Path) -> None:
     with pytest.raises(BenchError, match=r"G-1: .*ttyUSB1: .*silent.*G-2: .*ttyUSB2: .*silent") as caught:
@@ -315,6 +318,7 @@ def test_a_meter_with_a_fault_costs_its_device_alone(device: int, kind: Any, at_
     assert verify_run(str(other.directory)).wrong is None
 
 
+@pytest.mark.exhaustive
 def test_a_device_that_is_gone_when_a_run_is_resumed_ends_for_itself(
     whole: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

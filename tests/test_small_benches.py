@@ -204,6 +204,7 @@ def test_a_supply_alone_is_a_bench_too(tmp_path: Path) -> None:
     assert [(each["instrument"], each["safe"]) for each in footer_of(run)["safe"]] == [("power", True)]
 
 
+@pytest.mark.exhaustive
 def test_a_table_calibration_needs_no_generator(tmp_path: Path) -> None:
     """It is off throughout; what stands on the bench is off before the gyroscope gets power."""
     without = structs.replace(PAPER, rate_source=None, limits=structs.replace(PAPER.limits, max_v_vc_v=None))

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from simrack_tests.cells import few
 
 from vcfbench.analysis.input_axis import angle_of, tilts
 
@@ -38,12 +39,15 @@ def test_changes_of_angles_are_those_of_finite_differences(degrees: float) -> No
 
 @pytest.mark.parametrize(
     ("degrees", "words"),
-    [
-        (90.0, "above 90 deg"),
-        (54.7, "above 90 deg"),
-        *((each, "apart") for each in (30.0, 2.0, 0.01, 0.0)),
-        *((each, "from opposite") for each in (180.0, 179.99, 150.0)),
-    ],
+    few(
+        [
+            (90.0, "above 90 deg"),
+            (54.7, "above 90 deg"),
+            *((each, "apart") for each in (30.0, 2.0, 0.01, 0.0)),
+            *((each, "from opposite") for each in (180.0, 179.99, 150.0)),
+        ],
+        every=4,
+    ),
 )
 def test_angles_lie_within_what_is_stated(degrees: float, words: str) -> None:
     u, draw, held = 1e-4, np.random.default_rng(7), 0

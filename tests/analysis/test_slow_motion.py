@@ -75,6 +75,7 @@ def test_noise_that_comes_back_is_seldom_a_walk() -> None:
     assert walks <= 3
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("records", few([8, 30], 8))
 def test_noise_without_a_walk_is_not_said_to_come_back(records: int) -> None:
     """It was, in a third of white records: the variance of their means was below that of their N."""
@@ -103,7 +104,7 @@ CLEAN: dict[str, tuple[str, Callable[[np.random.Generator], Floats]]] = {
 }
 
 
-@pytest.mark.parametrize("kind", CLEAN)
+@pytest.mark.parametrize("kind", few(CLEAN, every=9))
 def test_what_is_slow_by_itself_is_stated(kind: str) -> None:
     name, slow = CLEAN[kind]
     for seed in (1000, 1001):

@@ -106,6 +106,7 @@ def test_the_same_command_goes_on_with_what_is_not_complete(folder: Path) -> Non
     assert summaries(folder)[0].run == first.run
 
 
+@pytest.mark.exhaustive
 def test_device_whose_entry_was_withdrawn_is_measured_again(folder: Path) -> None:
     batch(folder)
     first, second = summaries(folder)

@@ -99,6 +99,7 @@ def test_unknown_device_error_lists_known_devices(store: DeviceStore) -> None:
     assert "known devices: G-1" in failed.stderr
 
 
+@pytest.mark.exhaustive
 def test_the_history_is_drawn_into_a_file(store: DeviceStore, tmp_path: Path) -> None:
     for name, begins in (("history.png", b"\x89PNG"), ("history.svg", b"<?xml")):
         shown = call("G-1", "--devices", str(store.root), "--plot", str(tmp_path / name))

@@ -131,6 +131,7 @@ def test_usage_errors_have_exit_code_two_and_no_traceback(arguments: list[str]) 
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.exhaustive
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes break differently there")
 @pytest.mark.parametrize(
     ("arguments", "code"),

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from simrack_tests.cells import few
 
 from tests import warm
 from vcfbench.errors import ConfigError
@@ -124,7 +125,8 @@ def test_the_page_of_a_station_ends_with_ctrl_c(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("library", "words"), [("starlette", ["page"]), ("uvicorn", ["run", "turntable", "--page", "--quiet"])]
+    ("library", "words"),
+    few([("starlette", ["page"]), ("uvicorn", ["run", "turntable", "--page", "--quiet"])], every=2),
 )
 def test_without_its_extra_it_says_what_to_install(library: str, words: list[str], tmp_path: Path) -> None:
     """In a process of its own: nothing of the page may be imported before it is seen that it can be."""

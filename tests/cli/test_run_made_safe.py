@@ -75,6 +75,7 @@ def on_its_own_clock(bench: Bench) -> None:
     bench.path.write_text(bench.path.read_text(encoding="utf-8").split("\n[served]")[0], encoding="utf-8")
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("pause_s", few([0.02, 0.15, 0.3], 0.15))
 def test_three_signals_of_a_nervous_hand_leave_nothing_on(bench: Bench, tmp_path: Path, pause_s: float) -> None:
     on_its_own_clock(bench)

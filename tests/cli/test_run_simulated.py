@@ -120,11 +120,14 @@ def overloads_the_meter(_: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> N
 
 @pytest.mark.parametrize(
     ("misfortune", "words"),
-    [
-        (breaks_interlock, "rate_table at sim://paper: fault: master interlock"),
-        (draws_too_much, "power at GPIB0::5::INSTR: P25V is in current limit"),
-        (overloads_the_meter, "multimeter at GPIB0::22::INSTR: overload"),
-    ],
+    few(
+        [
+            (breaks_interlock, "rate_table at sim://paper: fault: master interlock"),
+            (draws_too_much, "power at GPIB0::5::INSTR: P25V is in current limit"),
+            (overloads_the_meter, "multimeter at GPIB0::22::INSTR: overload"),
+        ],
+        every=3,
+    ),
 )
 def test_failure_in_full_swing_is_named_and_points_kept(
     misfortune: Callable[[SimulatedBench, pytest.MonkeyPatch], None],

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from msgspec import structs
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from vcfbench.bench.console import summary
@@ -77,24 +78,27 @@ def test_table_turns_and_stops_and_lines_pass_unchanged() -> None:
 
 @pytest.mark.parametrize(
     ("line", "code", "words"),
-    [
-        (
-            "table.rate 400",
-            3,
-            "rate_table: rate 400 deg/s is beyond the bench's limit of 300 deg/s; limits.max_rate_deg_s",
-        ),
-        ("v_vc.set 11", 3, "rate_source: voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
-        ("v_vc.sine 10 11", 3, "peak voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
-        ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; type power.on first"),
-        ("power APPL P25V,12,0.1", 3, "the limits of the bench are not checked for a raw command"),
-        ("multimeter FOO?", 3, "Undefined header"),
-        ("multimeter", 2, "expected a command to send, as in multimeter *IDN?"),
-        ("table.rate fast", 2, "table.rate DEG_S: DEG_S: expected a number, got 'fast'"),
-        ("table.rate", 2, "expected 'table.rate DEG_S', got 'table.rate'"),
-        ("wait -1", 2, "expected seconds, from 0 to 86400"),
-        ("table.rat 10", 2, "there is no command 'table.rat' ('table.rate'?)"),
-        ("chamber.read", 2, "'chamber.read': bench paper has no chamber"),
-    ],
+    few(
+        [
+            (
+                "table.rate 400",
+                3,
+                "rate_table: rate 400 deg/s is beyond the bench's limit of 300 deg/s; limits.max_rate_deg_s",
+            ),
+            ("v_vc.set 11", 3, "rate_source: voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
+            ("v_vc.sine 10 11", 3, "peak voltage 11 V is beyond the bench's limit of 10 V; limits.max_v_vc_v"),
+            ("v_vc.set 1", 3, "the PCB has no power, nothing was sent; type power.on first"),
+            ("power APPL P25V,12,0.1", 3, "the limits of the bench are not checked for a raw command"),
+            ("multimeter FOO?", 3, "Undefined header"),
+            ("multimeter", 2, "expected a command to send, as in multimeter *IDN?"),
+            ("table.rate fast", 2, "table.rate DEG_S: DEG_S: expected a number, got 'fast'"),
+            ("table.rate", 2, "expected 'table.rate DEG_S', got 'table.rate'"),
+            ("wait -1", 2, "expected seconds, from 0 to 86400"),
+            ("table.rat 10", 2, "there is no command 'table.rat' ('table.rate'?)"),
+            ("chamber.read", 2, "'chamber.read': bench paper has no chamber"),
+        ],
+        every=4,
+    ),
 )
 def test_what_is_refused_ends_it_with_the_reason(line: str, code: int, words: str) -> None:
     done = talk(line, "multimeter *IDN?")
@@ -104,7 +108,20 @@ def test_what_is_refused_ends_it_with_the_reason(line: str, code: int, words: st
 
 @pytest.mark.parametrize(
     "message",
-    ["OUTP ON", "*IDN?;:OUTP ON", "VOLT 1 ?", "*TST?", "CAL?", "*CAL?", "MEAS:RES?", ":MEASURE:SCALAR:FRES? 1", "?;A"],
+    few(
+        [
+            "OUTP ON",
+            "*IDN?;:OUTP ON",
+            "VOLT 1 ?",
+            "*TST?",
+            "CAL?",
+            "*CAL?",
+            "MEAS:RES?",
+            ":MEASURE:SCALAR:FRES? 1",
+            "?;A",
+        ],
+        every=3,
+    ),
 )
 def test_a_line_that_is_not_one_question_needs_raw(message: str) -> None:
     done = talk(f"power {message}")
@@ -176,11 +193,14 @@ def test_raw_commands_leave_table_at_rest_and_supply_off(tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("dialect", "settings", "asked", "answer"),
-    [
-        ("zaber", {"steps_per_deg": 1000.0}, "/1 get deviceid", "@01 0 OK IDLE"),
-        ("atl", {}, "PVE", "0.0"),
-        ("esp", {}, "1TP?", "0"),
-    ],
+    few(
+        [
+            ("zaber", {"steps_per_deg": 1000.0}, "/1 get deviceid", "@01 0 OK IDLE"),
+            ("atl", {}, "PVE", "0.0"),
+            ("esp", {}, "1TP?", "0"),
+        ],
+        every=3,
+    ),
 )
 def test_tables_with_other_languages_are_spoken_to_as_well(
     dialect: str, settings: dict[str, float], asked: str, answer: str, tmp_path: Path

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import pytest
+from simrack_tests.cells import few
 from typer.testing import CliRunner
 
 from vcfbench.cli.main import app
@@ -30,7 +31,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", few(COMMANDS, every=3))
 def test_what_passes_is_written(name: str, tmp_path: Path) -> None:
     words, roles = COMMANDS[name]
     done = CliRunner().invoke(app, [*words, "--trace", "x.trace"])
@@ -41,6 +42,7 @@ def test_what_passes_is_written(name: str, tmp_path: Path) -> None:
     assert not (tmp_path / "y.trace").exists()
 
 
+@pytest.mark.exhaustive
 def test_simulated_run_has_same_trace_every_time(tmp_path: Path) -> None:
     for name in ("a", "b"):
         done = CliRunner().invoke(app, ["run", "turntable", *SHORT, "--seed", "3", "--trace", name])
