@@ -41,6 +41,31 @@ def test_at_pythons_prompt() -> None:
     assert "interrupted while bench lab is open; its table was told to stop" in done.stderr
 
 
+IN_A_THREAD = """
+import threading, vcfbench
+
+class Turns:
+    def handle(self, event):
+        if isinstance(event, vcfbench.ReadingTaken):
+            measures.set()
+
+measures = threading.Event()
+settings = {"rates_deg_s": [10, 0, -10], "samples": 20}
+run = vcfbench.start("turntable", speed=20, settings=settings, observers=[Turns()], runs=None)
+measures.wait(60)
+raise KeyboardInterrupt
+"""
+
+
+def test_a_run_in_a_thread_goes_on_at_pythons_prompt() -> None:
+    interrupted = [sys.executable, "-i", "-c", IN_A_THREAD]
+    done = subprocess.run(  # noqa: S603
+        interrupted, input="print(run.result().status)\n", capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout == "complete\n"
+    assert "was told to stop" not in done.stderr
+
+
 KERNEL = """
 import sys, time
 from jupyter_client.manager import start_new_kernel

@@ -73,6 +73,8 @@ class Holding:
         """Brings the table to rest, its servo kept; None on a bench without one."""
         self.reserve: mmap | None = None
         """Memory that is given back before the bench is made safe, for that needs some."""
+        self._within: threading.Thread | None = None
+        """Thread that is in the context of this bench, None outside of a ``with``."""
         self._closed = False
         self._process = os.getpid()
         _STILL_OPEN.add(self)
@@ -85,6 +87,7 @@ class Holding:
     def watch(self) -> None:
         """Give the bench's own signals the handlers until the end of the context."""
         if not self.closed:
+            self._within = threading.current_thread()
             self._watch.begin()
 
     def leave(self, under_way: BaseException | None = None) -> None:
@@ -129,8 +132,10 @@ class Holding:
         raise error from under_way
 
     def interrupted(self) -> None:
-        """Bring the table to rest after an interrupt at the prompt; say so on stderr."""
-        if self.stop_table is None or self.closed:
+        """Bring the table to rest after an interrupt at the prompt; say so on stderr. Another thread's run goes on."""
+        within = self._within
+        elsewhere = within is not None and within.is_alive() and within is not threading.current_thread()
+        if self.stop_table is None or self.closed or elsewhere:
             return
         try:
             self.stop_table()
