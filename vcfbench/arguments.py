@@ -116,7 +116,7 @@ def require(name: str, value: Any, hint: Any) -> None:
 
 
 def require_number(name: str, value: Any) -> None:
-    """Raise ConfigError unless `value` is a number; one of Python's costs nothing."""
+    """Raise ConfigError unless `value` is a number."""
     if type(value) is not float:
         require(name, value, float)
 

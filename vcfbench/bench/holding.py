@@ -132,7 +132,7 @@ class Holding:
         raise error from under_way
 
     def interrupted(self) -> None:
-        """Bring the table to rest after an interrupt at the prompt; say so on stderr. Another thread's run goes on."""
+        """Bring the table to rest after an interrupt at the prompt, but not that of a run in another thread."""
         within = self._within
         elsewhere = within is not None and within.is_alive() and within is not threading.current_thread()
         if self.stop_table is None or self.closed or elsewhere:
