@@ -98,7 +98,7 @@ def require_fields(made: Any, *names: str) -> None:
 
 
 def hints_of(kind: type) -> dict[str, Any]:
-    """Return what the fields of a class are annotated with."""
+    """Return the annotations of the fields of a class."""
     return get_type_hints(kind, localns=_Names(vars(modules[kind.__module__])))
 
 
@@ -109,7 +109,7 @@ def require_types(made: Any, called: str, types: Mapping[str, Any]) -> None:
 
 
 def require(name: str, value: Any, hint: Any) -> None:
-    """Raise ConfigError, which says what came for `name`, unless `value` may be meant by the annotation `hint`."""
+    """Raise ConfigError, with name and value, unless the value fits the annotation `hint`."""
     if not _fits(value, hint):
         came = words(value) if isinstance(value, str | int | float | None) else type(value).__name__
         raise refusal(name, " or ".join(dict.fromkeys(_said(hint))), came)

@@ -149,5 +149,5 @@ class RunControl:
 
 
 def _named(by: str) -> str:
-    """Return who wants something, in words: a stop by nobody would not be heard."""
+    """Return a name in words: a stop by nobody would not be heard."""
     return str(by) if by else "the program"
