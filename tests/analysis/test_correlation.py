@@ -35,6 +35,7 @@ def test_u_of_means_is_their_scatter_whatever_readings_remember() -> None:
         assert u == pytest.approx(true, rel=0.35), (seed, rho, size)
 
 
+@pytest.mark.exhaustive
 def test_independent_readings_have_scatter_over_root_n() -> None:
     rng, resolution_v = np.random.default_rng(1), 1e-5
     for _ in range(500):

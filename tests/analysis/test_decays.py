@@ -88,6 +88,7 @@ def test_what_does_not_decay_is_said() -> None:
         fit_release(steady[::10], 2.5e-4, CARRIER_HZ)
 
 
+@pytest.mark.exhaustive
 @given(
     carrier_hz=st.floats(1000.0, 50_000.0),
     split_hz=st.floats(3.0, 80.0),

@@ -76,6 +76,7 @@ def test_stated_uncertainty_is_what_repetition_shows(truth: Coefficients, terms:
         assert below == pytest.approx(0.95, abs=0.06)
 
 
+@pytest.mark.exhaustive
 def test_dead_time_is_corrected() -> None:
     """The same white noise and flicker, read with gaps and without: both give the instrument's coefficients."""
     rng = np.random.default_rng(8)

@@ -112,6 +112,7 @@ def test_mean_of_neighbours_leaves_n_exactly(length: int) -> None:
     assert found.fit.coefficients.squares()[0] == pytest.approx(-(length**2 - 1) / (6.0 * length), rel=1e-3)
 
 
+@pytest.mark.exhaustive
 def test_short_record_is_not_fitted_within_filter_memory() -> None:
     """A time constant of three readings: N was 35 % low at a u of 9 %, its start being within the filter's memory."""
     pole, off = math.exp(-0.1 * math.pi), []

@@ -77,6 +77,7 @@ def test_split_and_q_come_back_within_their_uncertainties() -> None:
     assert band.plus_3_db_hz[0] == pytest.approx(14.24, abs=0.2)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("seed", few(range(12), 3))
 def test_noise_of_third_harmonics_is_in_u_of_q(seed: int) -> None:
     """Of a split of 50 Hz, 150 Hz are folded onto the peak: Q was 3 to 130 u off where that noise did not count."""
@@ -235,6 +236,7 @@ def test_response_with_its_filter_is_1_at_rest_and_has_the_sizes_of_both(lag: fl
     assert np.abs(_filtered(f, known, shape)) == pytest.approx(expected)
 
 
+@pytest.mark.exhaustive
 def test_a_sweep_has_its_split_and_q_in_any_unit() -> None:
     rng = np.random.default_rng(6)
     f = np.concatenate([np.linspace(5.0, 55.0, 12), 24.8 * np.array([0.95, 0.98, 1.0, 1.02, 1.05])])

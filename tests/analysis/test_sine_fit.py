@@ -32,6 +32,7 @@ def test_a_clean_sine_is_found_exactly() -> None:
     assert (fit.amplitude, fit.phase_rad) == pytest.approx((1.25, -2.0), abs=1e-9)
 
 
+@pytest.mark.exhaustive
 def test_random_sines_scatter_by_cramer_rao_bound() -> None:
     """A scatter of 200 is known to 5 %; 0.2 to 20 kHz, all phases, 0.5 to 50 % noise, four cycles and more."""
     rng, scores = np.random.default_rng(1), []
@@ -95,6 +96,7 @@ def test_channels_of_different_length_are_refused() -> None:
         fit_sine(np.arange(100.0), 1e-3, 1e-9)
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize(("apart_hz", "noise"), [(10.0, 0.003), (20.0, 0.01), (80.0, 0.03)])
 def test_channels_that_tell_two_frequencies_settle_between_them(apart_hz: float, noise: float) -> None:
     """Drive and a sense signal that still rings: the weights follow what is left, so that rounds gain little each."""

@@ -111,6 +111,7 @@ def test_frames_are_read_in_whatever_pieces_they_come(drawn: Any, pieces: int) -
     assert found == expected
 
 
+@pytest.mark.exhaustive
 @settings(deadline=None, max_examples=60)
 @given(frames(), st.lists(st.binary(max_size=9), min_size=6, max_size=6), st.integers(1, 50))
 def test_garbage_between_frames_costs_frames_and_makes_none(drawn: Any, garbage: list[bytes], pieces: int) -> None:
