@@ -88,6 +88,7 @@ def test_only_the_one_rail_is_set_and_reported(bench: Path, tmp_path: Path) -> N
     assert "+0 V" not in report
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("procedure", few(sorted(set(BUILT_IN) - LONG - {"self-calibration"}), "electrical", "power"))
 def test_a_procedure_ends_with_results(procedure: str, bench: Path) -> None:
     settings: dict[str, Any] = {"dut": "G-1"} if procedure == "kvc" else {}

@@ -181,6 +181,7 @@ def test_readings_of_all_are_never_one_table(procedure: str, tmp_path: Path) -> 
     assert listed.stdout == "G-1  no entry, complete runs: 1\nG-2  no entry, complete runs: 1\n"
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("lost", few([1, 2], 2))
 def test_stream_lost_in_the_ramps_costs_its_latency_alone(
     lost: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -457,6 +458,7 @@ def test_shared_error_is_in_mean_not_in_differences(whole: Run) -> None:
     assert all(f"G-{number}" in text for number in (1, 2))
 
 
+@pytest.mark.exhaustive
 @pytest.mark.parametrize("counts", few([((1, 0, 0),), ((0, 1, 1),), ((1, 0, 1, 0),)], ((1, 0, 0),)))
 def test_spread_is_of_devices_with_one_unit(counts: tuple[int, ...], tmp_path: Path) -> None:
     count = {"stream": {"unit": "LSB"}, "simulation": {"errors": {"multimeter": {"lsb_per_deg_s": 5000.0}}}}

@@ -74,6 +74,7 @@ def ppm(found: Difference, run: Run) -> tuple[float, float]:
     return size * found.value, size * found.u95
 
 
+@pytest.mark.exhaustive
 def test_lines_over_other_rates_differ_and_their_device_does_not(wide: Run, narrow: Run) -> None:
     found = changed(wide, narrow)
     value, u95 = ppm(found, wide)

@@ -247,6 +247,7 @@ def test_no_text_of_an_export_is_a_repr(quick: Run, monkeypatch: pytest.MonkeyPa
     assert sum(each.endswith("It's at 5 \u00b0C.") for each in said) == 1
 
 
+@pytest.mark.exhaustive
 def test_values_have_digits_of_their_uncertainty_which_is_rounded_up(quick: Run, written: Path) -> None:
     tree = ET.parse(written).getroot()  # noqa: S314  # ours
     for quantity in tree.iterfind(".//dcc:quantity", SPACES):

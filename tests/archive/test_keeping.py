@@ -93,6 +93,7 @@ def test_contributions_are_printed_with_their_size() -> None:
     assert made_of(found) == "gravity 2.1e-07"
 
 
+@pytest.mark.exhaustive
 def test_run_without_entry_is_refused_with_the_cause(tmp_path: Path) -> None:
     for procedure, dut, said in (
         ("turntable", "G-1", "turntable makes none"),

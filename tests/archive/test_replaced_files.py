@@ -70,7 +70,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of files")
-@pytest.mark.parametrize("name", few(NAMES, "r.html", "s.xlsx"))
+@pytest.mark.parametrize("name", few(NAMES, "r.md", "e.csv"))
 def test_full_disk_leaves_file_as_it_was(name: str, runs: Path, tmp_path: Path) -> None:
     for library in NEEDS.get(name, ()):
         pytest.importorskip(library)
@@ -100,6 +100,7 @@ def test_protected_file_is_not_replaced(tmp_path: Path, monkeypatch: pytest.Monk
     assert file.read_text() == "issued"
 
 
+@pytest.mark.exhaustive
 def test_figures_of_protected_report_stay(runs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "r.md"
     write(runs, file)

@@ -62,6 +62,7 @@ def kvc(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return taken(tmp_path_factory.mktemp("unseen"), "kvc", **few)
 
 
+@pytest.mark.exhaustive
 def test_turntable_lists_step_pulse_ramp_and_gain(turntable: Tried) -> None:
     found = {(each.kind, each.unit): each for each in turntable.rows}
     assert set(found) == {("step", OFFSET), ("pulse", OFFSET), ("ramp", OFFSET), ("change", GAIN), ("creep", GAIN)}

@@ -218,6 +218,7 @@ def test_rate_beyond_station_is_refused_setting() -> None:
         vcfbench.dry_run("phase", settings={"rate_deg_s": 1000.0})
 
 
+@pytest.mark.exhaustive
 def test_records_that_changed_are_refused_from_the_size_that_is_told(run: vcfbench.Run) -> None:
     """What lies above the list is refused, or moves nothing; what is complete and moved has its size in it."""
     found, rng = refusable(run), np.random.default_rng(3)

@@ -50,6 +50,7 @@ def test_limit_of_a_clipped_output_lies_where_the_line_exceeds(by: str, headroom
     assert abs(found.positive.limit.value) < 800.0
 
 
+@pytest.mark.exhaustive
 def test_bending_output_has_limit_of_its_cubic() -> None:
     """Of u - c u^3 a share c u^2 lacks; the line through 50 deg/s lacks a little itself."""
     cube = 2e-3
@@ -64,6 +65,7 @@ def test_bending_output_has_limit_of_its_cubic() -> None:
     assert side.rises_beyond == pytest.approx(1.0 - 3.0 * SHARE, abs=0.01)
 
 
+@pytest.mark.exhaustive
 def test_bench_that_ends_first_has_bounds_and_goes_nowhere_beyond() -> None:
     done = run("lab", by="table")
     found = done.results
@@ -122,6 +124,7 @@ class Latched:
             yield step, structs.replace(window, point=moved)
 
 
+@pytest.mark.exhaustive
 def test_output_that_does_not_recover_is_reported_with_size() -> None:
     def results(settings: Any, measured: Any) -> Any:
         return RATE_LIMITS.results(settings, Latched(measured, 0.05))  # type: ignore[arg-type]

@@ -618,6 +618,7 @@ def test_unseen_drift_widens_u95_with_time(quiet: tuple[Path, dict[str, Any]]) -
     assert of_drift.u == pytest.approx(500.0 / math.sqrt(3.0), rel=0.01)
 
 
+@pytest.mark.exhaustive
 def test_shift_on_the_way_is_in_u95_from_first_day(tmp_path: Path) -> None:
     """A shift within the key's limit, any as likely: a pick-off by 0.2 % was 8 to 11 U95."""
     settings = calibrated(tmp_path, still(LAB), **WARM)

@@ -233,6 +233,7 @@ def test_its_record_gives_the_same_results_and_report(hour: Run) -> None:
     assert written["noise"][0]["unit"] == "deg/sqrt(h)"
 
 
+@pytest.mark.exhaustive
 def test_a_trend_that_shows_is_said_of_the_mean(hour: Run) -> None:
     trend = hour.results.trend
     assert trend is not None

@@ -53,6 +53,7 @@ def test_no_word_of_a_record_becomes_part_of_the_page(*, printed: bool) -> None:
     assert "&lt;script&gt;" in page
 
 
+@pytest.mark.exhaustive
 def test_figures_are_read_on_dark_ground_and_on_paper(page: str) -> None:
     assert INK not in page.partition("<body>")[2]
     assert INK in page_of(REPORT, "w", "r", printed=True).partition("<body>")[2]

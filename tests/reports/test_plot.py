@@ -71,6 +71,7 @@ def test_words_with_signs_of_formulas_are_words() -> None:
     assert {"a $x_1$ <b>", "$$"} <= set(words_of(svg_of(figure)))
 
 
+@pytest.mark.exhaustive
 def test_extremes_of_many_values_are_drawn_and_captioned(tmp_path: Path) -> None:
     spike = [0.0] * 50_000
     spike[33_333] = 7.0

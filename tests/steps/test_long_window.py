@@ -159,6 +159,7 @@ def test_outlier_ends_long_window_in_its_chunk() -> None:
     assert made.clock.now() < 300.0
 
 
+@pytest.mark.exhaustive
 def test_a_long_window_may_drift_as_no_short_one_may() -> None:
     """A curve through hours: the scatter about each chunk's own line is that of the readings."""
     made = bench(zero_v=-0.032)

@@ -140,6 +140,7 @@ def test_broken_off_and_resumed_it_is_the_same_run(name: str, share: float) -> N
     assert_the_same(name, round(share * len(unbroken(name).steps)))
 
 
+@pytest.mark.exhaustive
 @given(st.data())
 @settings(max_examples=12, deadline=None)
 def test_wherever_it_is_broken_off(data: st.DataObject) -> None:
