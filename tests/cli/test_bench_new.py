@@ -170,6 +170,19 @@ def test_what_is_off_today_is_named_all_the_same(tmp_path: Path) -> None:
     assert (table.dialect, table.resource, table.steps_per_deg) == ("zaber", "COM3", 1777.8)
 
 
+def test_microsteps_of_a_zaber_stage_are_asked_for(tmp_path: Path) -> None:
+    named = (*LATITUDE, "--set", "rate_table.resource=COM3", "--set", "rate_table.dialect=zaber")
+    refused = new("--yes", *named)
+    assert (refused.exit_code, (tmp_path / "station.toml").exists()) == (2, False)
+    assert "--set rate_table.steps_per_deg=NUMBER" in refused.stderr
+    done = new(*named, typed="\n".join([*[""] * 4, "0", "many", "1777.8", "2", "10", *[""] * 9]))
+    assert done.exit_code == 0, done.stderr
+    assert done.stderr.count("no: ") == 2
+    table = load_bench(tmp_path / "station.toml").rate_table
+    assert table is not None
+    assert table.steps_per_deg == 1777.8
+
+
 @pytest.fixture(scope="module")
 def served() -> Iterator[ServedLab]:
     with serve_simulated() as lab:

@@ -92,13 +92,18 @@ def _typed(asked: Batch, runs: Path) -> Iterator[str]:
         if somebody_there():
             typer.echo("\nSerial number of the next device (nothing: the batch ends): ", err=True, nl=False)
         if sys.stdin is None or not (serial := sys.stdin.readline().strip()):
-            return
+            break
         try:
             asked.check(serial, runs)
         except ConfigError as error:
+            if not somebody_there():  # nobody would type it again
+                raise
             typer.echo(f"vcfbench: {error}", err=True)
             continue
         yield serial
+    if not asked.rows(runs, {}):
+        words = f"batch {asked.name}: expected at least one device"
+        raise ConfigError(words, hint="devices = [...] in the plan, or a serial number a line on standard input")
 
 
 class Outcome(Struct, frozen=True):

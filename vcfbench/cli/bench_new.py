@@ -74,10 +74,10 @@ def new(
     with options.tracing(trace):
         typer.echo("Looking for instruments ...", err=True)
         found, places = _found(draft, library, tuple(tries or ()), timeout, probe_serial=probe_serial, served=served)
-    _add_named(draft, given, "by")
+    _add_named(draft, given, "by", ask=not yes)
     for each in found:
         _place(each, draft, given, places.get(each.resource), ask=not yes)
-    _add_named(draft, given, "resource")  # what does not answer today
+    _add_named(draft, given, "resource", ask=not yes)  # what does not answer today
     streams = any(key.startswith(_STREAM) for key in given)
     there = {*draft.roles(), *(["multimeter"] if streams else [])}
     for role, (words, keys) in _BY_HAND.items() if not yes else ():
@@ -152,14 +152,30 @@ def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hin
         if ask:
             role = _answer(f"{found.model} at {found.resource}: its role", role, choices=[*free, _NONE])
         if role != _NONE:
-            draft.add_instrument(role, {**discovery.taken_over(role, found), **_of(role, given)})
+            _add(draft, role, {**discovery.taken_over(role, found), **_of(role, given)}, ask=ask)
 
 
-def _add_named(draft: Draft, given: dict[str, Any], last: str) -> None:
+def _add(draft: Draft, role: str, keys: dict[str, Any], *, ask: bool) -> None:
+    """Put an instrument on the bench, with the microsteps that a Zaber stage does not tell."""
+    steps, key = "steps_per_deg", f"{role}.steps_per_deg"
+    silent = keys.get("dialect") == "zaber" and steps not in keys
+    if silent and not ask:
+        raise ConfigError(f"{key}: expected the stage's microsteps per degree", hint=f"--set {key}=NUMBER")
+    while True:
+        try:
+            typed = {steps: plain_value(_answer("Microsteps per degree of the stage", None), key)} if silent else {}
+            return draft.add_instrument(role, {**keys, **typed})
+        except BenchError as error:
+            if not silent or steps not in str(error):  # no answer here would mend it
+                raise
+            typer.echo(f"  no: {error}", err=True)
+
+
+def _add_named(draft: Draft, given: dict[str, Any], last: str, *, ask: bool) -> None:
     """Put the instruments on the bench that are named by a key that ends so, with the other keys that are given."""
     for role in [key.removesuffix(f".{last}") for key in given if key.endswith(f".{last}")]:
         if role not in draft.roles():
-            draft.add_instrument(role, _of(role, given))
+            _add(draft, role, _of(role, given), ask=ask)
 
 
 def _of(role: str, given: dict[str, Any]) -> dict[str, Any]:
