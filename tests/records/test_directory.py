@@ -4,7 +4,7 @@ import os
 import re
 from contextlib import nullcontext
 from datetime import timedelta
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -84,6 +84,32 @@ def test_last_run_is_refused_after_clock_was_set_back(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="before began at 2999-01-01 00:00:00 UTC, which is in the future"):
         find_run(tmp_path, "last")
     assert find_run(tmp_path, "after").run == "after"
+
+
+def test_run_that_may_not_be_read_is_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    closed = tmp_path / "20260821T142530Z-turntable-0a1b2c"
+    for each in (closed, tmp_path / "lost+found"):
+        each.mkdir()
+    stat = os.stat
+
+    def refused(path: Any, *arguments: Any, **keywords: Any) -> os.stat_result:
+        if "journal" in str(path):
+            raise PermissionError(13, "Permission denied", str(path))
+        return stat(path, *arguments, **keywords)
+
+    monkeypatch.setattr(os, "stat", refused)
+    assert [each.run for each in list_runs(tmp_path)] == [closed.name]
+    for name in ("0a1b2c", closed.name, "last"):
+        assert find_run(tmp_path, name).path == closed
+
+
+def test_runs_that_may_not_be_listed_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(path: object) -> object:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(os, "scandir", refused)
+    with pytest.raises(ConfigError, match="cannot be listed: Permission denied"):
+        list_runs(tmp_path)
 
 
 def test_no_name_is_no_run(tmp_path: Path) -> None:

@@ -118,11 +118,27 @@ def list_runs(runs: Path) -> tuple[RunDirectory, ...]:
 
 
 def recorded_runs(runs: Path) -> Iterator[RunDirectory]:
-    """Yield the runs under `runs`, in no order."""
-    with suppress(OSError), os.scandir(runs) as found:  # there are thousands: globs of paths take four times the time
-        for each in found:
-            if os.path.exists(f"{each.path}/journal.jsonl"):  # noqa: PTH110
+    """Yield the runs under `runs`, in no order, those too that may not be read.
+
+    Raises:
+        ConfigError: `runs` is there and cannot be read.
+    """
+    try:
+        with os.scandir(runs) as found:  # there are thousands: globs of paths take four times the time
+            for each in found:
+                try:
+                    os.stat(f"{each.path}/journal.jsonl")  # noqa: PTH116
+                except PermissionError:
+                    if not _STAMPED.match(each.name):
+                        continue
+                except OSError:
+                    continue
                 yield RunDirectory(runs / each.name)
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except OSError as error:
+        words = f"{shown(runs)}: the runs there cannot be listed: {error.strerror}"
+        raise ConfigError(words, hint="choose --runs, or ask its owner for the right to read") from error
 
 
 def _changed_ns(run: RunDirectory) -> int:
@@ -166,8 +182,8 @@ def find_run(runs: Path, name: str) -> RunDirectory:
                 hint="give the run's name; vcfbench runs list shows them",
             )
         return newest
-    if Path(name).name == name and (exact := RunDirectory(runs / name)).journal.is_file():
-        return exact
+    if Path(name).name == name and os.path.isfile(runs / name / "journal.jsonl"):  # noqa: PTH113  # raises nothing
+        return RunDirectory(runs / name)
     found = [each for each in recorded_runs(runs) if each.run.startswith(name) or each.run.endswith(name)]
     if len(found) != 1:
         what = f"{len(found)} runs are called" if found else "there is no run"
