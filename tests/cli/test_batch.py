@@ -272,7 +272,7 @@ def test_serial_numbers_are_read_until_an_empty_line(folder: Path, monkeypatch: 
 
 
 @pytest.mark.parametrize(("piped", "words"), [("", "expected at least one device"), ("G 1\nG-2\n", "'G 1'")])
-def test_serial_numbers_from_a_pipe_that_cannot_be_end_with_2(
+def test_impossible_serial_numbers_of_a_pipe_end_with_2(
     folder: Path, piped: str, words: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (folder / "plan.toml").write_text(PLAN.replace('devices = ["G-1", "G-2"]', ""), encoding="utf-8")
