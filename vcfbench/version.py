@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any, Final
 
-EVALUATION: Final = 12
+EVALUATION: Final = 13
 """Version of the evaluation: raised when the same readings give other values or uncertainties.
 
 Records name it, so that they are held to their own. The tools that keep results for the tests ask for it.

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from tests.analysis.noise import flicker
+from tests.cells import few
 from vcfbench.analysis.allan import AllanPoint, Sampling, Term, allan_deviation, averaging_factors
 from vcfbench.analysis.noise_model import NoiseModel, _curve_of, noise_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from vcfbench.analysis.arrays import Floats
 
@@ -85,6 +86,14 @@ def test_record_is_told_right_by_its_first_seed(kind: str) -> None:
     assert abs(walk.value - 1.0) < 2.0 * walk.u < 0.1
     assert found.fit.terms[Term.BIAS_INSTABILITY].value == 0.0
     assert (found.fit.coefficients.quantisation < -0.5) == (kind == "held four times")
+
+
+@pytest.mark.parametrize("seeds", few([range(7000, 7040), [7000]], [7000]))
+def test_short_walk_is_not_taken_for_flicker(seeds: Sequence[int]) -> None:
+    """N is 1 and K 0.05 a reading, 600 readings: B was stated of 5 of 40."""
+    draws = map(np.random.default_rng, seeds)
+    records = [each.standard_normal(600) + np.cumsum(0.05 * each.standard_normal(600)) for each in draws]
+    assert sum(model_of(each).fit.terms[Term.BIAS_INSTABILITY].value > 0.0 for each in records) <= len(seeds) // 20
 
 
 def test_clear_flicker_has_bound_by_its_u() -> None:

@@ -282,9 +282,18 @@ def _u_if_0(points: _Curve, begin: int, end: int, fitted: _Fitted, term: int) ->
 
 
 def _stands_out(points: _Curve, begin: int, end: int, fitted: _Fitted, term: int) -> bool:
-    return bool(fitted.bounded[term] > 0.0) and bool(
-        fitted.bounded[term] >= _SHOWN * _u_if_0(points, begin, end, fitted, term)
-    )
+    """Return True if a term is shown beside the others, and B too where the others alone are fitted.
+
+    A walk of a few hundred readings is a little better described by B than by K; by chance it then looks like flicker.
+    """
+    if not 0.0 < _SHOWN * _u_if_0(points, begin, end, fitted, term) <= fitted.bounded[term]:
+        return False
+    if term != _B:
+        return True
+    without = points.fit(begin, end, [each for each in fitted.columns if each != _B]).bounded
+    place = fitted.columns.index(_B)
+    variance = float(points.covariance_of(begin, end, fitted.columns, without)[place, place])
+    return bool(fitted.bounded[_B] >= _ONE_SIDED * math.sqrt(max(0.0, variance)))
 
 
 def _terms(points: _Curve, begin: int, end: int, wide: list[int], limits: Floats) -> dict[Term, NoiseTerm]:
