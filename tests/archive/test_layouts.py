@@ -305,6 +305,16 @@ def test_table_is_in_the_units_of_its_columns(case: str, tmp_path: Path) -> None
     found.report()
 
 
+@pytest.mark.parametrize("unit", ["mV/V", "V/V", "LSB/V", "uV/mA", "MV", "MDPS", "MRAD_S", "Mdeg/s"])
+@pytest.mark.parametrize("name", ["{}", "out {}", "OUT_{}", "out / {}", "out [{}]"])
+def test_unit_of_unknown_size_is_not_taken_for_volts(unit: str, name: str, tmp_path: Path) -> None:
+    rows = "".join(f"{x},{2 * x}\n" for x in (-3, -2, -1, 0, 1, 2, 3))
+    (tmp_path / "table.csv").write_text(f"applied [deg/s],{name.format(unit)}\n{rows}")
+    with pytest.raises(ConfigError, match="column ") as error:
+        analyze(tmp_path / "table.csv")
+    assert "--unit" in (error.value.hint or "")
+
+
 def test_columns_that_are_no_output_are_named_and_not_fitted(tmp_path: Path) -> None:
     rows = "".join(f"{k},{x},{-2 * x},0.1,25.{k},ok,3\n" for k, x in enumerate((-3, -1, 0, 1, 3)))
     head = "t_s,rate [dps],out [mV],u_out [mV],temperature_c,state,n\n"

@@ -176,6 +176,16 @@ def unit_of(written: str) -> Unit | None:
     return None if kind is None else Unit(written, kind, *_TEMPERATURES.get(low, (_SECONDS.get(low, 1.0), 0.0)))
 
 
+def of_unknown_size(name: str) -> str:
+    """Return the end of a name that is one unit over another, or has an M of milli or mega; "" without such an end."""
+    for end in (name, *(end for _, end in _ends(name))):
+        over, _, under = end.rpartition("/")
+        milli = unit_of(end.lower()) if end[:1] == "M" else None
+        if (unit_of(over) and unit_of(under)) or (milli and milli.kind in {Kind.RATE, Kind.VOLTAGE}):
+            return end
+    return ""
+
+
 def cure_of(unknown: str, column: str) -> str | None:
     """Return the option for a unit that may mean one of two, None where nothing is known to propose."""
     if unknown.strip().lower() in {"rps", "rads"}:
@@ -216,13 +226,15 @@ def _taken_apart(written: str, *, spreads: bool) -> ColumnName:
     if (unit := unit_of(text)) is not None and unit.kind in (Kind.RATE, Kind.TIME, Kind.COUNT) and len(text) > 1:
         return ColumnName(written, "", unit, spread=spread)
     for base, end in _ends(text):
-        ratio = text[len(base) : len(text) - len(end)].strip() == "/" and column_name(base).unit is not None
+        over = (column_name(base).unit or unit_of(base)) is not None
+        ratio = over and text[len(base) : len(text) - len(end)].strip() == "/"
         if (unit := unit_of(end)) is not None and _may_be(unit, base) and not ratio:  # mV/V is no V
             return _named(written, base, spread, unit)
     if groups and _CLOSING.search(text):
         return _named(written, text[: groups[-1].start()], spread, None, groups[-1][1].strip() or " ")
     over = re.search(r"\S\s+/\s+(.+)$", text) or re.search(r"\S\s*/\s*(\(.+\))$", text)
-    return _named(written, text[: over.start() + 1] if over else text, spread, None, over[1] if over else "")
+    unknown = over[1] if over else of_unknown_size(text)
+    return _named(written, text[: over.start() + 1] if over else text, spread, None, unknown)
 
 
 def _contradicting(text: str, groups: Sequence[re.Match[str]]) -> str:
