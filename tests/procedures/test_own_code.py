@@ -126,6 +126,18 @@ def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
     ("good", "bad", "said"),
     [
         ('        yield Settle(1.0, "for nothing")', "        yield 1 / 0", "wait.py, line 22: ZeroDivisionError"),
+        ('Settle(1.0, "for nothing")', 'Settle("1", "for nothing")', "wait.py, line 22: ConfigError: "),
+        ("        yield Settle(1", "        yield from Settle(1", "wait.py, line 22: TypeError: "),
+        (
+            '        yield Settle(1.0, "for nothing")',
+            "        yield from __import__('vcfbench').powered(settings, None)",
+            "wait.py, line 22: ConfigError: work: expected Generator, got nothing",
+        ),
+        (
+            '        yield Settle(1.0, "for nothing")',
+            "        yield __import__('vcfbench').go_to_rate(settings, 1.0, previous_deg_s=0.0)",
+            "step 1: expected a step, the plan yields the steps of go_to_rate; write yield from",
+        ),
         ('        yield Settle(1.0, "for nothing")', "        yield 7", "step 1: expected a step, the plan yields 7"),
         ('        yield Settle(1.0, "for nothing")', "        pass", "expected a plan that yields steps, got None"),
         ("def plan(settings: WaitSettings)", "def plan(settings, bench)", "expected a plan that takes the settings: "),

@@ -11,6 +11,8 @@ from vcfbench.files import read_text, shown
 from vcfbench.instructions.procedure import AnyProcedure, Procedure
 
 _OURS = str(Path(__file__).parents[1])
+_ARGUMENTS = str(Path(__file__).parents[1] / "arguments.py")
+"""An error that is raised there is one of the code that calls."""
 
 
 def procedure_in(path: Path | str, origin: Callable[[str], str]) -> AnyProcedure:
@@ -72,8 +74,10 @@ def mistake_of(procedure: AnyProcedure, error: BaseException) -> PlanError | Non
     """Return `error` as a PlanError if it is a mistake in the code of `procedure`; None for any other."""
     parts = (procedure.plan, procedure.results, *vars(procedure.settings).values())
     files = {code.co_filename for part in parts if (code := getattr(part, "__code__", None)) is not None}
-    places = [(file, line) for file, line in _places(error) if file in files and not file.startswith(_OURS)]
-    if isinstance(error, BenchError) or not isinstance(error, Exception) or not places:
+    through = _places(error)
+    places = [(file, line) for file, line in through if file in files and not file.startswith(_OURS)]
+    of_bench = isinstance(error, BenchError) and not through[-1][0].startswith(_ARGUMENTS)
+    if of_bench or not isinstance(error, Exception) or not places:
         return None
     file, line = places[-1]
     return PlanError(f"the procedure {procedure.name!r} has a mistake: {shown(file)}, line {line}: {_words(error)}")

@@ -40,7 +40,10 @@ def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None
         while True:
             number += 1
             if not isinstance(step, Step):
-                raise PlanError(f"step {number}: expected a step, the plan yields {step!r}")
+                several = getattr(step, "__name__", "") if isinstance(step, Generator) else ""
+                came = f"the steps of {several}" if several else repr(step)
+                hint = "write yield from" if several else None
+                raise PlanError(f"step {number}: expected a step, the plan yields {came}", hint=hint)
             kind = type(step)
             if kind.perform is Step.perform and kind.command is Step.command:
                 raise PlanError(f"step {number}: the class {kind.__name__} has neither a command nor a perform")
