@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from itertools import cycle, permutations, product
+from shlex import quote, split
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -122,7 +124,7 @@ def test_output_that_does_not_follow_is_asked_for(tmp_path: Path) -> None:
         file = written(tmp_path / "t.csv", {rate: rates, output: random.standard_normal(rates.size)})
         with pytest.raises(ConfigError, match="does not follow") as error:
             analyze(file)
-        assert f"--columns '{rate}'" in (error.value.hint or "")
+        assert f"--columns {quote(rate)}" in (error.value.hint or "")
 
 
 @pytest.mark.parametrize("unit", ["LSB", "deg/s", "rad/s", "mdps", "mV", "V"])
@@ -156,3 +158,27 @@ def test_points_of_a_stream_have_its_unit(profile: str, unit: str, tmp_path: Pat
     found = analyze(next((tmp_path / "runs").rglob("points.csv")))
     assert found.units["step_1"] == unit
     assert found.series["step_1"].line.scale_factor == pytest.approx(run.results.scale_factor.value)
+
+
+CURED = {
+    "times without unit": ("{},gz [deg/s]", "0.{k:03d},{x}"),
+    "unknown unit": ("applied [deg/s],{}[furlong]", "{k},{k}"),
+    "two meanings": ("t_s,{}[deg/s x100]", "0.{k:03d},{x}"),
+    "directions": ("rate [deg/s],{},out [V]", "{k},{way},{x}"),
+    "rate or output": ("{}[deg/s]", "{x}"),
+}
+
+
+@pytest.mark.parametrize("name", ["time", "time (here)", "time & date", "time's", "$time", "time of #2"])
+@pytest.mark.parametrize("case", CURED)
+def test_column_stands_in_a_cure_as_a_shell_reads_it(case: str, name: str, tmp_path: Path) -> None:
+    head, row = CURED[case]
+    rows = [row.format(k=k, x=0.01 * (k % 97), way=("cw", "ccw")[k % 2]) for k in range(100)]
+    file = tmp_path / "log.csv"
+    file.write_text("\n".join([head.format(name), *rows]))
+    asked = ("--columns", f"{name}[deg/s x100]") if case == "two meanings" else ()
+    done = CliRunner().invoke(app, ["analyze", str(file), *asked])
+    assert done.exit_code == 2, done.output
+    cure = re.search(r"--(unit|rows|columns) (?!says|RATE)(.*)", done.stderr)
+    assert cure is not None, done.stderr
+    assert split(cure[2])[0].startswith(name), done.stderr

@@ -456,7 +456,7 @@ def test_unit_is_longest_end_of_name_that_is_a_unit(name: str, kind: Kind | None
 @pytest.mark.parametrize(
     ("unit", "words"),
     [
-        ("rps", "--unit gz [rps]=rev/s, or rad/s"),
+        ("rps", "--unit 'gz [rps]=rev/s', or rad/s"),
         (
             "deg/s x100",
             "--unit 'gz [deg/s x100]=1e-2 deg/s' if numbers were multiplied, 'gz [deg/s x100]=1e2 deg/s' if",

@@ -9,6 +9,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from enum import Enum
 from math import degrees
+from shlex import quote
 
 from msgspec import Struct
 from msgspec.structs import replace
@@ -189,10 +190,10 @@ def of_unknown_size(name: str) -> str:
 def cure_of(unknown: str, column: str) -> str | None:
     """Return the option for a unit that may mean one of two, None where nothing is known to propose."""
     if unknown.strip().lower() in {"rps", "rads"}:
-        return f"--unit {column}=rev/s, or rad/s"
+        return f"--unit {quote(f'{column}=rev/s')}, or rad/s"
     if (found := _TIMES.fullmatch(unknown)) and unit_of(found[1]):
         power = len(found[2]) - 1
-        small, large = (f"'{column}=1e{sign}{power} {found[1]}'" for sign in ("-", ""))
+        small, large = (quote(f"{column}=1e{sign}{power} {found[1]}") for sign in ("-", ""))
         return f"--unit {small} if numbers were multiplied, {large} if they count so much"
     return None
 
@@ -226,8 +227,8 @@ def _taken_apart(written: str, *, spreads: bool) -> ColumnName:
     if (unit := unit_of(text)) is not None and unit.kind in (Kind.RATE, Kind.TIME, Kind.COUNT) and len(text) > 1:
         return ColumnName(written, "", unit, spread=spread)
     for base, end in _ends(text):
-        over = (column_name(base).unit or unit_of(base)) is not None
-        ratio = over and text[len(base) : len(text) - len(end)].strip() == "/"
+        is_over = (column_name(base).unit or unit_of(base)) is not None
+        ratio = is_over and text[len(base) : len(text) - len(end)].strip() == "/"
         if (unit := unit_of(end)) is not None and _may_be(unit, base) and not ratio:  # mV/V is no V
             return _named(written, base, spread, unit)
     if groups and _CLOSING.search(text):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from shlex import quote
 from typing import IO, Any
 
 import numpy as np
@@ -254,7 +255,7 @@ def require_signs(head: Head, rates: Floats, places: set[int]) -> None:
             words = " and ".join(dict.fromkeys(cells))
             raise ConfigError(
                 f"{head.file}, column {name.written}: {words} beside rates without sign",
-                hint=f"write rates with their sign; --rows {name.written}={cells[0]} reads one direction",
+                hint=f"write rates with their sign; --rows {quote(f'{name.written}={cells[0]}')} reads one direction",
             )
 
 
@@ -294,7 +295,7 @@ def _rate_place(head: Head, layout: Layout) -> int:
 
 def _either(head: Head, rate: int) -> str:
     """Return what to type for a file that may be a record at rest or a table."""
-    alone = f"--columns '{head.names[rate].written}'"
+    alone = f"--columns {quote(head.names[rate].written)}"
     pace = "" if any(each.is_time for each in head.names) else " --rate HZ"
     return f"of a record at rest: {alone}{pace}; of a table: --columns RATE,OUTPUT"
 
@@ -371,7 +372,7 @@ def outputs_of(head: Head, asked: Sequence[str], rates: Sequence[int]) -> list[i
             raise ConfigError(
                 f"{head.file}, column {name}: expected the unit of an output, of {KNOWN}, got "
                 f"{head.names[place].unknown or (unit and unit.written)}",
-                hint=cure_of(head.names[place].unknown, name) or f"--unit {name}=, then that of its numbers",
+                hint=cure_of(head.names[place].unknown, name) or f"--unit {quote(f'{name}=UNIT')}, that of its numbers",
             )
     return outputs
 

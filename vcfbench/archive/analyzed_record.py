@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final
 
 import numpy as np
@@ -207,7 +208,7 @@ def require_one_sensor(head: Head) -> None:
             one = next((word for word in words if word.lower().startswith("g")), words[0])
             raise ConfigError(
                 f"{head.file}, column {name.written}: lines of {', '.join(words)} by turns",
-                hint=f"--rows {name.written}={one} reads the lines of one",
+                hint=f"--rows {quote(f'{name.written}={one}')} reads the lines of one",
             )
 
 
@@ -317,7 +318,7 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
     if name.unit is None or name.unit.kind is not Kind.TIME:
         raise ConfigError(
             f"{head.file}, column {name.written}: expected a unit of time in its name, got {name.unknown or 'none'}",
-            hint=f"--unit {name.written}=s, or ms, us, ns, d; --time none ignores it",
+            hint=f"--unit {quote(f'{name.written}=s')}, or ms, us, ns, d; --time none ignores it",
         )
     return place, name.unit.factor
 
@@ -329,7 +330,7 @@ def _unbroken(times_s: Floats, head: Head, place: int) -> Floats:
             column = head.names[place].written
             raise ConfigError(
                 f"{head.file}, column {column}: times of {times_s[0]:.4g} s are no date in s",
-                hint=f"--unit {column}=ms, or us, ns; --time none --rate HZ ignores them",
+                hint=f"--unit {quote(f'{column}=ms')}, or us, ns; --time none --rate HZ ignores them",
             )
         return times_s
     period_s = clock_period_s(head.sample[0][place])

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from shlex import quote
 from typing import Any, Final
 
 import numpy as np
@@ -177,7 +178,7 @@ def _temperature_place(head: Head, name: str) -> tuple[int, Unit]:
         came = unit.written if unit else head.names[place].unknown or "none"
         raise ConfigError(
             f"{head.file}, column {name}: expected a unit of temperature, of degC, K, degF, got {came}",
-            hint=f"--unit {name}=degC, or that of its numbers",
+            hint=f"--unit {quote(f'{name}=degC')}, or that of its numbers",
         )
     return place, unit
 
