@@ -191,6 +191,14 @@ def test_a_copy_under_another_name_is_told_as_one(two: Path, tmp_path: Path) -> 
     assert "one record" not in text_of(compare_runs(first, last).report())
 
 
+@pytest.mark.parametrize("status", [each for each in Status if each is not Status.COMPLETE])
+def test_run_that_is_not_complete_is_named(status: Status) -> None:
+    error = ConfigError("the record is damaged: line 9 was changed") if status is Status.DAMAGED else None
+    words = text_of(compare_runs(made(1.0, 0.1), structs.replace(made(1.0, 0.1), status=status, error=error)).report())
+    assert f"B is {status}, not complete: {error or 'its points are not all'}." in " ".join(words.split())
+    assert "A is" not in words
+
+
 def test_line_and_small_signal_slope_are_not_compared() -> None:
     def found(kind: str, value: float) -> Run:
         slope = Value("scale_factor", value, "V/(deg/s)", 2e-7, kind=kind)

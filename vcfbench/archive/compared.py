@@ -16,7 +16,7 @@ from vcfbench.archive.output_unit import unit_of_record
 from vcfbench.archive.run import Run
 from vcfbench.errors import ConfigError
 from vcfbench.records.plain import plain
-from vcfbench.records.schema import Point
+from vcfbench.records.schema import Point, Status
 from vcfbench.reports.document import Axis, Column, Figure, Heading, Notice, Part, Report, Series, Table, Text, texts
 from vcfbench.values.kinds import named
 from vcfbench.values.printing import grouped
@@ -79,6 +79,8 @@ class RunComparison(Struct, frozen=True):
         simulated = [_name(run) for run in self.runs if run.simulated]
         of_all = "all" if len(simulated) == len(self.runs) else ", ".join(simulated)
         rows = []
+        few = "its points are not all"
+        unfinished = [each for each in zip(letters, self.runs, strict=True) if each[1].status is not Status.COMPLETE]
         for letter, run in zip(letters, self.runs, strict=True):
             seed = None if run.seed is None else str(run.seed)
             verdict = None if run.verdict is None else run.verdict.word.upper()
@@ -88,6 +90,7 @@ class RunComparison(Struct, frozen=True):
                 Heading("Comparison of runs"),
                 *([Notice(f"SIMULATED: {of_all}. Not measured.")] if simulated else []),
                 *(Notice(f"{copies} are one record, which agrees with itself.") for copies in self._copies(letters)),
+                *(Notice(f"{of} is {run.status}, not complete: {run.error or few}.") for of, run in unfinished),
                 Table(texts("", "run", "procedure", "device", "bench", "seed", "verdict"), rows),
                 *_results_part(self, letters),
                 *_points_part(self, letters),

@@ -97,7 +97,7 @@ def recorded_run(directory: RunDirectory, record: JournalRecord) -> Run:
     elif record.footer is None and record.errors:
         error = _of_kind(record.errors[-1].get("error_kind"), record.errors[-1].get("error"))
     run = Run(
-        procedure=str(header.get("procedure")),
+        procedure=str(header.get("procedure", "unknown")),
         status=record.status,
         points=record.points,
         results=evaluation.results,
