@@ -32,6 +32,8 @@ _CLOCK = re.compile(
     re.IGNORECASE | re.ASCII,
 )
 """Date, hours, minutes, seconds and their fraction; without seconds a fraction makes minutes and seconds of the two."""
+_NO_NUMBER = re.compile(r"[-+]?[^\W\d_]|[-+]?1?\.?#|[^\d(]*$")
+"""Cells that have no value: words, dashes, 1.#QNAN, #N/A."""
 _DAY = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}", re.ASCII)
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ].*")
 
@@ -139,7 +141,7 @@ def number(cell: str, where: str, *, decimal_comma: bool, thousands: bool) -> fl
     elif _FORTRAN.fullmatch(text):
         text = text.lower().replace("d", "e")
     if not _NUMBER.fullmatch(text):
-        word = cell[:1].isalpha() and not _HEX.fullmatch(cell)
+        word = _NO_NUMBER.match(cell) and not _HEX.fullmatch(cell)
         hint = _OR_POINT if "," in cell else _TAKE_OUT if not cell or word else None
         raise ConfigError(f"{where}: {_fault(cell, shown)}", hint=hint)
     value = float(text)

@@ -94,7 +94,23 @@ _OTHERS = {
     *("mbar", "bar", "%", "rh", "%rh", "ohm", "kohm", "t", "mt", "ut", "gauss", "mgauss", "w", "mw", "m", "mm"),
 }
 _TEMPERATURES = {
-    **dict.fromkeys(("degc", "\u00b0c", "c", "deg_c", "deg c", "degrees c", "celsius"), (1.0, 0.0)),
+    **dict.fromkeys(
+        (
+            "degc",
+            "\u00b0c",
+            "c",
+            "deg_c",
+            "deg c",
+            "degree c",
+            "degrees c",
+            "celsius",
+            "degree celsius",
+            "degrees celsius",
+            "grad c",
+            "grad celsius",
+        ),
+        (1.0, 0.0),
+    ),
     **dict.fromkeys(("mdegc", "m\u00b0c", "millicelsius"), (1e-3, 0.0)),
     **dict.fromkeys(("k", "kelvin"), (1.0, -273.15)),
     **dict.fromkeys(("mk", "millikelvin"), (1e-3, -273.15)),

@@ -22,7 +22,7 @@ from msgspec import Struct
 from msgspec.structs import force_setattr, replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.cells import NO_VALUE, clock_s, decimals, is_any_number, is_clock, is_number, number
+from vcfbench.analysis.cells import NO_VALUE, clock_s, decimals, is_any_number, is_clock, is_day, is_number, number
 from vcfbench.analysis.column_names import ColumnName, column_name, known_unit, unit_of
 from vcfbench.arguments import require_fields
 from vcfbench.errors import ConfigError
@@ -124,8 +124,9 @@ class Head(Struct, frozen=True):
         return len(layout.columns) > 1 and not self.given
 
     def is_text(self, place: int) -> bool:
-        """Return True if none of the first cells of a column begins as a number does."""
-        return bool(self.sample) and not any(_LIKE_NUMBER.match(row[place]) for row in self.sample)
+        """Return True if none of the first cells of a column begins as a number does, or they are dates."""
+        cells = [row[place] for row in self.sample]
+        return bool(cells) and (is_day(cells[0]) or not any(map(_LIKE_NUMBER.match, cells)))
 
     def is_clock(self, place: int) -> bool:
         """Return True if the first cell of a column is a date with a time, or a time of day."""

@@ -12,7 +12,7 @@ from msgspec import Struct
 
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.cells import clock_period_s, fraction_digits, is_day
+from vcfbench.analysis.cells import clock_period_s, fraction_digits
 from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
 from vcfbench.analysis.column_roles import may_be_output, says_source
 from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
@@ -283,7 +283,11 @@ def is_record(head: Head, layout: Layout, temperature: str | None = None) -> boo
     if named[0].is_time or layout.time not in {None, "none"}:
         return True
     values = [place for place, each in enumerate(head.names) if each.kind in _ANALYSED and may_be_output(each)]
-    timed = temperature is not None or any(each.is_time for each in named)
+    timed = (
+        temperature is not None
+        or any(each.is_time for each in named)
+        or any(map(head.is_clock, range(len(head.names))))
+    )
     return timed and len(values) == 1 and not _bare_outputs(head, {values[0], temperature})
 
 
@@ -291,7 +295,7 @@ def _bare_outputs(head: Head, but: set[int | str | None]) -> bool:
     """Return True if a column without a unit may be an output."""
     return any(
         place not in but and each.written and each.written not in but and each.unit is None and not each.spread
-        and not head.is_text(place) and may_be_output(each)
+        and not head.is_text(place) and not head.is_clock(place) and may_be_output(each)
         for place, each in enumerate(head.names)
     )  # fmt: skip
 
@@ -304,14 +308,12 @@ def _time_place(head: Head, layout: Layout, value: int) -> tuple[int, float] | N
         dated = list(map(head.is_clock, range(len(head.names))))
         timed = [each.is_time and not head.is_text(place) for place, each in enumerate(head.names)]
         either = [place for place in range(len(timed)) if place != value and (timed[place] or dated[place])]
-        days = [place for place in either if head.sample and is_day(head.sample[0][place])]
-        found = [place for place in either if place not in days] or either
-        if len(found) > 1:
-            several = ", ".join(head.names[place].written for place in found)
+        if len(either) > 1:
+            several = ", ".join(head.names[place].written for place in either)
             raise ConfigError(f"{head.file} has several columns of times: {several}", hint="--time NAME selects one")
-        if not found:
+        if not either:
             return None
-        place = found[0]
+        place = either[0]
     name = head.names[place]
     if head.is_clock(place):
         return place, 1.0
