@@ -89,7 +89,7 @@ def test_column_of_times_tells_the_interval(tmp_path: Path) -> None:
         ("1.0,2.0\n1.0,2.0\n", "expected the names of the columns, got numbers"),
         ("rate_deg_s\n1.0\n\n", "64 readings at least, got 1"),
         ("rate_deg_s\n1.0\nx\n", r"line 3, column rate_deg_s: 'x' is not a number"),
-        ("rate_deg_s\n1,0\n", "1 columns expected, got 2; are there decimal commas"),
+        ("rate_deg_s\n1,0\n", "1 columns expected, got 2, '1,0'; are there decimal commas"),
         ("rate_deg_s\n1.0\n\n2.0\n", "line 3: the line is empty"),
         ("a_deg_s,b_deg_s\n1,2\n", "has the columns a_deg_s, b_deg_s"),
         ("output\n" + "1.0\n" * 70, "expected a unit in its name"),

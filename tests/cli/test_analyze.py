@@ -159,7 +159,10 @@ UNUSABLE = {
     "gap": (HEADER + b"1,2\n2,\n3,4\n", ", line 3, column a: the value is missing"),
     "blank line": (HEADER + b"1,2\n\n3,4\n4,5\n", ", line 3: the line is empty"),
     "ragged": (HEADER + b"1,2\n2\n3,4\n", ", line 3: 2 columns expected, got 1"),
-    "decimal comma": (HEADER + b"1,5,2,5\n", ", line 2: 2 columns expected, got 4; are there decimal commas?"),
+    "decimal comma": (
+        HEADER + b"1,5,2,5\n",
+        ", line 2: 2 columns expected, got 4, '1,5,2,5'; are there decimal commas?",
+    ),
     "quoted decimal comma": (HEADER + b'1,"2,5"\n', ", line 2, column a: '2,5' has a decimal comma"),
     "not a number": (HEADER + b"1,2\n2,NaN\n3,4\n", ", line 3, column a: NaN is not a measured value"),
     "overload": (HEADER + b"1,2\n2,9.9E37\n3,4\n", ", line 3, column a: 9.9E37 is an instrument's word for overload"),

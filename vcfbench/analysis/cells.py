@@ -35,6 +35,8 @@ _CLOCK = re.compile(
 _NO_NUMBER = re.compile(r"[-+]?[^\W\d_]|[-+]?1?\.?#|[^\d(]*$")
 """Cells that have no value: words, dashes, 1.#QNAN, #N/A."""
 _DAY = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}", re.ASCII)
+_MONITOR = re.compile(r"(\d\d:\d\d:\d\d\.\d{3}) -> (\S[^\r\n]*)")
+"""A line of the Arduino's serial monitor with its time."""
 _ISO = re.compile(r"\d{4}-\d\d-\d\d[T ].*")
 
 
@@ -46,6 +48,17 @@ def is_number(cell: str) -> bool:
 def is_any_number(cell: str) -> bool:
     """Return True for a number with a decimal point, or a comma."""
     return is_number(cell) or _WITH_COMMA.fullmatch(cell) is not None
+
+
+def is_number_or_unit(cell: str) -> bool:
+    """Return True for a cell that may stand below the name of a column: a number, or its unit, in brackets or not."""
+    return is_any_number(cell) or unit_of(cell.strip("[](){} ")) is not None
+
+
+def alike(first: str, second: str) -> bool:
+    """Return True if two lines differ in their digits alone."""
+    bare, other = (re.sub(r"-?\d+", "0", text) for text in (first, second))
+    return bare == other and first != second
 
 
 def is_clock(cell: str) -> bool:
@@ -95,6 +108,15 @@ def clock_s(cell: str, where: str) -> float:
     if half := found[7]:
         hours = hours % 12 + (12 if half.lower() == "p" else 0)
     return 3600.0 * hours + 60.0 * minutes + seconds + float(f"0.{found[5] or found[6] or 0}")
+
+
+def time_apart(text: str) -> str:
+    """Return a line of a serial monitor with its time as one more column; any other as it is."""
+    found = _MONITOR.search(text)
+    if found is None:
+        return text
+    sign = next((each for each in "\t;, " if each in found[2]), ",")
+    return f"{text[: found.start()]}{found[1]}{sign}{found[2]}{text[found.end() :]}"
 
 
 def decimals(rows: Sequence[Sequence[str]], separator: str, stated: str | None, where: str) -> tuple[bool, bool]:

@@ -221,6 +221,12 @@ def known_unit(written: str, where: str) -> Unit:
     return unit
 
 
+def with_unit(name: ColumnName, written: str) -> ColumnName:
+    """Return a name with the unit that a person says it has; raises ConfigError for one that is not known."""
+    unit = known_unit(written, f"--unit {name.written}={written}")
+    return replace(name, unit=unit, unknown="")
+
+
 def column_name(written: str, *, spreads: bool = True) -> ColumnName:
     """Take the name of a column apart; without `spreads` it is none of an uncertainty."""
     found = _taken_apart(written, spreads=spreads)

@@ -22,8 +22,20 @@ from msgspec import Struct
 from msgspec.structs import force_setattr, replace
 
 from vcfbench.analysis.arrays import Floats
-from vcfbench.analysis.cells import NO_VALUE, clock_s, decimals, is_any_number, is_clock, is_day, is_number, number
-from vcfbench.analysis.column_names import ColumnName, column_name, known_unit, unit_of
+from vcfbench.analysis.cells import (
+    NO_VALUE,
+    alike,
+    clock_s,
+    decimals,
+    is_any_number,
+    is_clock,
+    is_day,
+    is_number,
+    is_number_or_unit,
+    number,
+    time_apart,
+)
+from vcfbench.analysis.column_names import ColumnName, column_name, unit_of, with_unit
 from vcfbench.arguments import require_fields
 from vcfbench.errors import ConfigError
 
@@ -45,8 +57,6 @@ _LATIN = b"\xb0\xb2\xb3\xb5\xb7\xba\xc4\xd6\xdc\xdf\xe4\xf6\xfc\xe9"
 """Bytes that stand in the names of columns of files in Latin-1: a degree sign, a micro."""
 _LIKE_NUMBER = re.compile(r"[-+.,\u2212\u2013]?([\d.,]|nan|inf)", re.IGNORECASE)
 _U_ALONE = re.compile(r"u[_ ]", re.IGNORECASE)
-_MONITOR = re.compile(r"(\d\d:\d\d:\d\d\.\d{3}) -> (\S[^\r\n]*)")
-"""A line of the Arduino's serial monitor with its time."""
 _CUT_OFF = re.compile(rb"[.eE+-]\s*$")
 
 
@@ -171,6 +181,8 @@ def read_head(file: IO[bytes], name: str, layout: Layout) -> Head:
     if at < len(texts) and (units := _unit_row(_cells(texts[at], separator), names)):
         names = [_with_unit(each, unit, f"{name}, line {at + 1}") for each, unit in zip(names, units, strict=True)]
         at += 1
+    while at < len(texts) - 1 and not texts[at].strip():  # above all numbers a blank line hides none
+        at += 1
     for column, unit in layout.units.items():
         if column and column not in header:
             raise ConfigError(f"--unit {column}={unit}: {name} has no such column, only {', '.join(header)}")
@@ -218,12 +230,6 @@ def units_beside(names: Sequence[ColumnName], rows: Sequence[Sequence[str]], whe
     return found
 
 
-def with_unit(name: ColumnName, written: str) -> ColumnName:
-    """Return a name with the unit that a person says it has; raises ConfigError for one that is not known."""
-    unit = known_unit(written, f"--unit {name.written}={written}")
-    return replace(name, unit=unit, unknown="")
-
-
 def _first_row(texts: Sequence[str], layout: Layout) -> tuple[int, str | None, str]:
     """Return the first line that is no comment, the separator if one is told, and the last comment before it."""
     separator, comment = _SEPARATORS.get(layout.separator or "", layout.separator), ""
@@ -247,7 +253,7 @@ def _header(  # noqa: PLR0917
     header = header[:-1] if header[-1:] == ["Comment"] and len(below) == len(header) - 1 else header  # LabVIEW's
     usual = Counter(len(_cells(text, separator)) for text in texts[at + 1 : at + _SAMPLE] if text.strip())
     numbers = any(map(is_any_number, header))
-    beside = len(below) != len(header) or (not numbers and not any(map(_below_names, below)))
+    beside = len(below) != len(header) or (not numbers and not any(map(is_number_or_unit, below)))
     named = not numbers and below and len({*header}) != len(below) == len(layout.columns)
     unlike = (
         beside
@@ -258,7 +264,7 @@ def _header(  # noqa: PLR0917
         raise ConfigError(f"{where}: expected the names of the columns above the numbers", hint=f"--skip {skipped}")
     if named:  # a name for each column, of which there were none, or doubled ones
         header = list(layout.columns)
-    elif not numbers and at + 1 < len(texts) and _alike(texts[at], texts[at + 1]):
+    elif not numbers and at + 1 < len(texts) and alike(texts[at], texts[at + 1]):
         words = shorten(texts[at], 40)
         raise ConfigError(f"{where}: expected names above numbers alone, got {words!r}, as in the line below")
     elif numbers:
@@ -317,6 +323,11 @@ def read_numbers(
         filled += len(found)
         if progress:
             progress((file.tell() - head.offset) / left)
+    if head.only and not filled:
+        raise ConfigError(
+            f"{head.file}, column {head.names[head.only[0]].written}: no line has {head.only[1]!r}",
+            hint="--rows with a word as it stands there",
+        )
     values.resize((filled, len(places)), refcheck=False)
     return Numbers(values, head.line, tuple(dropped))
 
@@ -341,7 +352,7 @@ def _plain(body: bytes, head: Head, places: Sequence[int]) -> Floats | None:
         return None
     if head.separator == " ":
         body = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", body))
-    lines = _lines_alike(body, head)
+    lines = _linesalike(body, head)
     if not lines:
         return None
     if head.decimal_comma:
@@ -360,7 +371,7 @@ def _plain(body: bytes, head: Head, places: Sequence[int]) -> Floats | None:
     return found if largest < NO_VALUE and len(found) == lines else None
 
 
-def _lines_alike(body: bytes, head: Head) -> int:
+def _linesalike(body: bytes, head: Head) -> int:
     """Return the number of lines; 0 if one is blank or has another number of cells than the names."""
     signs = np.frombuffer(body, np.uint8)
     ends = np.append(np.flatnonzero(signs == ord("\n")), signs.size)
@@ -404,7 +415,9 @@ def _cell_by_cell(
             continue
         if len(cells) != len(head.names):
             hint = "; are there decimal commas?" if len(cells) > len(head.names) else ""
-            raise ConfigError(f"{where}: {len(head.names)} columns expected, got {len(cells)}{hint}")
+            raise ConfigError(
+                f"{where}: {len(head.names)} columns expected, got {len(cells)}, {shorten(text, 40)!r}{hint}"
+            )
         here = [(cells[place], f"{where}, column {head.names[place].written}", place in dates) for place in places]
         rows.append(
             [
@@ -421,18 +434,12 @@ def _decoded(raw: bytes, where: str, line: int) -> str:
         raise ConfigError(f"{where}: this is not a text file")
     try:
         text = raw.decode("utf-8-sig" if line == 1 else "utf-8")
-        return _MONITOR.sub(_time_apart, text, count=1) if " -> " in text else text
+        return time_apart(text) if " -> " in text else text
     except UnicodeDecodeError as error:
         foreign = raw.translate(None, bytes(range(0x80)))
         if line <= 2 and re.search(rb"[A-Za-z]{2}", raw) and not foreign.strip(_LATIN):
             return raw.decode("latin-1")
         raise ConfigError(f"{where}: this is not UTF-8 text; save the table as UTF-8 CSV") from error
-
-
-def _time_apart(found: re.Match[str]) -> str:
-    """Return the time before a line of a serial monitor as one more column."""
-    sign = next((each for each in "\t;, " if each in found[2]), ",")
-    return f"{found[1]}{sign}{found[2]}"
 
 
 def _separator(header: str, below: str) -> str:
@@ -462,7 +469,9 @@ def _cells(text: str, separator: str, where: str | None = None) -> list[str]:
 def _preface(texts: Sequence[str], at: int, separator: str) -> int | None:
     """Return the number of lines that stand before one of names that has numbers below it, None if none is found."""
     if ended := [place for place in range(at, len(texts)) if texts[place].startswith(_END_OF_HEADER)]:
-        return ended[-1] + 1
+        plain = [bool(text.strip()) and not text.strip("0123456789.,;+-eE \t\r") for text in texts]
+        above = [place + 1 for place in ended if plain[place + 2 : place + 3] == [True]]
+        return None if plain[at + 1 : at + 2] == [True] else [*above, ended[-1] + 1][0]  # the first of several
     for place in range(at + 1, min(len(texts) - 1, at + 60)):
         for sign in dict.fromkeys((separator, ",", ";", "\t")):
             names, numbers = _cells(texts[place], sign), _cells(texts[place + 1], sign)
@@ -488,13 +497,3 @@ def _with_unit(name: ColumnName, written: str, where: str) -> ColumnName:
     if name.unit is not None and (name.unit.kind, name.unit.factor) != (unit.kind, unit.factor):
         raise ConfigError(f"{where}, column {name.written}: the name says {name.unit.written}, this line {written}")
     return replace(name, unit=unit, unknown="")
-
-
-def _alike(first: str, second: str) -> bool:
-    """Return True if two lines differ in their digits alone."""
-    bare, other = (re.sub(r"-?\d+", "0", text) for text in (first, second))
-    return bare == other and first != second
-
-
-def _below_names(cell: str) -> bool:
-    return is_any_number(cell) or unit_of(cell.strip(_BRACKETS)) is not None

@@ -13,9 +13,9 @@ from msgspec import Struct
 from vcfbench.analysis.allan import BiasStability, Sampling, Term
 from vcfbench.analysis.arrays import Floats
 from vcfbench.analysis.cells import clock_period_s, fraction_digits
-from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of
+from vcfbench.analysis.column_names import KNOWN, ColumnName, Kind, cure_of, with_unit
 from vcfbench.analysis.column_roles import may_be_output, says_source
-from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers, with_unit
+from vcfbench.analysis.csv_table import Head, Layout, Numbers, read_head, read_numbers
 from vcfbench.analysis.digit import COARSE, FINE, digit_of
 from vcfbench.analysis.pace import pace_of
 from vcfbench.analysis.plausibility import doubts_of_record
