@@ -182,3 +182,18 @@ def test_column_stands_in_a_cure_as_a_shell_reads_it(case: str, name: str, tmp_p
     cure = re.search(r"--(unit|rows|columns) (?!says|RATE)(.*)", done.stderr)
     assert cure is not None, done.stderr
     assert split(cure[2])[0].startswith(name), done.stderr
+
+
+@pytest.mark.parametrize("rate", ["rate", "rate [deg/sek]", "speed of table"])
+def test_rate_without_a_unit_is_cured_by_its_option(rate: str, tmp_path: Path) -> None:
+    file = tmp_path / "table.csv"
+    file.write_text("\n".join([f"{rate},x [V],out [V]", *(f"{k},2.5,{0.01 * k}" for k in range(-3, 4))]))
+    arguments = ["analyze", str(file)]
+    for option, cure in (
+        (("--unit", f"{rate}=deg/s"), "--unit RATE=deg/s"),
+        (("--columns", f"{rate},out [V]"), "--columns RATE,OUTPUT leaves it out"),
+    ):
+        assert cure in CliRunner().invoke(app, arguments).stderr
+        arguments += option
+    assert CliRunner().invoke(app, arguments).exit_code == 0
+    assert f"--unit {quote(f'{rate}=deg/s')}" in CliRunner().invoke(app, [*arguments[:2], *arguments[4:]]).stderr

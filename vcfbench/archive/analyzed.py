@@ -183,7 +183,8 @@ def analyze(file: Path | str, compared: Sequence[str] | None = None, *, layout: 
         try:
             results[column] = characterise(one.rate_deg_s, one.output, one.u_output)
         except ConfigError as error:
-            raise ConfigError(f"{shown(path)}, column {column}: {error}") from error
+            others = "--columns RATE,OUTPUT leaves it out" if len(columns) > 1 else None
+            raise ConfigError(f"{shown(path)}, column {column}: {error}", hint=others) from error
         found = results[column]
         if one.unit == "V" and (largest_v := float(np.abs(one.output).max())) > _MOST_V:
             notices.append(f"{column}: outputs up to {largest_v:g} V: are the columns of rates and outputs exchanged?")
@@ -264,7 +265,10 @@ def _rate_place(head: Head, layout: Layout) -> int:
     if asked := head.asked(layout):
         place = head.place(asked[0])
         if head.names[place].kind is not Kind.RATE:
-            raise ConfigError(f"--columns: the rate comes first, {asked[0]} has no unit of one")
+            raise ConfigError(
+                f"--columns: the rate comes first, {asked[0]} has no unit of one",
+                hint=f"--unit {quote(f'{asked[0]}=deg/s')}, or that of its numbers",
+            )
         kinds = {head.names[head.place(each)].kind for each in asked}
         if kinds == {Kind.RATE} and any(each.is_time for each in head.names) and not may_be_applied(head.names[place]):
             raise ConfigError(
@@ -282,6 +286,7 @@ def _rate_place(head: Head, layout: Layout) -> int:
         raise ConfigError(
             f"{head.file}, line {max(1, head.line - 1)}, {several + ' may each be the applied rate' if every else got}",
             hint="--columns RATE,OUTPUT says which columns are meant"
+            + ", --unit RATE=deg/s the unit of a rate" * (not every)
             + "; a record at rest in volts or counts needs --scale-factor" * volts,
         )
     name = head.names[rates[0]]
