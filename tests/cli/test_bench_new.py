@@ -392,7 +392,9 @@ def test_instruments_useless_beside_a_stream_are_left_out(tmp_path: Path) -> Non
     assert done.exit_code == 0, done.stderr
     assert "34401A at GPIB0::22::INSTR is left out: the output is a stream" in done.stderr
     assert "33220A at USB0::0x0957::0x0407::MY44021876::0::INSTR is left out: the output is a stream" in done.stderr
-    assert load_bench(tmp_path / "a.toml").rate_source is None
+    assert "DSO7104B at USB0::0x0957::0x175D::MY49520121::0::INSTR is left out: the output is a stream" in done.stderr
+    bench = load_bench(tmp_path / "a.toml")
+    assert (bench.rate_source, bench.oscilloscope) == (None, None)
 
 
 @pytest.mark.exhaustive

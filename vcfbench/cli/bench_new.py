@@ -140,7 +140,7 @@ def _place(found: DiscoveredInstrument, draft: Draft, given: dict[str, Any], hin
     """Put an instrument that answered on the bench: in the role that it can have, or that a person chooses."""
     named = next((key.removesuffix(".resource") for key, value in given.items() if value == found.resource), hint)
     free = [role for role in discovery.places(found.model) if role not in draft.roles()]
-    useless = set(NOT_BESIDE_STREAM) if any(key.startswith(_STREAM) for key in given) else set()
+    useless = {*NOT_BESIDE_STREAM, "oscilloscope"} if any(key.startswith(_STREAM) for key in given) else set()
     if found.model is None:
         typer.echo(f"{found.resource} is not recognised; put it on the bench if it is", err=True)
         typer.echo(f"  an instrument: --set ROLE.resource={found.resource} --set ROLE.like=MODEL", err=True)
