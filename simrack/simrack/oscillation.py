@@ -36,7 +36,7 @@ class Oscillation(Struct, frozen=True):
 
     def integral(self, duration_s: float) -> float:
         """Return the integral from its origin on, V s."""
-        swung = sum((a * (cmath.exp(s * duration_s) - 1) / s).real for a, s in self.terms)
+        swung = sum([(a * (cmath.exp(s * duration_s) - 1) / s).real for a, s in self.terms])
         return self.constant_v * duration_s + 0.5 * self.slope_v_s * duration_s**2 + swung
 
     def finest_s(self) -> float:

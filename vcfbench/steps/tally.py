@@ -25,7 +25,7 @@ class Tally(Struct):
         if count == 0:
             return
         mean_v = math.fsum(readings_v) / count
-        squares_v2 = math.fsum((reading_v - mean_v) ** 2 for reading_v in readings_v)
+        squares_v2 = math.fsum([(reading_v - mean_v) ** 2 for reading_v in readings_v])
         self.within_v2 += squares_v2
         if self.count == 0:
             self.mean_v, self.squares_v2 = mean_v, squares_v2

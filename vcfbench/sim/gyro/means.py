@@ -46,7 +46,7 @@ def output_integral(
     noise_v = abs(_tangent(stage, mean_v)) * math.sqrt(noise_variance_v2)
     # Noise moves the mean by half of the second derivative of the output by the filtered signal
     u, orders = stage.gain * mean_v, enumerate(stage.orders[2:])
-    bent_per_v = stage.gain**2 * sum((k + 1) * (k + 2) // 2 * u**k * order for k, order in orders)
+    bent_per_v = stage.gain**2 * sum([(k + 1) * (k + 2) // 2 * u**k * order for k, order in orders])
     bend_v = bent_per_v * noise_variance_v2
     middle_v = middle_v + bend_v if abs(bend_v) >= LEAST_BEND_V else middle_v
     reach_v = 1.5 * moved_v + FAR * noise_v
@@ -111,7 +111,7 @@ def _limited_mean(mean_v: float, deviation_v: float, limits_v: tuple[float, floa
 def _tangent(stage: OutputStage, filtered_v: float) -> float:
     """Return the derivative of the output by the filtered signal."""
     u, orders = stage.gain * filtered_v, enumerate(stage.orders[2:])
-    return stage.gain * (1 + u * sum((k + 2) * u**k * order for k, order in orders))
+    return stage.gain * (1 + u * sum([(k + 2) * u**k * order for k, order in orders]))
 
 
 @cache
