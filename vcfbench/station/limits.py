@@ -12,7 +12,7 @@ from typing import Any
 from msgspec import Struct
 
 from vcfbench.arguments import require, require_number
-from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings, spoken
+from vcfbench.drivers.rate_table.dialect import MIDDLE, TableDialect, TableSettings, spoken
 from vcfbench.drivers.registry import find_driver
 from vcfbench.errors import LimitError
 from vcfbench.interfaces import FunctionGenerator, PowerSupply, RateTable, TemperatureChamber
@@ -78,6 +78,14 @@ class LimitChecks(Struct, frozen=True):
         _at_most("acceleration", acceleration_deg_s2, self.limits.of("max_acceleration_deg_s2"), "deg/s^2")
         if acceleration_deg_s2 <= 0.0:
             raise LimitError(f"acceleration {acceleration_deg_s2:g} deg/s^2 is not above 0 deg/s^2")
+
+    def turn(self, angle_deg: float) -> None:
+        """Check how far the table turns from where it begins, either way, by the travel of its language."""
+        if self.table is None or self.table.travel_deg is None:
+            return
+        low_deg, high_deg = self.table.travel_deg
+        if not abs(angle_deg) <= (left_deg := (1.0 - MIDDLE) * (high_deg - low_deg) / 2.0):
+            raise LimitError(f"the table turns {angle_deg:+.0f} deg from its middle, its travel has {left_deg:.0f} deg")
 
     def v_vc(self, peak_v: float, what: str = "voltage") -> None:
         """Check a voltage of the generator, either sign, into an open circuit."""

@@ -31,6 +31,9 @@ class PlannedStep(Struct, frozen=True):
 _MOST_STEPS = 1_000_000
 """More than any calibration has: a plan that goes on beyond is taken to be one without an end."""
 
+_STEADY_S = 4.0
+"""A table with an end of travel has no word for being at its rate: so long its angles are looked at (`aaaa`: 3 s)."""
+
 
 def walk(plan: Routine[object], gyro: LinearGyro) -> Generator[PlannedStep, None, None]:
     """Yield the steps of `plan` as `gyro` would let it go; their durations add up to the estimate of the bench time."""
@@ -73,11 +76,13 @@ def dry_run(plan: Plan, gyro: LinearGyro, limits: LimitChecks) -> list[PlannedSt
         LimitError: a step would leave a limit; it names step, limit and the time in the plan.
         PlanError: a step expects the table at another rate than the plan has set.
     """
-    steps, set_deg_s = [], 0.0
+    steps, set_deg_s, angle_deg = [], 0.0, 0.0
     with closing(walk(plan, gyro)) as planned:
         for each in planned:
             try:
                 each.step.within(limits)
+                turning_s = each.step.duration_s + (_STEADY_S if isinstance(each.step, AwaitRate) else 0.0)
+                limits.turn(angle_deg := angle_deg + set_deg_s * turning_s)
             except LimitError as error:
                 minutes, seconds = divmod(round(each.t_s), 60)
                 at = f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 from msgspec import Struct
 
@@ -12,6 +12,9 @@ from vcfbench.drivers.serial_wire import Link
 from vcfbench.errors import InstrumentError
 from vcfbench.interfaces import Identity
 from vcfbench.models import find_language, profile_reader, resolve
+
+MIDDLE: Final = 0.1
+"""Part of the travel, either side of its middle, within which a table stands when a run begins (ours)."""
 
 Header = Literal["none", "u32le2", "u32be2", "auto"]
 """Header of a reply of ACL on a byte stream: nothing, or error code and length as two 32-bit words."""

@@ -10,7 +10,7 @@ from msgspec import Struct
 from vcfbench import errors
 from vcfbench.clock import Deadline, sleep
 from vcfbench.drivers.conversation import OverWire
-from vcfbench.drivers.rate_table.dialect import TableDialect, TableSettings
+from vcfbench.drivers.rate_table.dialect import MIDDLE, TableDialect, TableSettings
 from vcfbench.drivers.rate_table.line import TableLine
 from vcfbench.drivers.replies import LINE_SPEED
 from vcfbench.drivers.scpi_instrument import safely
@@ -26,7 +26,7 @@ _SERVO_S = 10.0
 """Longest time to close or open the servo, s."""
 
 _WINDING_DEG_S = 30.0
-"""Rate at which a table is turned back from an end of its travel, at most."""
+"""Rate at which a table is turned back to the middle of its travel, at most."""
 
 _LONGEST_WINDING_S = 45.0
 """No longer than a step may take unasked."""
@@ -115,15 +115,15 @@ class RateTableDriver(OverWire):
         self._enabled = True
 
     def _wind_back(self) -> None:
-        """Turn a table that stands near an end of its travel back to the middle: a run goes both ways."""
+        """Turn a table that stands away from the middle of its travel back to it: a run goes both ways."""
         if self.dialect.travel_deg is None:
             return
         low_deg, high_deg = self.dialect.travel_deg
         middle_deg, angle_deg = (low_deg + high_deg) / 2.0, self._ask(self.dialect.angle_deg)
         away_deg, rate_deg_s = abs(angle_deg - middle_deg), min(_WINDING_DEG_S, self._limits.max_rate_deg_s)
-        if away_deg <= (high_deg - low_deg) / 4.0:
+        if away_deg <= MIDDLE * (high_deg - low_deg) / 2.0:
             return
-        found = f"it stands at {self._sign * angle_deg:+.1f} deg, near an end of its travel"
+        found = f"it stands at {self._sign * angle_deg:+.1f} deg, away from the middle of its travel"
         if (needed_s := away_deg / rate_deg_s) > _LONGEST_WINDING_S:
             raise self._interlock(f"{found}; at {rate_deg_s:g} deg/s winding back takes {needed_s:.0f} s", _WIND_BACK)
         arrival = Deadline.after(self.clock, needed_s + _SERVO_S)
