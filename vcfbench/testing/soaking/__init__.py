@@ -33,7 +33,7 @@ from vcfbench.testing.soaking.judge import (
 from vcfbench.testing.soaking.trial import Clean, Ended, start
 
 _MEMORY = Path("/dev/shm")  # noqa: S108  # Linux has it, and directories in it are made by tempfile
-_IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end again as it did"
+_IN_ONE_PIECE, _SAME_END = "cannot be resumed: a warm-up", "it would end with the same error"
 
 
 class Verdict(Struct, frozen=True):

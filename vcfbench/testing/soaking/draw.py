@@ -1,5 +1,6 @@
 """Draws of a seed: a bench, a procedure with short settings, and happenings to the run."""
 
+import math
 from collections.abc import Mapping
 from random import Random
 from typing import Any, Literal, get_args
@@ -45,6 +46,8 @@ _OF_ROLE: Mapping[str, frozenset[str]] = {
 _OF_ONE = frozenset().union(*_OF_ROLE.values())
 _SCPI_ONLY = frozenset({"error", "identity", "power_cycle"})
 _ROLES = ("power", "rate_source", "multimeter", "oscilloscope", "rate_table", "rate_table")
+_TIME_CONSTANTS = 12.0
+"""Of an output, in its settling time: readings closer than one share their noise, which few of them do not show."""
 
 
 class Happening(Struct, frozen=True):
@@ -155,7 +158,7 @@ def _work(random: Random, language: str, sheet: DataSheet, interval_s: float) ->
     started_s = settling_s(sheet)[0]
     procedure = random.choices(("turntable", "virtual-coriolis", "zero", "polarity", "power"), (10, 7, 1, 1, 1))[0]
     if procedure == "zero":
-        return procedure, {"duration_s": 200.0, "powered_s": max(10.0, started_s)}
+        return procedure, {"duration_s": 200.0, "sample_interval_s": 1.0, "powered_s": max(10.0, started_s)}
     spare: dict[str, Any] = {"rate_tolerance_deg_s": 5.0} if language in _SPARE else {}
     if procedure == "power":
         return procedure, spare | {
@@ -167,10 +170,13 @@ def _work(random: Random, language: str, sheet: DataSheet, interval_s: float) ->
         }
     if procedure == "polarity":
         return procedure, spare | {"samples": 3}
-    rates = (20.0, 10.0, 0.0, -10.0, -20.0) if language == "aaaa" else (60.0, 20.0, 0.0, -20.0, -60.0)
-    few = random.random() < 0.5
+    ends = language == "aaaa"  # the travel of its table does: too short for the steps of virtual-coriolis
+    procedure = "turntable" if ends else procedure
+    rates = (20.0, 10.0, 0.0, -10.0, -20.0) if ends else (60.0, 20.0, 0.0, -20.0, -60.0)
+    few, size = random.random() < 0.5, min(sheet.range_deg_s, 100.0 if ends else math.inf) / 200.0
+    interval_s = max(interval_s, settling_s(sheet)[1] / _TIME_CONSTANTS)
     settings: dict[str, Any] = {
-        "rates_deg_s": [rate * sheet.range_deg_s / 200.0 for rate in (rates[1:-1] if few else rates)],
+        "rates_deg_s": [rate * size for rate in (rates[1:-1] if few else rates)],
         "samples": random.randrange(3, 7),
         "sample_interval_s": interval_s,
         "order": random.choice(("paper", "alternate", "abba", "loop")),
